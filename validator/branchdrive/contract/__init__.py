@@ -1,0 +1,1 @@
+"""The machine-readable contract: schemas, columns, limits, policies, descriptor and rule catalogue."""

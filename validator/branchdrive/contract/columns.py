@@ -1,0 +1,181 @@
+"""Tables, columns and streams, as `schemas/v0.1/columns.json` declares them.
+
+The only place where a column's type, unit, frame, track, range and availability are read;
+Arrow schemas, record schemas, value rules and the spec's tables all derive from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from branchdrive.contract.resources import load_resource
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["PATTERNS", "STREAMS", "TABLES", "Availability", "Column", "Stream", "Table", "table_schema"]
+
+
+@dataclass(frozen=True)
+class Availability:
+    """When a nullable column holds a value.
+
+    Attributes:
+        mask: Boolean column of the same row that is true exactly where the value is present.
+        when: Named condition: ``branched``, ``not_complete``, ``not_nominal``, ``valued``,
+            ``active`` or ``optional`` (spec/06-masks.md).
+        rule: For ``valued``: the column whose actuator rule carries the value.
+    """
+
+    mask: str | None = None
+    when: str | None = None
+    rule: str | None = None
+
+
+@dataclass(frozen=True)
+class Column:
+    """One declared column. ``min``/``max`` are inclusive; ``None`` leaves a side open."""
+
+    name: str
+    type: str
+    description: str
+    track: str
+    unit: str | None = None
+    frame: str | None = None
+    shape: tuple[str, ...] = ()
+    min: float | None = None
+    max: float | None = None
+    values: tuple[str, ...] = ()
+    pattern: str | None = None
+    available: Availability | None = None
+
+    @property
+    def nullable(self) -> bool:
+        """Whether the column may hold nulls at all."""
+        return self.available is not None
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """Field metadata that a stored table carries: unit, frame, shape, track, description."""
+        shape = f"[{', '.join(self.shape)}]" if self.shape else None
+        pairs = {
+            "unit": self.unit,
+            "frame": self.frame,
+            "shape": shape,
+            "track": self.track,
+            "description": self.description,
+        }
+        return {key: value for key, value in pairs.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Table:
+    """One declared table: a Parquet file of every shard."""
+
+    name: str
+    title: str
+    rate: str
+    key: tuple[str, ...]
+    columns: tuple[Column, ...]
+
+    def __getitem__(self, name: str) -> Column:
+        for column in self.columns:
+            if column.name == name:
+                return column
+        raise KeyError(name)
+
+    @property
+    def file_name(self) -> str:
+        """Name of the table's file inside a shard."""
+        return f"{self.name}.parquet"
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One recorded data stream of the paper's modality table (paper III-D)."""
+
+    name: str
+    title: str
+    rate: str
+    track: str
+    tables: tuple[str, ...]
+    required: bool
+    cameras: tuple[str, ...] = ()
+
+
+def _column(declared: Mapping[str, Any]) -> Column:
+    fields = dict(declared)
+    available = fields.pop("available", None)
+    return Column(
+        **{**fields, "shape": tuple(fields.get("shape", ())), "values": tuple(fields.get("values", ()))},
+        available=Availability(**available) if available else None,
+    )
+
+
+def _tables() -> Mapping[str, Table]:
+    declared = load_resource("columns.json")["tables"]
+    return MappingProxyType(
+        {
+            name: Table(
+                name,
+                table["title"],
+                table["rate"],
+                tuple(table["key"]),
+                tuple(map(_column, table["columns"])),
+            )
+            for name, table in declared.items()
+        }
+    )
+
+
+def _streams() -> Mapping[str, Stream]:
+    declared = load_resource("columns.json")["streams"]
+    return MappingProxyType(
+        {
+            name: Stream(
+                name,
+                s["title"],
+                s["rate"],
+                s["track"],
+                tuple(s["tables"]),
+                s["required"],
+                tuple(s.get("cameras", ())),
+            )
+            for name, s in declared.items()
+        }
+    )
+
+
+TABLES: Mapping[str, Table] = _tables()
+"""Every table of a shard by name."""
+
+STREAMS: Mapping[str, Stream] = _streams()
+"""Every stream that a descriptor can claim, by name."""
+
+PATTERNS: Mapping[str, str] = MappingProxyType(load_resource("columns.json")["patterns"])
+"""Regular expressions that text columns name."""
+
+
+@cache
+def table_schema(name: str) -> pa.Schema:
+    """Arrow schema of a table, with unit, frame, shape, track and description as field metadata.
+
+    Raises:
+        KeyError: No such table.
+    """
+    import pyarrow as pa
+
+    types = {
+        "string": pa.string(), "bool": pa.bool_(), "int32": pa.int32(), "int64": pa.int64(),
+        "float32": pa.float32(), "float64": pa.float64(), "list<float64>": pa.list_(pa.float64()),
+    }  # fmt: skip
+    return pa.schema(
+        [
+            pa.field(column.name, types[column.type], nullable=column.nullable, metadata=column.metadata)
+            for column in TABLES[name].columns
+        ]
+    )

@@ -1,0 +1,47 @@
+"""Errors that broken calls raise.
+
+Wrong *data* never raises: it becomes findings. These classes are for wrong use of the library,
+for contracts that a writer is about to break, and for files that cannot be read at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from branchdrive.audit.finding import Finding
+
+__all__ = ["BranchDriveError", "ContractError", "DatasetError", "DecodeError", "LimitError", "UsageError"]
+
+
+class BranchDriveError(Exception):
+    """Base of every error that this distribution raises on purpose."""
+
+
+class UsageError(BranchDriveError):
+    """A call or a command line that cannot be carried out as given."""
+
+
+class DatasetError(BranchDriveError):
+    """A dataset that a reader or writer cannot open."""
+
+
+class DecodeError(BranchDriveError):
+    """Bytes that do not decode to a table inside the spec limits."""
+
+
+class LimitError(DecodeError):
+    """Bytes that would decode to more than a spec limit allows."""
+
+
+class ContractError(BranchDriveError):
+    """Data that a writer refuses because it breaks the format; nothing was written.
+
+    Attributes:
+        findings: What is wrong, one finding per violated rule and place.
+    """
+
+    def __init__(self, message: str, findings: Sequence[Finding] = ()) -> None:
+        super().__init__(message)
+        self.findings = tuple(findings)
