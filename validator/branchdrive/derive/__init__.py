@@ -1,0 +1,1 @@
+"""Formulas that collectors, builders and auditors share. Pure numpy."""
