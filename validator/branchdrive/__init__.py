@@ -1,0 +1,96 @@
+"""BranchDrive: branch-structured driving datasets - contract, reader, writer and validator.
+
+The names below are the public interface; everything else is private. They load on first use, so
+that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from branchdrive.audit.engine import validate
+    from branchdrive.audit.finding import Finding
+    from branchdrive.audit.report import Report
+    from branchdrive.audit.rollout import check_rollout
+    from branchdrive.contract.bank import ActionBank, load_action_bank
+    from branchdrive.contract.descriptor import Descriptor
+    from branchdrive.contract.encoding import encode_bank, encode_policy
+    from branchdrive.contract.policy import ActuatorRule, Command, Policy
+    from branchdrive.dataset.group import BranchGroup
+    from branchdrive.dataset.group_writer import GroupWriter
+    from branchdrive.dataset.reader import Dataset, open_dataset
+    from branchdrive.dataset.rollout import Rollout
+    from branchdrive.dataset.rollout_writer import RolloutWriter
+    from branchdrive.dataset.writer import DatasetWriter
+    from branchdrive.derive.risk import risk_evidence
+    from branchdrive.errors import BranchDriveError, ContractError, DatasetError, DecodeError, UsageError
+
+__all__ = [
+    "ActionBank",
+    "ActuatorRule",
+    "BranchDriveError",
+    "BranchGroup",
+    "Command",
+    "ContractError",
+    "Dataset",
+    "DatasetError",
+    "DatasetWriter",
+    "DecodeError",
+    "Descriptor",
+    "Finding",
+    "GroupWriter",
+    "Policy",
+    "Report",
+    "Rollout",
+    "RolloutWriter",
+    "UsageError",
+    "check_rollout",
+    "encode_bank",
+    "encode_policy",
+    "load_action_bank",
+    "open_dataset",
+    "risk_evidence",
+    "validate",
+]
+
+_HOME = {
+    "ActionBank": "contract.bank",
+    "ActuatorRule": "contract.policy",
+    "BranchDriveError": "errors",
+    "BranchGroup": "dataset.group",
+    "Command": "contract.policy",
+    "ContractError": "errors",
+    "Dataset": "dataset.reader",
+    "DatasetError": "errors",
+    "DatasetWriter": "dataset.writer",
+    "DecodeError": "errors",
+    "Descriptor": "contract.descriptor",
+    "Finding": "audit.finding",
+    "GroupWriter": "dataset.group_writer",
+    "Policy": "contract.policy",
+    "Report": "audit.report",
+    "Rollout": "dataset.rollout",
+    "RolloutWriter": "dataset.rollout_writer",
+    "UsageError": "errors",
+    "check_rollout": "audit.rollout",
+    "encode_bank": "contract.encoding",
+    "encode_policy": "contract.encoding",
+    "load_action_bank": "contract.bank",
+    "open_dataset": "dataset.reader",
+    "risk_evidence": "derive.risk",
+    "validate": "audit.engine",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'branchdrive' has no attribute {name!r}")
+    value = getattr(import_module(f"branchdrive.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,1 @@
+"""The validator: rules over columnar views, an engine, verdicts and reports."""

@@ -1,0 +1,204 @@
+"""The engine: survey the files, audit every shard, judge the whole, decide.
+
+A map over shards of whole branch groups and a merge of small results: worker count, order of
+files and sizes of row groups cannot change a verdict.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Iterable, Sequence
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from branchdrive.audit.check import SURVEY_RULES
+from branchdrive.audit.examine import VIEW_RULES
+from branchdrive.audit.finding import Finding
+from branchdrive.audit.funnel import Funnel
+from branchdrive.audit.report import DatasetFacts, Report, RunOptions
+from branchdrive.audit.shard import ShardResult, ShardTask, audit_shard
+from branchdrive.audit.survey import Survey, take_survey
+from branchdrive.audit.tally import Tally
+from branchdrive.audit.verdict import decide
+from branchdrive.audit.waiver import Waiver, apply_waivers
+from branchdrive.audit.worker import Died, Executor, in_process
+from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.errors import UsageError
+
+__all__ = ["select_rules", "validate"]
+
+Progress = Callable[[int, int], None]
+"""Called with the number of finished shards and the number of shards."""
+
+
+def select_rules(patterns: Iterable[str]) -> frozenset[str]:
+    """Rules that ids or id prefixes (``BD-CTL``, ``BD-CTL-004``) name.
+
+    Raises:
+        UsageError: A pattern names no rule.
+    """
+    chosen: set[str] = set()
+    for pattern in patterns:
+        named = {rule_id for rule_id in CATALOGUE if rule_id == pattern or rule_id.startswith(f"{pattern}-")}
+        if not named:
+            raise UsageError(
+                f"no rule is called {pattern!r}; `branchdrive rules` lists ids, prefixes such as 'BD-CTL' work too"
+            )
+        chosen |= named
+    return frozenset(chosen)
+
+
+def validate(
+    root: Path | str,
+    *,
+    select: Sequence[str] | None = None,
+    ignore: Sequence[str] = (),
+    hash_files: bool = True,
+    waivers: Sequence[Waiver] = (),
+    require_groups: int | None = None,
+    executor: Executor = in_process,
+    progress: Progress | None = None,
+    today: date | None = None,
+) -> Report:
+    """Validate the dataset at `root`.
+
+    Args:
+        root: The dataset folder.
+        select: Rule ids or prefixes to run; all by default.
+        ignore: Rule ids or prefixes to leave out.
+        hash_files: Whether to compare digests; without them the verdict is at best partial.
+        waivers: Accepted failures.
+        require_groups: Groups that must qualify for exit code 0.
+        executor: How shards are run; `branchdrive.audit.worker.isolated` bounds memory.
+        progress: Told after every shard.
+        today: The date against which waivers expire; the current date by default.
+
+    Raises:
+        UsageError: There is no dataset at `root`, or the options contradict each other.
+    """
+    selected = (select_rules(select) if select is not None else frozenset(CATALOGUE)) - select_rules(ignore)
+    qualifying = {rule_id for rule_id, info in CATALOGUE.items() if info.kind in ("structure", "qualification")}
+    is_whole = qualifying & set(VIEW_RULES) <= selected
+    if require_groups is not None and not is_whole:
+        raise UsageError(
+            "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
+        )
+    survey = take_survey(Path(root), hash_files=hash_files)
+    results, errors = _audit_shards(survey, selected, executor, progress)
+    survey = survey.with_shards(tuple(results))
+    tallies = _merge(survey, selected)
+    outcomes = apply_waivers(tallies, waivers, today or date.today())
+    funnel = Funnel()
+    for result in results:
+        funnel.add(result.funnel)
+    is_judged = survey.descriptor is not None and is_whole
+    rule_errors = [message for tally in tallies.values() for message in tally.errors]
+    return Report(
+        decide(tallies.values(), errors),
+        _facts(survey),
+        RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups),
+        tuple(tallies.values()),
+        funnel if is_judged else None,
+        tuple(outcomes),
+        tuple(errors + rule_errors),
+        _own_version(),
+    )
+
+
+def _audit_shards(
+    survey: Survey, selected: frozenset[str], executor: Executor, progress: Progress | None
+) -> tuple[list[ShardResult], list[str]]:
+    tasks = [
+        ShardTask(survey.root, folder, tuple(e.path for e in files), survey.descriptor, selected, survey.is_hashed)
+        for folder, files in survey.shard_folders.items()
+    ]
+    results: dict[int, ShardResult] = {}
+    errors: list[str] = []
+    if progress:
+        progress(0, len(tasks))
+    for index, outcome in executor(audit_shard, tasks):
+        results[index] = outcome if not isinstance(outcome, Died) else _post_mortem(tasks[index], executor, errors)
+        if progress:
+            progress(len(results), len(tasks))
+    return [results[index] for index in sorted(results)], errors
+
+
+def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> ShardResult:
+    """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
+    result = ShardResult(task.folder)
+    for path in task.files:
+        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed)
+        for _, outcome in executor(audit_shard, [part]):
+            if isinstance(outcome, Died):
+                result.over_limit[path] = "killed the process that decoded it within the memory limit, twice"
+            else:
+                result.digests.update(outcome.digests)
+                result.present += outcome.present
+                result.num_tables += outcome.num_tables
+    reason = f"{task.folder} could not be judged"
+    result.tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected}
+    if not result.over_limit:
+        errors.append(f"{task.folder}: the worker died twice although every file decodes on its own")
+    return result
+
+
+def _merge(survey: Survey, selected: frozenset[str]) -> dict[str, Tally]:
+    """One tally per rule of the catalogue over the whole dataset."""
+    tallies: dict[str, Tally] = {}
+    for rule_id in CATALOGUE:
+        tally = tallies[rule_id] = Tally(rule_id)
+        if rule_id not in selected:
+            tally.unjudged = "deselected"
+        elif rule_id in SURVEY_RULES:
+            _judge_survey(survey, tally, tallies)
+        else:
+            for shard in survey.shards:
+                tally.add(shard.tallies[rule_id])
+            if survey.descriptor is None:
+                tally.unjudged = "the descriptor is unusable"
+    return tallies
+
+
+def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> None:
+    failed = [other for other in tally.info.requires if other in tallies and tallies[other].status == "fail"]
+    if failed:
+        tally.unjudged = f"precondition {failed[0]} failed"
+    elif tally.rule_id == "BD-LAY-002" and not survey.is_hashed:
+        tally.unjudged = "digests are off"
+    else:
+        try:
+            check = SURVEY_RULES[tally.rule_id](survey)
+        except Exception:  # as in `examine`: a bug of one rule must not hide the others
+            tally.errors.append(f"{tally.rule_id}:\n{traceback.format_exc()}")
+            return
+        tally.examined = tally.total = max(check.examined, len(check.sightings))
+        tally.num_findings = len(check.sightings)
+        tally.keep(Finding.of(tally.rule_id, sighting) for sighting in check.sightings)
+
+
+def _facts(survey: Survey) -> DatasetFacts:
+    rows: dict[str, int] = {}
+    for shard in survey.shards:
+        for name, count in shard.rows.items():
+            rows[name] = rows.get(name, 0) + count
+    descriptor = survey.descriptor
+    return DatasetFacts(
+        path=ascii(str(survey.root))[1:-1],
+        dataset_id=descriptor.dataset_id if descriptor else None,
+        dataset_version=descriptor.dataset_version if descriptor else None,
+        identity=(survey.manifest.identity or None) if survey.manifest else None,
+        num_shards=len(survey.shards),
+        num_files=len(survey.files),
+        num_bytes=sum(entry.size for entry in survey.files),
+        num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
+        num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
+        rows=rows,
+    )
+
+
+def _own_version() -> str:
+    try:
+        return version("branchdrive")
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,105 @@
+"""The funnel: how many branch groups get how far, and which rules cost the rest.
+
+Stages: discovered; bank (exact bank); controls (controls valid); integrity (integrity-complete);
+eligibility (structurally eligible). A group leaves at the first stage that it fails.
+Source: paper V-B; spec/07-rules.md#funnel.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from branchdrive.audit.check import Mask
+from branchdrive.audit.selection import Selection
+from branchdrive.audit.view import ShardView
+from branchdrive.contract.catalogue import CATALOGUE
+
+__all__ = ["STAGES", "Funnel", "funnel_of"]
+
+STAGES = {
+    "discovered": "Groups discovered",
+    "bank": "Exact bank",
+    "controls": "Controls valid",
+    "integrity": "Integrity-complete",
+    "eligibility": "Structurally eligible",
+}
+"""Stages in order, with their titles."""
+
+
+@dataclass
+class Funnel:
+    """Groups lost at each stage and the rules that they fail there; funnels of shards add up."""
+
+    discovered: int = 0
+    lost: Counter[str] = field(default_factory=Counter)
+    reasons: dict[str, Counter[str]] = field(default_factory=lambda: {stage: Counter() for stage in STAGES})
+
+    def add(self, other: Funnel) -> None:
+        """Merge the funnel of another part of the dataset."""
+        self.discovered += other.discovered
+        self.lost.update(other.lost)
+        for stage, counts in other.reasons.items():
+            self.reasons[stage].update(counts)
+
+    @property
+    def groups(self) -> dict[str, int]:
+        """Groups that reach each stage."""
+        left, reached = self.discovered, {}
+        for stage in STAGES:
+            left -= self.lost[stage]
+            reached[stage] = left
+        return reached
+
+    @property
+    def qualified(self) -> int:
+        """Groups that pass every stage."""
+        return self.groups["eligibility"]
+
+    def to_json(self) -> dict[str, Any]:
+        """The funnel as the report schema has it."""
+        reached = self.groups
+        return {
+            "stages": [
+                {
+                    "name": stage,
+                    "title": title,
+                    "groups": reached[stage],
+                    "lost": self.lost[stage],
+                    "reasons": dict(sorted(self.reasons[stage].items())),
+                }
+                for stage, title in STAGES.items()
+            ]
+        }
+
+
+def funnel_of(view: ShardView, selection: Selection, failed: dict[str, Mask], failed_groups: dict[str, Mask]) -> Funnel:
+    """Funnel of one shard.
+
+    Args:
+        view: The shard.
+        selection: Its candidates.
+        failed: Attempts that fail each structure or rollout rule ``[rollouts]``.
+        failed_groups: Groups that fail each group rule ``[groups]``.
+    """
+    funnel = Funnel(discovered=len(view.group_ids))
+    by_stage: dict[str, dict[str, Mask]] = {stage: {} for stage in STAGES}
+    for rule_id, groups in failed_groups.items():
+        by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
+    members = selection.chosen >= 0
+    for rule_id, rollouts in failed.items():
+        groups = np.zeros(len(view.group_ids), bool)
+        groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
+        by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
+    left = [True] * len(view.group_ids)
+    for stage, rules in by_stage.items():
+        for g in range(len(left)):
+            reasons = [rule_id for rule_id, groups in rules.items() if groups[g]] if left[g] else []
+            if reasons:
+                left[g] = False
+                funnel.lost[stage] += 1
+                funnel.reasons[stage].update(reasons)
+    return funnel

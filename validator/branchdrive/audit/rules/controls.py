@@ -1,0 +1,241 @@
+"""Control rules: what the policy demanded, what reached the vehicle, and who drove.
+
+With ``t_b`` the branch tick and ``T`` the policy's duration, an intervention is active exactly for
+``t_b <= t < t_b + T``. Source: paper III-C, V-B; spec/04-policies.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.check import Mask, SubjectCheck, rollout_rule
+from branchdrive.audit.finding import Sighting, quote
+from branchdrive.audit.view import ShardView
+from branchdrive.contract.policy import ACTUATORS
+
+Rows = NDArray[np.int64]
+
+
+def _duration(view: ShardView) -> NDArray[np.int64]:
+    """Duration ``T`` of each attempt's policy, ticks; 0 where the bank lacks it."""
+    durations = np.array([policy.duration_ticks for policy in view.descriptor.action_bank.policies] + [0])
+    return np.asarray(durations[view.policy])
+
+
+def _at_rows(
+    view: ShardView,
+    subjects: Mask,
+    bad_rows: Mask,
+    expected: Callable[[int], str],
+    found: Callable[[int], str],
+) -> SubjectCheck:
+    """Rollouts with violating control rows; described at the first of them."""
+    summary = view.controls.by_rollout(bad_rows)
+
+    def describe(i: int) -> Sighting:
+        row = int(summary.first_row[i])
+        place: dict[str, str | int] = {"table": "controls", "tick": int(view.controls.tick[row])}
+        return Sighting(expected(row), found(row), place, int(summary.count[i]))
+
+    return SubjectCheck(subjects, subjects & summary.any, describe)
+
+
+def _marked(view: ShardView, rows: Rows) -> Mask:
+    marked = np.zeros(len(view.controls), bool)
+    marked[rows] = True
+    return marked
+
+
+@rollout_rule("BD-CTL-001")
+def nothing_active_before_branch(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """No active tick ``t < t_b``."""
+    subjects = subjects & view.role("intervention") & view.branched
+    rows, controls = view.active_rows, view.controls
+    early = rows[controls.tick[rows] < view.branch_tick[controls.rollout[rows]]]
+    return _at_rows(
+        view, subjects, _marked(view, early),
+        lambda row: f"inactive before branch tick {view.branch_tick[controls.rollout[row]]}", lambda _: "active",
+    )  # fmt: skip
+
+
+@rollout_rule("BD-CTL-002")
+def window_lasts_its_duration(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """From ``t_b`` on, the active ticks are exactly ``t_b .. t_b + T - 1``."""
+    subjects = subjects & view.role("intervention") & view.branched
+    rows, controls = view.active_rows, view.controls
+    branch, duration = view.branch_tick, _duration(view)
+    owner = controls.rollout[rows]
+    late = controls.tick[rows] >= branch[owner]
+    inside = late & (controls.tick[rows] < (branch + duration)[owner])
+    num_late = np.bincount(owner[late], minlength=view.num_rollouts)
+    num_inside = np.bincount(owner[inside], minlength=view.num_rollouts)
+    bad = (num_late != duration) | (num_inside != duration)
+
+    def describe(i: int) -> Sighting:
+        ticks = controls.tick[rows][(owner == i) & late]
+        span = f"{len(ticks)} active ticks" + (f", {ticks.min()} .. {ticks.max()}" if len(ticks) else "")
+        window = f"{duration[i]} active ticks, {branch[i]} .. {branch[i] + duration[i] - 1}"
+        return Sighting(window, span, {"table": "controls", "column": "active"})
+
+    return SubjectCheck(subjects, subjects & bad, describe)
+
+
+def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], SubjectCheck]:
+    def check(view: ShardView, subjects: Mask) -> SubjectCheck:
+        rows, controls = view.active_rows, view.controls
+        bank = view.descriptor.action_bank
+        policy_of = view.policy[controls.rollout[rows]]
+        uses_rule = np.zeros(view.num_rollouts, bool)
+        bad = np.zeros(len(controls), bool)
+        demanded = np.zeros((len(ACTUATORS), len(controls)), np.float32)
+        wrong_actuator = np.zeros(len(controls), np.int8)
+        for policy_index, policy in enumerate(bank.policies):
+            for actuator_index, (actuator, rule) in enumerate(zip(ACTUATORS, policy.rules, strict=True)):
+                if rule.rule != rule_name or policy.is_nominal:
+                    continue
+                uses_rule |= view.policy == policy_index
+                here = rows[policy_of == policy_index]
+                command = rule.evaluate(controls[f"expert_{actuator}"][here], controls[f"nominal_{actuator}"][here])
+                wrong = here[controls[f"intended_{actuator}"][here] != command]
+                demanded[actuator_index, here] = command
+                bad[wrong], wrong_actuator[wrong] = True, actuator_index
+
+        def found(row: int) -> str:
+            actuator = ACTUATORS[wrong_actuator[row]]
+            return f"intended_{actuator} {quote(controls[f'intended_{actuator}'][row])}"
+
+        def expected(row: int) -> str:
+            return f"{ACTUATORS[wrong_actuator[row]]} {quote(demanded[wrong_actuator[row], row])} (`{rule_name}`)"
+
+        return _at_rows(view, subjects & view.role("intervention") & uses_rule, bad, expected, found)
+
+    check.__doc__ = f"Intended commands of `{rule_name}` actuators equal the formula, exactly in float32."
+    return check
+
+
+online_expert_actuators = rollout_rule("BD-CTL-003")(_follows_rule("online_expert"))
+stored_nominal_actuators = rollout_rule("BD-CTL-004")(_follows_rule("stored_nominal"))
+zero_actuators = rollout_rule("BD-CTL-005")(_follows_rule("zero"))
+absolute_actuators = rollout_rule("BD-CTL-006")(_follows_rule("absolute"))
+floor_actuators = rollout_rule("BD-CTL-007")(_follows_rule("floor"))
+
+
+def _applied_equals(view: ShardView, subjects: Mask, rows: Rows | None, demanded: str) -> SubjectCheck:
+    """``|applied - demanded| <= tolerance`` on the given rows, all three actuators; exact by default."""
+    controls = view.controls
+    tolerance = view.descriptor.tolerances.actuator
+    at: Rows | slice = slice(None) if rows is None else rows
+    bad = np.zeros(len(controls), bool)
+    for actuator in ACTUATORS:
+        applied, command = controls[f"applied_{actuator}"][at], controls[f"{demanded}_{actuator}"][at]
+        bad[at] |= applied != command if tolerance == 0 else np.abs(applied.astype(float) - command) > tolerance
+
+    def text(prefix: str) -> Callable[[int], str]:
+        return lambda row: ", ".join(f"{a} {quote(controls[f'{prefix}_{a}'][row])}" for a in ACTUATORS)
+
+    return _at_rows(view, subjects, bad, text(demanded), text("applied"))
+
+
+@rollout_rule("BD-CTL-008")
+def applied_equals_intended(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """While active, the vehicle gets what the policy demanded."""
+    subjects = subjects & view.role("intervention")
+    return _applied_equals(view, subjects, view.active_rows, "intended")
+
+
+@rollout_rule("BD-CTL-009")
+def applied_equals_expert(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """While inactive, the vehicle gets what the online expert commanded."""
+    controls = view.controls
+    return _applied_equals(view, subjects, np.flatnonzero(~controls["active"]), "expert")
+
+
+@rollout_rule("BD-CTL-010")
+def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """``nominal_*`` at an active tick equals ``applied_*`` of the nominal rollout at the same tick."""
+    controls = view.controls
+    subjects = subjects & view.role("intervention")
+    rows = view.active_rows
+    source = controls.find(view.nominal[controls.rollout[rows]], controls.tick[rows])
+    missing = source < 0
+    wrong = missing.copy()
+    for actuator in ACTUATORS:
+        wrong |= controls[f"nominal_{actuator}"][rows] != controls[f"applied_{actuator}"][source]
+    lookup = np.full(len(controls), -1)
+    lookup[rows] = source
+
+    def expected(row: int) -> str:
+        if lookup[row] < 0:
+            return "the nominal rollout's command of this tick, but it has no such tick"
+        return ", ".join(f"{a} {quote(controls[f'applied_{a}'][lookup[row]])}" for a in ACTUATORS)
+
+    def found(row: int) -> str:
+        return ", ".join(f"{a} {quote(controls[f'nominal_{a}'][row])}" for a in ACTUATORS)
+
+    return _at_rows(view, subjects, _marked(view, rows[wrong]), expected, found)
+
+
+@rollout_rule("BD-CTL-011")
+def source_follows_active(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """``source = intervention`` exactly at active ticks."""
+    controls = view.controls
+    intervenes = controls.equals("source", "intervention")
+    active = controls["active"]
+
+    def word(flag: bool) -> str:
+        return "`intervention`" if flag else "`online_expert`"
+
+    return _at_rows(
+        view, subjects, intervenes != active, lambda row: word(active[row]), lambda row: word(intervenes[row])
+    )
+
+
+@rollout_rule("BD-CTL-012")
+def expert_recovers(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """At ``t_b + T`` there is a control row, inactive and driven by the online expert."""
+    controls = view.controls
+    subjects = subjects & view.role("intervention") & view.branched
+    tick = view.branch_tick + _duration(view)
+    row = controls.find(np.arange(view.num_rollouts), tick)
+    bad = (row < 0) | controls["active"][row] | ~controls.equals("source", "online_expert")[row]
+
+    def describe(i: int) -> Sighting:
+        found = "no control row" if row[i] < 0 else f"source {quote(controls['source'][row[i]])}"
+        return Sighting("the online expert drives", found, {"table": "controls", "tick": int(tick[i])})
+
+    return SubjectCheck(subjects, subjects & bad, describe)
+
+
+@rollout_rule("BD-CTL-013")
+def nominal_runs_untouched(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """A nominal rollout or replay has no active tick."""
+    return _at_rows(
+        view,
+        subjects & ~view.role("intervention"),
+        _marked(view, view.active_rows),
+        lambda _: "inactive",
+        lambda _: "active",
+    )
+
+
+@rollout_rule("BD-CTL-014")
+def effective_action_is_the_policy(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """The ``effective_*`` columns say what the bank's policy says."""
+    bank = view.descriptor.action_bank
+    differs = np.full(view.num_rollouts, "", dtype=object)
+    wanted = [policy.effective_action() for policy in bank.policies]
+    for i in np.flatnonzero(subjects & (view.policy >= 0)):
+        for column, value in wanted[view.policy[i]].items():
+            recorded = view.rollouts[column][i] if view.rollouts.valid(column)[i] else None
+            if recorded != value and not differs[i]:
+                differs[i] = column
+
+    def describe(i: int) -> Sighting:
+        column = differs[i]
+        found = quote(view.rollouts[column][i]) if view.rollouts.valid(column)[i] else "null"
+        return Sighting(quote(wanted[view.policy[i]][column]), found, {"table": "rollouts", "column": column})
+
+    return SubjectCheck(subjects, subjects & (differs != ""), describe)

@@ -1,0 +1,91 @@
+"""Group rules: the bank is complete and its candidates share their context.
+
+Source: paper III-B, V-B; spec/04-policies.md#bank, spec/05-raw-streams.md#group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.check import Mask, SubjectCheck, group_rule
+from branchdrive.audit.finding import Sighting, quote
+from branchdrive.audit.selection import Selection
+from branchdrive.audit.view import ShardView, TableView
+
+
+@group_rule("BD-BNK-001")
+def bank_is_complete(view: ShardView, selection: Selection, subjects: Mask) -> SubjectCheck:
+    """A complete attempt of every policy, the nominal included."""
+    missing = selection.chosen < 0
+    keys = np.array(view.descriptor.action_bank.keys)
+
+    def describe(g: int) -> Sighting:
+        lacking = ", ".join(keys[missing[g]])
+        return Sighting(f"all {len(keys)} policies", f"no complete attempt of {lacking}", count=int(missing[g].sum()))
+
+    return SubjectCheck(subjects, subjects & missing.any(axis=1), describe)
+
+
+@group_rule("BD-BNK-002")
+def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects: Mask) -> SubjectCheck:
+    """Every chosen intervention was executed against the group's chosen nominal."""
+    subjects = subjects & (selection.nominal >= 0)
+    used = np.where(selection.chosen >= 0, view.nominal[selection.chosen], selection.nominal[:, None])
+    foreign = used != selection.nominal[:, None]
+    keys = np.array(view.descriptor.action_bank.keys)
+
+    def describe(g: int) -> Sighting:
+        return Sighting(
+            f"nominal {quote(view.rollout_ids[selection.nominal[g]])} throughout",
+            f"another nominal under {', '.join(keys[foreign[g]])}",
+            count=int(foreign[g].sum()),
+        )
+
+    return SubjectCheck(subjects, subjects & foreign.any(axis=1), describe)
+
+
+def _codes(table: TableView, column: str) -> NDArray[np.int64]:
+    """Equal codes for equal values of a column; null is a value of its own."""
+    values, valid = table[column], table.valid(column)
+    seen: dict[object, int] = {}
+    keys = (value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
+    return np.array(
+        [seen.setdefault(key if ok else None, len(seen)) for key, ok in zip(keys, valid, strict=True)],
+        np.int64,
+    )
+
+
+def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], SubjectCheck]:
+    def check(view: ShardView, selection: Selection, subjects: Mask) -> SubjectCheck:
+        subjects = subjects & (selection.nominal >= 0)
+        own = selection.nominal[:, None]
+        chosen = np.where(selection.chosen >= 0, selection.chosen, own)
+        codes = np.stack([_codes(view.rollouts, column) for column in columns])
+        differs = codes[:, chosen] != codes[:, own]  # [columns, groups, policies]
+
+        def describe(g: int) -> Sighting:
+            column_index, policy_index = np.argwhere(differs[:, g])[0]
+            column, other = columns[column_index], chosen[g, policy_index]
+            values, valid = view.rollouts[column], view.rollouts.valid(column)
+            wanted, found = (quote(values[i]) if valid[i] else "null" for i in (selection.nominal[g], other))
+            place: dict[str, str | int] = {
+                "table": "rollouts",
+                "column": column,
+                "rollout_id": view.rollout_ids[other],
+            }
+            return Sighting(f"{wanted} as in the nominal", found, place, int(differs[:, g].any(axis=0).sum()))
+
+        return SubjectCheck(subjects, subjects & differs.any(axis=(0, 2)), describe)
+
+    check.__doc__ = f"Chosen attempts agree with their nominal in {', '.join(columns)}."
+    return check
+
+
+same_route = group_rule("BD-GRP-001")(_shared(("route_id", "route_x_m", "route_y_m")))
+same_town = group_rule("BD-GRP-002")(_shared(("town",)))
+same_seed = group_rule("BD-GRP-003")(_shared(("seed", "repetition")))
+same_branch_tick = group_rule("BD-GRP-004")(_shared(("branch_tick", "branch_frame")))
+same_scenario = group_rule("BD-GRP-005")(_shared(("scenario_type", "environment")))

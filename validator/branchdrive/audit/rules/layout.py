@@ -1,0 +1,180 @@
+"""Layout rules: manifest, digests, paths, kinds of files and limits.
+
+Source: spec/03-layout.md, spec/09-security.md.
+"""
+
+from __future__ import annotations
+
+from branchdrive.audit.check import SurveyCheck, survey_rule
+from branchdrive.audit.finding import Sighting, quote
+from branchdrive.audit.survey import Entry, Survey
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.layout import (
+    DESCRIPTOR_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    STAGING_DIR,
+    shard_index,
+    unsafe_reason,
+)
+from branchdrive.dataset.manifest import Manifest
+
+TABLE_FILES = {table.file_name for table in TABLES.values()}
+
+
+def _sightings(found: list[Sighting]) -> tuple[Sighting, ...]:
+    return tuple(found)
+
+
+@survey_rule("BD-LAY-001")
+def manifest_is_well_formed(survey: Survey) -> SurveyCheck:
+    """`MANIFEST.sha256` is there and its text parses."""
+    place: dict[str, str | int] = {"file": MANIFEST_FILE}
+    problems = [p for p in survey.manifest_problems if not p.is_unsafe_path]
+    found = [Sighting("a well-formed manifest", f"line {p.line} {p.message}", place) for p in problems]
+    if survey.manifest is None and not problems:
+        found.append(Sighting("MANIFEST.sha256, written last", "no manifest: writing never finished", place))
+    return SurveyCheck(1, _sightings(found))
+
+
+@survey_rule("BD-LAY-002")
+def digests_match(survey: Survey) -> SurveyCheck:
+    """SHA-256 of every listed file that is there equals the manifest's."""
+    stated = survey.manifest.files if survey.manifest else {}
+    read = {path: digest for path, digest in survey.digests.items() if path in stated}
+    found = [
+        Sighting(f"sha256 {stated[path]}", f"sha256 {digest}", {"file": path})
+        for path, digest in sorted(read.items())
+        if digest != stated[path]
+    ]
+    return SurveyCheck(len(read), _sightings(found))
+
+
+@survey_rule("BD-LAY-003")
+def listed_files_exist(survey: Survey) -> SurveyCheck:
+    """Every path of the manifest is there."""
+    stated = survey.manifest.files if survey.manifest else {}
+    there = {entry.path for entry in survey.entries}
+    found = [Sighting("the listed file", "no such file", {"file": path}) for path in stated if path not in there]
+    return SurveyCheck(len(stated), _sightings(found))
+
+
+@survey_rule("BD-LAY-004")
+def existing_files_are_listed(survey: Survey) -> SurveyCheck:
+    """Every regular file but the manifest is listed; a writer's working area counts as one file."""
+    stated = survey.manifest.files if survey.manifest else {}
+    files = [e.path for e in survey.files if e.path != MANIFEST_FILE and not e.path.startswith(f"{STAGING_DIR}/")]
+    found = [
+        Sighting("a file that the manifest lists", "not listed", {"file": path}) for path in files if path not in stated
+    ]
+    if any(entry.path == STAGING_DIR for entry in survey.entries):
+        found.append(Sighting("a finished dataset", "a writer's working area", {"file": STAGING_DIR}))
+    return SurveyCheck(len(files), _sightings(found))
+
+
+@survey_rule("BD-LAY-005")
+def paths_are_safe(survey: Survey) -> SurveyCheck:
+    """Neither the manifest nor the folder names a path that leaves the root or is not plain."""
+    found = [
+        Sighting("a safe relative path", problem.message, {"file": MANIFEST_FILE})
+        for problem in survey.manifest_problems
+        if problem.is_unsafe_path
+    ]
+    for entry in survey.entries:
+        reason = unsafe_reason(entry.path)
+        if reason is not None and "longer" not in reason and "deeper" not in reason:
+            found.append(Sighting("a safe relative path", f"{quote(entry.path)} {reason}", {"file": entry.path}))
+    stated = len(survey.manifest.files) if survey.manifest else 0
+    return SurveyCheck(stated + len(survey.entries), _sightings(found))
+
+
+@survey_rule("BD-LAY-006")
+def only_files_and_folders(survey: Survey) -> SurveyCheck:
+    """No links, devices, sockets or pipes."""
+    found = [
+        Sighting(
+            "a regular file or folder",
+            f"a {'symbolic link' if e.kind == 'link' else 'special file'}",
+            {"file": e.path},
+        )
+        for e in survey.entries
+        if e.kind in ("link", "special")
+    ]
+    return SurveyCheck(len(survey.entries), _sightings(found))
+
+
+@survey_rule("BD-LAY-007")
+def limits_hold(survey: Survey) -> SurveyCheck:
+    """File count, path length, depth, stored and decoded sizes stay under `limits.json`."""
+    limits = spec_limits()
+    found = []
+    if survey.is_cut or len(survey.files) > limits.max_files:
+        found.append(Sighting(f"at most {limits.max_files} files", f"{len(survey.entries)} names or more"))
+    for entry in survey.entries:
+        reason = unsafe_reason(entry.path)
+        if reason is not None and ("longer" in reason or "deeper" in reason):
+            found.append(Sighting("a path within the limits", reason, {"file": entry.path}))
+    for shard in survey.shards:
+        found += [
+            Sighting("a table within the limits", reason, {"file": path}) for path, reason in shard.over_limit.items()
+        ]
+    return SurveyCheck(len(survey.entries), _sightings(found))
+
+
+@survey_rule("BD-LAY-008")
+def derived_digests_recompute(survey: Survey) -> SurveyCheck:
+    """Layer digests and identity follow from the manifest's file lines."""
+    if survey.manifest is None:
+        return SurveyCheck(0, ())
+    derived = Manifest.of(survey.manifest.files)
+    found = []
+    for layer in sorted({*derived.layers, *survey.manifest.layers}):
+        wanted, stated = (
+            derived.layers.get(layer, "no such layer"),
+            survey.manifest.layers.get(layer, "not stated"),
+        )
+        if wanted != stated:
+            found.append(Sighting(wanted, stated, {"file": MANIFEST_FILE, "pointer": f"layer {layer}"}))
+    if derived.identity != survey.manifest.identity:
+        found.append(
+            Sighting(derived.identity, survey.manifest.identity, {"file": MANIFEST_FILE, "pointer": "dataset"})
+        )
+    return SurveyCheck(len(derived.layers) + 1, _sightings(found))
+
+
+def _has_place(entry: Entry) -> bool:
+    match entry.path.split("/"):
+        case [name]:
+            folder_names = (RAW_DIR, STAGING_DIR)
+            return name in (DESCRIPTOR_FILE, MANIFEST_FILE) if entry.kind == "file" else name in folder_names
+        case [folder, *_] if folder == STAGING_DIR:
+            return True
+        case [folder, shard] if folder == RAW_DIR:
+            return entry.kind != "file" and shard_index(shard) is not None
+        case [folder, shard, *rest] if folder == RAW_DIR and shard_index(shard) is not None:
+            return len(rest) == 1 and entry.kind == "file"
+        case _:
+            return False
+
+
+@survey_rule("BD-LAY-009")
+def files_have_a_place(survey: Survey) -> SurveyCheck:
+    """The root holds descriptor, manifest and layers; shards hold tables of claimed streams and media."""
+    plain = [e for e in survey.entries if e.kind in ("file", "folder") and unsafe_reason(e.path) is None]
+    found = [Sighting("a place in the layout", "none", {"file": e.path}) for e in plain if not _has_place(e)]
+    if survey.descriptor is not None:
+        has_media = "frames" in survey.descriptor.tables
+        claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
+        for files in survey.shard_folders.values():
+            for entry in files:
+                name = entry.path.rsplit("/", 1)[1]
+                if name in TABLE_FILES and name not in claimed:
+                    found.append(
+                        Sighting("tables of claimed streams", "a table that no claim covers", {"file": entry.path})
+                    )
+                elif name not in TABLE_FILES and not has_media and _has_place(entry):
+                    found.append(
+                        Sighting("tables of claimed streams", "a file that no claim covers", {"file": entry.path})
+                    )
+    return SurveyCheck(len(plain), _sightings(found))

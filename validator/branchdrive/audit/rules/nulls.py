@@ -1,0 +1,89 @@
+"""Null rules: a value is absent exactly where its availability says so. Source: spec/06-masks.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.check import RowCheck, shard_rule
+from branchdrive.audit.finding import quote
+from branchdrive.audit.view import ShardView, TableView
+from branchdrive.contract.columns import TABLES, Availability, Column
+
+IMPOSSIBLE_TTC_S = 500.0
+"""50 m of range at 0.1 m/s of closing speed: no recorded time to collision can reach beyond."""
+
+Mask = NDArray[np.bool_]
+
+
+def _nullable(
+    view: ShardView, accept: Callable[[Availability], bool]
+) -> Iterator[tuple[TableView, Column, Availability]]:
+    for name in view.table_names:
+        for column in TABLES[name].columns:
+            if column.available is not None and accept(column.available):
+                yield view[name], column, column.available
+
+
+def _presence(table: TableView, column: Column, expected: Mask, because: str) -> RowCheck:
+    present = table.valid(column.name)
+
+    def describe(row: int) -> tuple[str, str]:
+        demand = "a value" if expected[row] else "null"
+        found = quote(table[column.name][row]) if present[row] else "null"
+        return f"{demand} ({because} is {'on' if expected[row] else 'off'})", found
+
+    return RowCheck(table.name, column.name, len(table), np.flatnonzero(present != expected), describe)
+
+
+@shard_rule("BD-NUL-001")
+def required_columns_hold_no_null(view: ShardView) -> Iterator[RowCheck]:
+    """A column without availability has a value in every row."""
+    for name in view.table_names:
+        table = view[name]
+        for column in TABLES[name].columns:
+            if not column.nullable:
+                bad = np.flatnonzero(~table.valid(column.name))
+                yield RowCheck(name, column.name, len(table), bad, lambda _: ("a value", "null"))
+
+
+@shard_rule("BD-NUL-002")
+def masks_agree_with_values(view: ShardView) -> Iterator[RowCheck]:
+    """A masked column is null exactly where its mask is off."""
+    for table, column, available in _nullable(view, lambda a: a.mask is not None):
+        yield _presence(table, column, table[str(available.mask)].astype(bool), f"`{available.mask}`")
+
+
+@shard_rule("BD-NUL-003")
+def policy_columns_follow_active(view: ShardView) -> Iterator[RowCheck]:
+    """Intended and stored nominal commands are there exactly at active ticks."""
+    for table, column, _ in _nullable(view, lambda a: a.when == "active"):
+        yield _presence(table, column, table["active"].astype(bool), "`active`")
+
+
+@shard_rule("BD-NUL-004")
+def rollout_columns_follow_conditions(view: ShardView) -> Iterator[RowCheck]:
+    """Conditional columns of an attempt are there exactly where their condition holds."""
+    table = view.rollouts
+    conditions = {
+        "branched": view.branched,
+        "not_complete": ~view.complete,
+        "not_nominal": ~view.role("nominal"),
+    }
+    for _, column, available in _nullable(view, lambda a: a.when in conditions):
+        yield _presence(table, column, conditions[str(available.when)], f"condition `{available.when}`")
+    for _, column, available in _nullable(view, lambda a: a.when == "valued"):
+        carries = table.equals(str(available.rule), "absolute") | table.equals(str(available.rule), "floor")
+        yield _presence(table, column, carries, f"a valued `{available.rule}`")
+
+
+@shard_rule("BD-NUL-005")
+def absent_ttc_is_null(view: ShardView) -> Iterator[RowCheck]:
+    """No time to collision above what range and closing cut-off allow: such values are sentinels."""
+    if "evidence" in view:
+        table = view["evidence"]
+        ttc = table["ttc_s"]
+        bad = np.flatnonzero(table.valid("ttc_s") & np.isfinite(ttc) & (ttc > IMPOSSIBLE_TTC_S))
+        yield RowCheck("evidence", "ttc_s", len(table), bad, lambda row: ("null, or at most 500 s", quote(ttc[row])))

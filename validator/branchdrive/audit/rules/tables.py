@@ -1,0 +1,66 @@
+"""Table rules: Parquet files decode and have the declared columns. Source: spec/03-layout.md#tables."""
+
+from __future__ import annotations
+
+from branchdrive.audit.check import SurveyCheck, survey_rule
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.survey import Survey
+
+
+@survey_rule("BD-TAB-001")
+def tables_decode(survey: Survey) -> SurveyCheck:
+    """Every page of every table decodes; a file that its digest already condemns is not blamed twice."""
+    found = [
+        Sighting("a table that decodes", reason, {"file": path})
+        for shard in survey.shards
+        for path, reason in shard.undecodable.items()
+        if not survey.is_damaged(path)
+    ]
+    return SurveyCheck(sum(shard.num_tables for shard in survey.shards), tuple(found))
+
+
+@survey_rule("BD-TAB-002")
+def tables_have_declared_columns(survey: Survey) -> SurveyCheck:
+    """Names and types of the columns are those of columns.json."""
+    found = [
+        Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
+        for shard in survey.shards
+        for path, problems in shard.type_problems.items()
+        for problem in problems
+    ]
+    return SurveyCheck(sum(len(shard.rows) for shard in survey.shards), tuple(found))
+
+
+@survey_rule("BD-TAB-003")
+def columns_carry_metadata(survey: Survey) -> SurveyCheck:
+    """Unit, frame, shape and track of every column are recorded as declared."""
+    found = [
+        Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
+        for shard in survey.shards
+        for path, problems in shard.metadata_problems.items()
+        for problem in problems
+    ]
+    return SurveyCheck(sum(len(shard.rows) for shard in survey.shards), tuple(found))
+
+
+@survey_rule("BD-TAB-004")
+def shards_hold_claimed_tables(survey: Survey) -> SurveyCheck:
+    """Each shard holds every table of the claimed streams, and there is at least one shard.
+
+    A table that the manifest lists and nobody finds is a missing file, not a missing claim.
+    """
+    if survey.descriptor is None:
+        return SurveyCheck(0, ())
+    listed = survey.manifest.files if survey.manifest else {}
+    wanted = [
+        f"{shard.folder}/{name}.parquet"
+        for shard in survey.shards
+        for name in survey.descriptor.tables
+        if name not in shard.present
+    ]
+    found = [
+        Sighting("a table of a claimed stream", "no such file", {"file": path}) for path in wanted if path not in listed
+    ]
+    if not survey.shards:
+        found.append(Sighting("at least one shard", "none", {"file": "raw"}))
+    return SurveyCheck(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))

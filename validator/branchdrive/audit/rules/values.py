@@ -1,0 +1,135 @@
+"""Value rules: finite, in range, in vocabulary, in pattern. Source: spec/05-raw-streams.md#values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.check import RowCheck, shard_rule
+from branchdrive.audit.finding import quote
+from branchdrive.audit.view import ShardView, TableView
+from branchdrive.contract.columns import PATTERNS, TABLES, Column
+
+MAX_EXTENT_M = 100.0
+
+
+def _columns(view: ShardView, wanted: Callable[[Column], bool]) -> Iterator[tuple[TableView, Column]]:
+    for name in view.table_names:
+        for column in TABLES[name].columns:
+            if wanted(column):
+                yield view[name], column
+
+
+def _is_extent(column: Column) -> bool:
+    return column.name.endswith(("length_m", "width_m", "height_m"))
+
+
+def _flat(values: NDArray[np.object_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Items of list cells and the row of each item."""
+    lengths = np.array([len(cell) for cell in values], np.int64)
+    items = np.concatenate(list(values)) if len(values) else np.zeros(0)
+    return items, np.repeat(np.arange(len(values)), lengths)
+
+
+def _numbers(table: TableView, column: Column) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
+    """Numbers of a column and, for list columns, the row of each."""
+    values = table[column.name]
+    return _flat(values) if column.type.startswith("list") else (values, None)
+
+
+def _rows(bad: NDArray[np.bool_], owner: NDArray[np.int64] | None) -> NDArray[np.intp]:
+    places = np.flatnonzero(bad)
+    return places if owner is None else np.unique(owner[places])
+
+
+def _describe(expected: str, table: TableView, column: Column) -> Callable[[int], tuple[str, str]]:
+    return lambda row: (expected, quote(table[column.name][row]))
+
+
+@shard_rule("BD-VAL-001")
+def values_are_finite(view: ShardView) -> Iterator[RowCheck]:
+    """No NaN and no infinity in any floating-point column."""
+    for table, column in _columns(view, lambda c: "float" in c.type and not _is_extent(c)):
+        numbers, owner = _numbers(table, column)
+        bad = _rows(~np.isfinite(numbers), owner)
+        yield RowCheck(table.name, column.name, len(table), bad, _describe("a finite number", table, column))
+
+
+@shard_rule("BD-VAL-002")
+def values_lie_in_range(view: ShardView) -> Iterator[RowCheck]:
+    """``min <= value <= max`` of every present finite number."""
+    for table, column in _columns(view, lambda c: c.min is not None or c.max is not None):
+        numbers, owner = _numbers(table, column)
+        low = -np.inf if column.min is None else column.min
+        high = np.inf if column.max is None else column.max
+        if len(numbers) and numbers.min() >= low and numbers.max() <= high:
+            bad = np.zeros(0, np.intp)
+        else:
+            outside = np.isfinite(numbers) & ((numbers < low) | (numbers > high))
+            bad = _rows(outside & table.valid(column.name) if owner is None else outside, owner)
+        unit = f" {column.unit}" if column.unit else ""
+        yield RowCheck(table.name, column.name, len(table), bad, _describe(f"{low:g} .. {high:g}{unit}", table, column))
+
+
+def _words_fail(table: TableView, column: Column, accept: Callable[[str], bool]) -> NDArray[np.intp]:
+    codes, words = table.words(column.name)
+    rejected = np.array([not accept(word) for word in words] + [False])
+    return np.flatnonzero(rejected[codes]) if rejected.any() else np.zeros(0, np.intp)
+
+
+@shard_rule("BD-VAL-003")
+def words_belong_to_vocabulary(view: ShardView) -> Iterator[RowCheck]:
+    """Every word of an enumerated column is one that the column declares."""
+    for table, column in _columns(view, lambda c: bool(c.values)):
+        vocabulary = set(column.values)
+        bad = _words_fail(table, column, vocabulary.__contains__)
+        yield RowCheck(
+            table.name,
+            column.name,
+            len(table),
+            bad,
+            _describe(f"one of {list(column.values)}", table, column),
+        )
+
+
+@cache
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(PATTERNS[name].removeprefix("^").removesuffix("$"))
+
+
+@shard_rule("BD-VAL-004")
+def text_matches_pattern(view: ShardView) -> Iterator[RowCheck]:
+    """Every text of a patterned column matches it from start to end."""
+    for table, column in _columns(view, lambda c: c.pattern is not None):
+        pattern = _pattern(str(column.pattern))
+        bad = _words_fail(table, column, lambda word, p=pattern: p.fullmatch(word) is not None)  # type: ignore[misc]
+        expected = f"text like {PATTERNS[str(column.pattern)]}"
+        yield RowCheck(table.name, column.name, len(table), bad, _describe(expected, table, column))
+
+
+@shard_rule("BD-VAL-005")
+def routes_are_polylines(view: ShardView) -> Iterator[RowCheck]:
+    """Route x and y have the same length, at least two vertices, and no vertex twice in a row."""
+    xs, ys = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
+
+    def broken(x: NDArray[np.float64], y: NDArray[np.float64]) -> bool:
+        return len(x) != len(y) or len(x) < 2 or bool(((np.diff(x) == 0) & (np.diff(y) == 0)).any())
+
+    bad = np.flatnonzero([broken(x, y) for x, y in zip(xs, ys, strict=True)])
+    yield RowCheck(
+        "rollouts", "route_x_m", len(xs), bad,
+        lambda row: ("two or more distinct vertices with x and y", f"{len(xs[row])} x and {len(ys[row])} y values"),
+    )  # fmt: skip
+
+
+@shard_rule("BD-BOX-001")
+def boxes_are_positive(view: ShardView) -> Iterator[RowCheck]:
+    """Box extents are finite, above 0 and at most 100 m."""
+    for table, column in _columns(view, _is_extent):
+        extent = table[column.name]
+        bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M)))
+        yield RowCheck(table.name, column.name, len(table), bad, _describe("above 0 and at most 100 m", table, column))

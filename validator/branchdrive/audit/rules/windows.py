@@ -1,0 +1,118 @@
+"""Window rules: the history before and the future after the branch are complete.
+
+Source: paper III-A, V-B; spec/02-time-frames-units.md#windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.check import Mask, SubjectCheck, rollout_rule
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.contract.timing import (
+    ACTIVE_TICKS,
+    CONTROL_HISTORY_TICKS,
+    FUTURE_OFFSETS,
+    HISTORY_OFFSETS,
+    PREDECESSOR_OFFSET,
+)
+
+
+def _ticks_missing(view: ShardView, stream: StreamView, low: int, high: int) -> NDArray[np.int64]:
+    """Missing ticks of each attempt in ``t_b + low .. t_b + high``."""
+    every = np.arange(view.num_rollouts)
+    there = stream.distinct_ticks(every, view.branch_tick + low, view.branch_tick + high)
+    return np.asarray(high - low + 1 - there)
+
+
+def _offsets_missing(
+    view: ShardView, stream: StreamView, offsets: Sequence[int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Missing rows of each attempt at ``t_b + offset``, and the first missing tick."""
+    ticks = view.branch_tick[:, None] + np.asarray(offsets)[None, :]
+    absent = stream.find(np.arange(view.num_rollouts)[:, None], ticks) < 0
+    return absent.sum(axis=1), ticks[np.arange(view.num_rollouts), absent.argmax(axis=1)]
+
+
+@rollout_rule("BD-WIN-001")
+def control_history_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """Controls at ``t_b - 80 .. t_b - 1``."""
+    subjects = subjects & view.branched
+    missing = _ticks_missing(view, view.controls, -CONTROL_HISTORY_TICKS, -1)
+
+    def describe(i: int) -> Sighting:
+        return Sighting(
+            f"{CONTROL_HISTORY_TICKS} controls before tick {view.branch_tick[i]}",
+            f"{CONTROL_HISTORY_TICKS - missing[i]}",
+            {"table": "controls"},
+            int(missing[i]),
+        )
+
+    return SubjectCheck(subjects, subjects & (missing > 0), describe)
+
+
+def _observed(view: ShardView, subjects: Mask, table: str, offsets: Sequence[int]) -> SubjectCheck:
+    subjects = subjects & view.branched
+    missing, first = _offsets_missing(view, view.stream(table), offsets)
+
+    def describe(i: int) -> Sighting:
+        return Sighting(
+            f"{len(offsets)} rows, {view.branch_tick[i] + offsets[0]} .. {view.branch_tick[i] + offsets[-1]}",
+            f"{missing[i]} missing",
+            {"table": table, "tick": int(first[i])},
+            int(missing[i]),
+        )
+
+    return SubjectCheck(subjects, subjects & (missing > 0), describe)
+
+
+@rollout_rule("BD-WIN-002")
+def observation_history_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """Observations at ``t_b - 80`` (for backward differences) and ``t_b - 75 .. t_b``."""
+    return _observed(view, subjects, "observations", (PREDECESSOR_OFFSET, *HISTORY_OFFSETS))
+
+
+@rollout_rule("BD-WIN-003")
+def future_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """Observations at ``t_b + 5 .. t_b + 50`` and controls at ``t_b .. t_b + 50``."""
+    observed = _observed(view, subjects, "observations", FUTURE_OFFSETS)
+    missing = _ticks_missing(view, view.controls, 0, ACTIVE_TICKS)
+
+    def describe(i: int) -> Sighting:
+        if observed.bad[i]:
+            return observed.describe(i)
+        return Sighting(
+            f"{ACTIVE_TICKS + 1} controls from tick {view.branch_tick[i]}",
+            f"{missing[i]} missing",
+            {"table": "controls"},
+            int(missing[i]),
+        )
+
+    return SubjectCheck(observed.examined, observed.bad | (observed.examined & (missing > 0)), describe)
+
+
+@rollout_rule("BD-WIN-004")
+def evidence_window_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """Evidence at ``t_b - 75 .. t_b + 50``."""
+    return _observed(view, subjects, "evidence", (*HISTORY_OFFSETS, *FUTURE_OFFSETS))
+
+
+@rollout_rule("BD-WIN-005")
+def actors_are_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """At every evidence row, ``num_actors`` rows of the actors table."""
+    evidence, actors = view.stream("evidence"), view.stream("actors")
+    frame = evidence.find(actors.rollout, actors.tick)
+    rows = np.bincount(frame[frame >= 0], minlength=len(evidence))
+    recorded = evidence["num_actors"]
+    summary = evidence.by_rollout(rows != recorded)
+
+    def describe(i: int) -> Sighting:
+        row = int(summary.first_row[i])
+        place: dict[str, str | int] = {"table": "actors", "tick": int(evidence.tick[row])}
+        return Sighting(f"{recorded[row]} actor rows", f"{rows[row]}", place, int(summary.count[i]))
+
+    return SubjectCheck(subjects, subjects & summary.any, describe)

@@ -1,0 +1,178 @@
+"""Audit of one shard, from bytes to tallies: the function that workers run.
+
+Each file is read once; that buffer is hashed and decoded in full, so what was judged is what was
+digested. Source: spec/07-rules.md#trust.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from branchdrive.audit.examine import VIEW_RULES, examine
+from branchdrive.audit.funnel import Funnel
+from branchdrive.audit.tally import Tally
+from branchdrive.audit.view import ShardView
+from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.parquet import decode_table
+from branchdrive.dataset.untrusted import open_file, read_file
+from branchdrive.errors import DatasetError, DecodeError, LimitError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["ColumnProblem", "ShardResult", "ShardTask", "audit_shard"]
+
+_CHECKED_METADATA = ("unit", "frame", "shape", "track")
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """What a worker needs to audit one shard.
+
+    Attributes:
+        root: The dataset folder.
+        folder: The shard's folder, relative to the root.
+        files: Its regular files, relative to the root.
+        descriptor: ``None`` where the dataset's descriptor is unusable: then rows cannot be judged.
+        selected: Rules to run on rows.
+        is_hashed: Whether to digest the files.
+    """
+
+    root: Path
+    folder: str
+    files: tuple[str, ...]
+    descriptor: Descriptor | None
+    selected: frozenset[str]
+    is_hashed: bool
+
+
+@dataclass(frozen=True)
+class ColumnProblem:
+    """One column that is not as declared."""
+
+    column: str
+    expected: str
+    found: str
+
+
+@dataclass
+class ShardResult:
+    """What became of one shard: small, so that it travels between processes."""
+
+    folder: str
+    num_tables: int = 0
+    num_bytes: int = 0
+    digests: dict[str, str] = field(default_factory=dict)
+    undecodable: dict[str, str] = field(default_factory=dict)
+    over_limit: dict[str, str] = field(default_factory=dict)
+    type_problems: dict[str, list[ColumnProblem]] = field(default_factory=dict)
+    metadata_problems: dict[str, list[ColumnProblem]] = field(default_factory=dict)
+    present: tuple[str, ...] = ()
+    rows: dict[str, int] = field(default_factory=dict)
+    rollout_ids: list[str] = field(default_factory=list)
+    group_ids: list[str] = field(default_factory=list)
+    tallies: dict[str, Tally] = field(default_factory=dict)
+    funnel: Funnel = field(default_factory=Funnel)
+
+
+def audit_shard(task: ShardTask) -> ShardResult:
+    """Read, hash, decode and judge one shard; whatever the files hold becomes part of the result."""
+    result = ShardResult(task.folder)
+    tables: dict[str, pa.Table] = {}
+    table_of = {table.file_name: name for name, table in TABLES.items()}
+    for path in task.files:
+        name = table_of.get(path.rsplit("/", 1)[1])
+        if name is None:
+            _digest_media(task, path, result)
+            continue
+        result.num_tables += 1
+        result.present = (*result.present, name)
+        table = _read_table(task, path, name, result)
+        if table is not None:
+            result.rows[name] = table.num_rows
+            result.type_problems[path] = _type_problems(table.schema, name)
+            result.metadata_problems[path] = (
+                [] if result.type_problems[path] else _metadata_problems(table.schema, name)
+            )
+            tables[name] = table
+    _judge(task, tables, result)
+    return result
+
+
+def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
+    if task.is_hashed:
+        with open_file(task.root, path) as stream:
+            result.digests[path] = hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
+    try:
+        content = read_file(task.root, path, spec_limits().max_table_bytes)
+    except DatasetError as error:
+        result.over_limit[path] = str(error)
+        return None
+    result.num_bytes += len(content)
+    if task.is_hashed:
+        result.digests[path] = hashlib.sha256(content).hexdigest()
+    try:
+        return decode_table(content, name)
+    except LimitError as error:
+        result.over_limit[path] = str(error)
+    except DecodeError as error:
+        result.undecodable[path] = str(error)
+    return None
+
+
+def _plain(kind: pa.DataType) -> pa.DataType:
+    import pyarrow as pa
+
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
+
+
+def _type_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
+    declared = table_schema(name)
+    there = set(schema.names)
+    problems = [ColumnProblem(f.name, f"{f.type}", "no such column") for f in declared if f.name not in there]
+    for column in schema:
+        if column.name not in declared.names:
+            problems.append(ColumnProblem(column.name, "no undeclared column", f"{column.type}"))
+        elif not _plain(column.type).equals(declared.field(column.name).type):
+            problems.append(ColumnProblem(column.name, f"{declared.field(column.name).type}", f"{_plain(column.type)}"))
+    return problems
+
+
+def _metadata_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
+    problems = []
+    for column in TABLES[name].columns:
+        stored = schema.field(column.name).metadata or {}
+        for key in _CHECKED_METADATA:
+            wanted, found = column.metadata.get(key), stored.get(key.encode())
+            if wanted != (found.decode("utf-8", "replace") if found is not None else None):
+                problems.append(ColumnProblem(column.name, f"{key} {wanted!r}", f"{found!r}"))
+    return problems
+
+
+def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> None:
+    reason = None
+    if task.descriptor is None:
+        reason = "the descriptor is unusable"
+    elif missing := [name for name in task.descriptor.tables if name not in tables]:
+        reason = f"{task.folder} has no readable {', '.join(missing)}"
+    elif any(result.type_problems.values()):
+        reason = f"{task.folder} has tables with undeclared columns or types"
+    if task.descriptor is None or reason is not None:
+        result.tallies = {
+            rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected
+        }
+        return
+    claimed = {name: tables[name] for name in task.descriptor.tables}
+    view = ShardView(claimed, task.descriptor, file_prefix=task.folder)
+    result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
+    result.group_ids = [group_id for group_id in view.group_ids if group_id]
+    examination = examine(view, task.selected)
+    result.tallies, result.funnel = examination.tallies, examination.funnel

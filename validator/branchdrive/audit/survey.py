@@ -1,0 +1,192 @@
+"""The dataset as files and documents: what the parent process sees before and after the shards.
+
+Nothing here trusts a name: folders are walked without following links, files are opened relative
+to the root step by step, documents are bounded. Source: spec/03-layout.md, spec/09-security.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import ValidationError
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import Violation, parse_json, schema_violations
+from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR, shard_index, unsafe_reason
+from branchdrive.dataset.manifest import Manifest, ManifestProblem, parse_manifest
+from branchdrive.dataset.untrusted import open_file, read_file
+from branchdrive.errors import DatasetError, UsageError
+
+if TYPE_CHECKING:
+    from branchdrive.audit.shard import ShardResult
+
+__all__ = ["Entry", "Survey", "take_survey"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One name below the root."""
+
+    path: str
+    kind: Literal["file", "folder", "link", "special"]
+    size: int
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Everything known about a dataset as files and documents.
+
+    Attributes:
+        root: The dataset folder.
+        entries: Every name below the root, sorted by path; cut off at the limit on files.
+        is_cut: Whether `entries` is cut off.
+        manifest: What the manifest states; ``None`` if there is none.
+        manifest_problems: What is wrong with the manifest's text.
+        document: The descriptor's JSON; ``None`` if it does not parse.
+        document_error: Why it does not parse.
+        violations: Where the descriptor breaks its schema.
+        conflicts: Where it contradicts itself.
+        descriptor: The typed descriptor, ``None`` unless it is sound.
+        is_hashed: Whether digests are computed.
+        digests: SHA-256 of every file that was read, by path.
+        shards: Results of the shards, by folder.
+    """
+
+    root: Path
+    entries: tuple[Entry, ...] = ()
+    is_cut: bool = False
+    manifest: Manifest | None = None
+    manifest_problems: tuple[ManifestProblem, ...] = ()
+    document: Any = None
+    document_error: str | None = None
+    violations: tuple[Violation, ...] = ()
+    conflicts: tuple[Violation, ...] = ()
+    descriptor: Descriptor | None = None
+    is_hashed: bool = True
+    digests: dict[str, str] = field(default_factory=dict)
+    shards: tuple[ShardResult, ...] = ()
+
+    @property
+    def files(self) -> tuple[Entry, ...]:
+        """Regular files with safe paths: all that is ever opened."""
+        return tuple(e for e in self.entries if e.kind == "file" and unsafe_reason(e.path) is None)
+
+    @property
+    def shard_folders(self) -> dict[str, tuple[Entry, ...]]:
+        """Files of each raw shard folder, in order of the folders."""
+        folders: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            parts = entry.path.split("/")
+            if len(parts) >= 2 and parts[0] == RAW_DIR and shard_index(parts[1]) is not None:
+                files = folders.setdefault("/".join(parts[:2]), [])
+                if entry.kind == "file" and unsafe_reason(entry.path) is None:
+                    files.append(entry)
+        return {folder: tuple(files) for folder, files in sorted(folders.items())}
+
+    def is_damaged(self, path: str) -> bool:
+        """Whether the file was read and its digest is not the manifest's."""
+        stated = self.manifest.files.get(path) if self.manifest else None
+        return stated is not None and self.digests.get(path, stated) != stated
+
+    def with_shards(self, shards: tuple[ShardResult, ...]) -> Survey:
+        """This survey with the shards' results and digests merged in."""
+        digests = dict(self.digests)
+        for shard in shards:
+            digests.update(shard.digests)
+        return replace(self, shards=shards, digests=digests)
+
+
+def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
+    entries: list[Entry] = []
+    folders = [""]
+    while folders:
+        folder = folders.pop()
+        with os.scandir(root / folder) as listing:
+            names = sorted(listing, key=lambda entry: entry.name)
+        for name in names:
+            path = f"{folder}/{name.name}" if folder else name.name
+            mode = name.stat(follow_symlinks=False)
+            if stat.S_ISLNK(mode.st_mode):
+                entries.append(Entry(path, "link", 0))
+            elif stat.S_ISREG(mode.st_mode):
+                entries.append(Entry(path, "file", mode.st_size))
+            elif stat.S_ISDIR(mode.st_mode):
+                entries.append(Entry(path, "folder", 0))
+                if path.count("/") < limits.max_depth:
+                    folders.append(path)
+            else:
+                entries.append(Entry(path, "special", 0))
+            if len(entries) > 2 * limits.max_files:
+                return entries, True
+    return sorted(entries, key=lambda entry: entry.path), False
+
+
+def _digest(root: Path, path: str) -> str:
+    with open_file(root, path) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Violation, ...]]:
+    try:
+        return Descriptor.model_validate(document), ()
+    except ValidationError as error:
+        found = (
+            Violation("".join(f"/{part}" for part in e["loc"]), str(e["msg"]), ascii(e["input"])[:160])
+            for e in error.errors(include_url=False, include_context=False)
+        )
+        return None, tuple(found)
+
+
+def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
+    """Fields of a `Survey` that describe the descriptor, as far as reading gets."""
+    try:
+        content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes)
+        document = parse_json(content, limits)
+    except (DatasetError, ValueError, RecursionError) as error:
+        yield "document_error", str(error)
+        return
+    yield "document", document
+    if not isinstance(document, dict) or document.get("spec_version") != SPEC_VERSION:
+        return
+    violations = tuple(schema_violations(document, "descriptor.schema.json"))
+    yield "violations", violations
+    if not violations:
+        descriptor, conflicts = _conflicts(document)
+        yield "descriptor", descriptor
+        yield "conflicts", conflicts
+
+
+def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
+    """Survey of the dataset at `root`, without its shards.
+
+    Raises:
+        UsageError: There is no dataset at `root`.
+    """
+    limits = limits or spec_limits()
+    if not root.is_dir():
+        raise UsageError(f"{str(root)!r} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
+    if not any((root / name).exists() for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):
+        raise UsageError(
+            f"{str(root)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
+        )
+    entries, is_cut = _walk(root, limits)
+    survey = Survey(root, tuple(entries), is_cut, is_hashed=hash_files, **dict(_read_descriptor(root, limits)))
+    if any(entry.path == MANIFEST_FILE for entry in entries):
+        try:
+            manifest, problems = parse_manifest(read_file(root, MANIFEST_FILE, limits.max_manifest_bytes), limits)
+            survey = replace(survey, manifest=manifest, manifest_problems=tuple(problems))
+        except DatasetError as error:
+            survey = replace(survey, manifest_problems=(ManifestProblem(0, str(error)),))
+    if hash_files:
+        in_shards = {entry.path for files in survey.shard_folders.values() for entry in files}
+        outside = [e.path for e in survey.files if e.path not in in_shards and e.path != MANIFEST_FILE]
+        survey = replace(survey, digests={path: _digest(root, path) for path in outside})
+    return survey

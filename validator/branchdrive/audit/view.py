@@ -1,0 +1,287 @@
+"""Columnar view of one shard: what rules read.
+
+Order of rows and files carries no meaning, so every stream is seen sorted by (rollout, tick); what
+several rules need (windows, active rows, expected commands) is computed once and cached here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.descriptor import Descriptor
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["RowSummary", "ShardView", "StreamView", "TableView"]
+
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+T = TypeVar("T")
+
+_TICK_SPAN = 1 << 32
+
+
+class TableView:
+    """Typed numpy columns of one table; nulls are filled and told apart by `valid`."""
+
+    def __init__(self, name: str, table: pa.Table, order: Index | None = None) -> None:
+        self.name = name
+        self._table = table.take(order) if order is not None else table
+        self._values: dict[str, NDArray[Any]] = {}
+        self._valid: dict[str, Mask] = {}
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    def __contains__(self, column: str) -> bool:
+        return column in self._table.column_names
+
+    def __repr__(self) -> str:
+        return f"TableView({self.name!r}, rows={len(self)}, columns={self._table.num_columns})"
+
+    def _array(self, column: str) -> pa.Array:
+        chunked = self._table[column]
+        return chunked.chunk(0) if chunked.num_chunks == 1 else chunked.combine_chunks()
+
+    def valid(self, column: str) -> Mask:
+        """Rows whose value is not null, ``[rows]``."""
+        if column not in self._valid:
+            array = self._array(column)
+            full = array.null_count == 0
+            self._valid[column] = np.ones(len(array), bool) if full else array.is_valid().to_numpy(zero_copy_only=False)
+        return self._valid[column]
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """Values ``[rows]``; null numbers read 0, null flags false, null text ``""``."""
+        if column not in self._values:
+            self._values[column] = self._load(column)
+        return self._values[column]
+
+    def _load(self, column: str) -> NDArray[Any]:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        array = self._array(column)
+        kind = TABLES[self.name][column].type
+        if kind == "string":
+            codes, words = self.words(column)
+            lookup = np.array([*words, ""], dtype=object)
+            return np.asarray(lookup[codes])
+        if kind.startswith("list"):
+            return np.array([np.asarray(row or (), np.float64) for row in array.to_pylist()] + [None], dtype=object)[
+                :-1
+            ]
+        if array.null_count:
+            array = pc.fill_null(array, pa.scalar(False if kind == "bool" else 0, array.type))
+        return np.asarray(array.to_numpy(zero_copy_only=False))
+
+    def words(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
+        """Codes ``[rows]`` into the distinct words of a text column; -1 where null."""
+        import pyarrow as pa
+
+        array = self._array(column)
+        if not pa.types.is_dictionary(array.type):
+            array = array.dictionary_encode()
+        codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int32, copy=False)
+        return codes, array.dictionary.to_pylist()
+
+    def equals(self, column: str, word: str) -> Mask:
+        """Rows whose text is `word`."""
+        codes, words = self.words(column)
+        matching = np.array([candidate == word for candidate in words] + [False])
+        return np.asarray(matching[codes])
+
+
+@dataclass(frozen=True)
+class RowSummary:
+    """Marked rows of a stream by rollout: which rollouts have any, the first one's row and how many."""
+
+    any: Mask
+    first_row: Index
+    count: Index
+
+
+class StreamView(TableView):
+    """A table of rows that belong to rollouts at ticks, sorted by (rollout, tick).
+
+    Rows whose rollout is unknown come first, with ``rollout == -1``.
+
+    Attributes:
+        rollout: Index ``[rows]`` into the shard's rollouts.
+        tick: Tick ``[rows]``.
+        start: First row of each rollout ``[rollouts]``.
+        stop: Row after the last of each rollout ``[rollouts]``.
+    """
+
+    def __init__(self, name: str, table: pa.Table, rollout_index: Mapping[str, int], num_rollouts: int) -> None:
+        raw = TableView(name, table)
+        codes, words = raw.words("rollout_id")
+        rollout = np.array([rollout_index.get(word, -1) for word in words] + [-1], np.int64)[codes]
+        tick = raw["tick"].astype(np.int64)
+        key = rollout * _TICK_SPAN + tick
+        order = None
+        if len(key) > 1 and (key[1:] < key[:-1]).any():
+            order = np.argsort(key, kind="stable")
+            rollout, tick, key = rollout[order], tick[order], key[order]
+        super().__init__(name, table, order)
+        if order is None:
+            self._values, self._valid = raw._values, raw._valid
+        self.rollout, self.tick, self._key = rollout, tick, key
+        self.num_rollouts = num_rollouts
+        self.start = np.searchsorted(rollout, np.arange(num_rollouts), side="left")
+        self.stop = np.searchsorted(rollout, np.arange(num_rollouts), side="right")
+
+    def find(self, rollout: Index, tick: Index) -> Index:
+        """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
+        key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
+        row = np.searchsorted(self._key, key)
+        if not len(self._key):
+            return np.full(np.shape(row), -1)
+        hit = (self._key[np.minimum(row, len(self._key) - 1)] == key) & (np.asarray(rollout) >= 0)
+        return np.where(hit, row, -1)
+
+    @cached_property
+    def repeats(self) -> Mask:
+        """Rows that repeat the previous row's rollout and tick."""
+        return np.concatenate(([False], self._key[1:] == self._key[:-1])) if len(self._key) else np.zeros(0, bool)
+
+    def distinct_ticks(self, rollout: Index, low: Index, high: Index) -> Index:
+        """Number of distinct ticks of each rollout in ``low <= tick <= high``."""
+        base = np.asarray(rollout, np.int64) * _TICK_SPAN
+        left = np.searchsorted(self._key, base + low, side="left")
+        right = np.searchsorted(self._key, base + high, side="right")
+        repeats = np.concatenate(([0], np.cumsum(self.repeats)))
+        return np.asarray((right - left) - (repeats[right] - repeats[left]))
+
+    def by_rollout(self, marked: Mask) -> RowSummary:
+        """Summary of marked rows by rollout."""
+        rows = np.flatnonzero(marked & (self.rollout >= 0))
+        owner = self.rollout[rows]
+        first = np.full(self.num_rollouts, -1)
+        first[owner[::-1]] = rows[::-1]
+        count = np.bincount(owner, minlength=self.num_rollouts)
+        return RowSummary(count > 0, first, count)
+
+
+class ShardView:
+    """One shard's tables with identities resolved.
+
+    Attributes:
+        descriptor: The dataset's descriptor.
+        file_prefix: Folder of the shard relative to the root, ``""`` in memory.
+        rollouts: The rollouts table, one row per attempt.
+    """
+
+    def __init__(self, tables: Mapping[str, pa.Table], descriptor: Descriptor, *, file_prefix: str = "") -> None:
+        self.descriptor = descriptor
+        self.file_prefix = file_prefix
+        self._tables = tables
+        self.rollouts = TableView("rollouts", tables["rollouts"])
+        self.num_rollouts = len(self.rollouts)
+        self._streams: dict[str, StreamView] = {}
+        self._computed: dict[Callable[[ShardView], Any], Any] = {}
+
+    def __repr__(self) -> str:
+        sizes = ", ".join(f"{name}={table.num_rows}" for name, table in self._tables.items())
+        return f"ShardView({self.file_prefix!r}, {sizes})"
+
+    @cached_property
+    def rollout_ids(self) -> list[str]:
+        """Identity of each attempt."""
+        return list(self.rollouts["rollout_id"])
+
+    @cached_property
+    def _rollout_index(self) -> dict[str, int]:
+        return {rollout_id: i for i, rollout_id in reversed(list(enumerate(self.rollout_ids))) if rollout_id}
+
+    def __contains__(self, table: str) -> bool:
+        return table in self._tables
+
+    def __getitem__(self, table: str) -> TableView:
+        """View of a table: `rollouts`, or a stream."""
+        return self.rollouts if table == "rollouts" else self.stream(table)
+
+    def stream(self, table: str) -> StreamView:
+        """View of a stream table, built on first use."""
+        if table not in self._streams:
+            self._streams[table] = StreamView(table, self._tables[table], self._rollout_index, self.num_rollouts)
+        return self._streams[table]
+
+    def once(self, compute: Callable[[ShardView], T]) -> T:
+        """Result of `compute` on this view, computed on first use: what several rules need."""
+        if compute not in self._computed:
+            self._computed[compute] = compute(self)
+        result: T = self._computed[compute]
+        return result
+
+    @property
+    def table_names(self) -> tuple[str, ...]:
+        """Tables of this shard, rollouts first."""
+        return tuple(name for name in TABLES if name in self._tables)
+
+    @property
+    def controls(self) -> StreamView:
+        """Control audit."""
+        return self.stream("controls")
+
+    @property
+    def observations(self) -> StreamView:
+        """Ego and route state."""
+        return self.stream("observations")
+
+    def role(self, name: str) -> Mask:
+        """Attempts with the role `name`."""
+        return self.rollouts.equals("role", name)
+
+    @cached_property
+    def complete(self) -> Mask:
+        """Attempts with status complete."""
+        return self.rollouts.equals("status", "complete")
+
+    @cached_property
+    def branched(self) -> Mask:
+        """Attempts with a branch tick."""
+        return self.rollouts.valid("branch_tick")
+
+    @cached_property
+    def branch_tick(self) -> Index:
+        """``t_b`` of each attempt; meaningless where not `branched`."""
+        return self.rollouts["branch_tick"].astype(np.int64)
+
+    @cached_property
+    def group_ids(self) -> list[str]:
+        """Branch groups of the shard, sorted."""
+        return sorted(set(self.rollouts["group_id"]))
+
+    @cached_property
+    def group(self) -> Index:
+        """Group of each attempt, index into `group_ids`."""
+        position = {group_id: i for i, group_id in enumerate(self.group_ids)}
+        return np.array([position[group_id] for group_id in self.rollouts["group_id"]], np.int64)
+
+    @cached_property
+    def policy(self) -> Index:
+        """Policy of each attempt, index into the bank; -1 if the bank lacks its action key."""
+        position = {key: i for i, key in enumerate(self.descriptor.action_bank.keys)}
+        return np.array([position.get(key, -1) for key in self.rollouts["action_key"]], np.int64)
+
+    @cached_property
+    def nominal(self) -> Index:
+        """The nominal rollout that each attempt names; itself for a nominal, -1 where unresolved."""
+        named = [self._rollout_index.get(rollout_id, -1) for rollout_id in self.rollouts["nominal_rollout_id"]]
+        own = np.arange(self.num_rollouts)
+        return np.where(self.role("nominal"), own, np.array(named, np.int64)) if named else own
+
+    @cached_property
+    def active_rows(self) -> Index:
+        """Control rows of known rollouts at which the policy is active."""
+        return np.flatnonzero(self.controls["active"] & (self.controls.rollout >= 0))

@@ -1,0 +1,7 @@
+"""`python -m branchdrive.cli` runs `branchdrive`."""
+
+import sys
+
+from branchdrive.cli.main import main
+
+sys.exit(main())

@@ -1,0 +1,203 @@
+"""Reports and rules as text for people."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+from typing import TextIO
+
+from rich.console import Console
+from rich.markup import escape
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from branchdrive.audit.finding import location_text
+from branchdrive.audit.report import Report
+from branchdrive.audit.tally import Tally
+from branchdrive.audit.verdict import Verdict, is_waived
+from branchdrive.contract.catalogue import AREAS, CATALOGUE, RuleInfo
+
+__all__ = ["render_report", "render_rule", "render_rules"]
+
+FINDINGS_SHOWN = 5
+_PLAIN_WIDTH = 110
+_STYLE: dict[str, str] = {
+    "valid": "bold green", "valid-with-waivers": "bold yellow", "partial": "bold yellow", "invalid": "bold red",
+    "error": "bold magenta", "pass": "green", "fail": "red", "skipped": "yellow", "not-claimed": "dim",
+    "inconclusive": "yellow",
+}  # fmt: skip
+_MEANING: dict[Verdict, str] = {
+    "valid": "the dataset conforms to the specification",
+    "valid-with-waivers": "it conforms except where a waiver accepts that it does not",
+    "partial": "nothing wrong was found, but not everything was judged",
+    "invalid": "the dataset breaks the specification",
+    "error": "the validator itself failed; this says nothing about the dataset",
+}
+
+
+def _console(stdout: TextIO, is_file: bool = False) -> tuple[Console, StringIO]:
+    buffer = StringIO()
+    terminal = stdout.isatty() and not is_file
+    width = Console(file=stdout).width if terminal else _PLAIN_WIDTH
+    return Console(file=buffer, force_terminal=terminal, width=width, highlight=False, emoji=False), buffer
+
+
+def _size(num_bytes: int) -> str:
+    size = float(num_bytes)
+    units = ["B", "KiB", "MiB", "GiB"]
+    while size >= 1024 and len(units) > 1:
+        size /= 1024
+        units.pop(0)
+    return f"{size:.3g} {units[0]}"
+
+
+def render_report(report: Report, stdout: TextIO, output: Path | None = None) -> str:
+    """The report as text, coloured if `stdout` is a terminal and the text goes there."""
+    console, buffer = _console(stdout, output is not None)
+    _print_head(console, report)
+    _print_findings(console, report)
+    _print_funnel(console, report)
+    _print_waivers(console, report)
+    _print_rules(console, report)
+    for message in report.errors:
+        console.print(Text(message, style="magenta"))
+    _print_verdict(console, report)
+    return buffer.getvalue()
+
+
+def _print_head(console: Console, report: Report) -> None:
+    facts = report.dataset
+    name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
+    console.print(Text(name, style="bold"), Text(f"at {facts.path}", style="dim"))
+    sizes = [
+        f"{facts.num_groups:,} branch groups", f"{facts.num_rollouts:,} rollouts",
+        *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
+    ]  # fmt: skip
+    console.print(Text(", ".join(sizes)))
+    console.print(Text(f"{facts.num_shards} shards, {facts.num_files} files, {_size(facts.num_bytes)}"))
+    if facts.identity:
+        console.print(Text(f"identity {facts.identity}", style="dim"))
+
+
+def _print_findings(console: Console, report: Report) -> None:
+    for title, deciding in (("Violations", True), ("Why attempts and groups do not qualify", False)):
+        failed = [t for t in report.tallies if t.num_findings and t.info.decides == deciding]
+        if failed:
+            console.print()
+            console.print(Text(title, style="bold"))
+        for tally in failed:
+            _print_rule_findings(console, tally)
+
+
+def _print_rule_findings(console: Console, tally: Tally) -> None:
+    info = tally.info
+    waived = " (waived)" if is_waived(tally) else ""
+    style = "red" if info.decides and not waived else "yellow"
+    subjects = "violation" if tally.num_findings == 1 else "violations"
+    count = f"{tally.num_findings:,} {subjects} in {tally.examined:,} {_plural(info.grain, tally.examined)}"
+    console.print(Padding(Text.assemble((info.id, style), f"  {info.title}{waived}: {count}"), (0, 0, 0, 2)))
+    for finding in tally.findings[:FINDINGS_SHOWN]:
+        more = f"  ({finding.count} places)" if finding.count > 1 else ""
+        console.print(Padding(Text(location_text(finding.location) + more, style="cyan"), (0, 0, 0, 6)))
+        console.print(Padding(Text(f"expected {finding.expected}; found {finding.found}"), (0, 0, 0, 8)))
+    if len(tally.findings) > FINDINGS_SHOWN:
+        left = tally.num_findings - sum(f.count for f in tally.findings[:FINDINGS_SHOWN])
+        more = f"... and {max(left, 1):,} more (--format json lists up to 100)"
+        console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
+    console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
+
+
+def _plural(grain: str, count: int) -> str:
+    return grain if count == 1 else f"{grain}s"
+
+
+def _print_funnel(console: Console, report: Report) -> None:
+    console.print()
+    if report.funnel is None:
+        console.print(Text("Funnel: not judged", style="yellow"))
+        return
+    table = Table(title="Funnel", title_justify="left", title_style="bold", box=None, pad_edge=False)
+    table.add_column("stage")
+    table.add_column("groups", justify="right")
+    table.add_column("lost", justify="right")
+    table.add_column("reasons (groups)")
+    for stage in report.funnel.to_json()["stages"]:
+        common = Counter(stage["reasons"]).most_common(4)
+        reasons = ", ".join(f"{rule_id} ({count})" for rule_id, count in common)
+        if len(stage["reasons"]) > len(common):
+            reasons += ", ..."
+        table.add_row(stage["title"], f"{stage['groups']:,}", f"{stage['lost']:,}" if stage["lost"] else "", reasons)
+    console.print(table)
+
+
+def _print_waivers(console: Console, report: Report) -> None:
+    if report.waivers:
+        console.print()
+        console.print(Text("Waivers", style="bold"))
+    for outcome in report.waivers:
+        w = outcome.waiver
+        use = f"{outcome.state}, {outcome.num_matched} of at most {w.max_count}, until {w.expires}"
+        console.print(Padding(Text(f"{w.rule} at {w.location}: {use} - {w.reason}"), (0, 0, 0, 2)))
+
+
+def _print_rules(console: Console, report: Report) -> None:
+    console.print()
+    counts = Counter(tally.status for tally in report.tallies)
+    parts = [(f"{count} {status}", _STYLE.get(status, "")) for status, count in counts.most_common()]
+    line = Text("Rules: ", style="bold")
+    for i, (text, style) in enumerate(parts):
+        line.append(", " if i else "", style="").append(text, style=style)
+    console.print(line)
+    quiet: dict[str, list[str]] = {}
+    for tally in report.tallies:
+        if tally.status in ("skipped", "not-claimed"):
+            quiet.setdefault(f"{tally.status}: {tally.reason}", []).append(tally.rule_id)
+    for reason, rule_ids in quiet.items():
+        listed = ", ".join(rule_ids[:6]) + (f" and {len(rule_ids) - 6} more" if len(rule_ids) > 6 else "")
+        console.print(Padding(Text(f"{reason} - {listed}", style="dim"), (0, 0, 0, 2)))
+
+
+def _print_verdict(console: Console, report: Report) -> None:
+    console.print(
+        Text.assemble("Verdict: ", (report.verdict, _STYLE[report.verdict]), f" - {_MEANING[report.verdict]}")
+    )
+    if report.lacks_groups:
+        found = 0 if report.funnel is None else report.funnel.qualified
+        required = report.options.require_groups
+        console.print(Text(f"{found} branch groups qualify, {required} are required", style="bold red"))
+
+
+def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
+    """Rules as a list, by area."""
+    console, buffer = _console(stdout)
+    area = None
+    for info in rules:
+        if info.id[3:6] != area:
+            area = info.id[3:6]
+            console.print(Text(f"{AREAS[area]}", style="bold"))
+        console.print(f"  [cyan]{info.id}[/]  {info.kind:<13}  {escape(info.title)}", soft_wrap=True)
+    return buffer.getvalue()
+
+
+def render_rule(info: RuleInfo, stdout: TextIO) -> str:
+    """One rule in full."""
+    console, buffer = _console(stdout)
+    console.print(Text.assemble((info.id, "bold cyan"), f"  {info.title}"))
+    table = Table(box=None, show_header=False, pad_edge=False)
+    rows = {
+        "kind": info.kind + (f", costs a group the stage `{info.stage}`" if info.stage else ""),
+        "level": info.level,
+        "counted by": info.grain,
+        "clause": info.clause,
+        "only if claimed": ", ".join(info.streams),
+        "after": ", ".join(f"{r} ({CATALOGUE[r].title})" for r in info.requires),
+        "remedy": info.remedy,
+    }
+    for key, value in rows.items():
+        if value:
+            table.add_row(Text(key, style="dim"), Text(value))
+    console.print(table)
+    return buffer.getvalue()

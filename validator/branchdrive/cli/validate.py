@@ -1,0 +1,103 @@
+"""`branchdrive validate`, also installed as `branchdrive-validate`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from branchdrive.errors import UsageError
+
+if TYPE_CHECKING:
+    from branchdrive.audit.engine import Progress
+
+SUMMARY = "check a dataset against the specification"
+
+
+def _at_least_one(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
+    return value
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
+    parser.add_argument("--output", metavar="FILE", type=Path, help="write the report there instead of to the terminal")
+    parser.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
+    parser.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
+    parser.add_argument("--jobs", metavar="N", type=_at_least_one, default=1, help="worker processes (default: 1)")
+    parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
+    parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
+    parser.add_argument("--require-groups", metavar="N", type=int, help="exit 1 unless N branch groups qualify")
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Validate and print the report; the exit code is the verdict's."""
+    from branchdrive.audit.engine import validate
+    from branchdrive.audit.waiver import load_waivers
+    from branchdrive.audit.worker import isolated
+    from branchdrive.cli.text import render_report
+    from branchdrive.contract.document import dump_json
+
+    if args.output is not None and not args.output.parent.is_dir():
+        raise UsageError(f"--output: folder {str(args.output.parent)!r} does not exist")
+    waivers = load_waivers(args.waivers) if args.waivers else ()
+    with _progress(stderr) as progress:
+        report = validate(
+            args.dataset,
+            select=args.select,
+            ignore=args.ignore,
+            hash_files=not args.no_hash,
+            waivers=waivers,
+            require_groups=args.require_groups,
+            executor=isolated(args.jobs),
+            progress=progress,
+        )
+    text = dump_json(report.to_json()).decode() if args.format == "json" else render_report(report, stdout, args.output)
+    if args.output is not None:
+        _replace(args.output, text)
+    else:
+        stdout.write(text)
+        stdout.flush()
+    return report.exit_code
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file so that it is never seen half-written."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
+
+
+@contextmanager
+def _progress(stderr: TextIO) -> Iterator[Progress | None]:
+    """A progress bar with an ETA on a terminal, nothing elsewhere."""
+    if not stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("validating shards"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(file=stderr), transient=True) as bar:
+        task = bar.add_task("shards")
+        yield lambda done, total: bar.update(task, completed=done, total=total)
