@@ -15,7 +15,7 @@ from branchdrive.contract.resources import load_resource
 __all__ = ["AREAS", "CATALOGUE", "Grain", "Kind", "RuleInfo", "Stage"]
 
 Kind = Literal["structure", "claim", "qualification", "diagnostic"]
-Grain = Literal["dataset", "file", "document", "row", "rollout", "group", "actor"]
+Grain = Literal["dataset", "file", "document", "row", "rollout", "group"]
 Stage = Literal["bank", "controls", "integrity", "eligibility"]
 
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.document import Integer
+from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.resources import SPEC_VERSION
 
 __all__ = ["Camera", "Collection", "DeclaredEncoding", "Descriptor", "Rates", "Software", "Tolerances"]
@@ -60,6 +61,12 @@ class DeclaredEncoding(_Document):
     width: Annotated[Integer, Field(ge=1, le=4096)]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
+    @model_validator(mode="after")
+    def _known_width(self) -> Self:
+        if self.name == ENCODING_NAME and self.width != ENCODING_WIDTH:
+            raise ValueError(f"the encoding `{ENCODING_NAME}` has width {ENCODING_WIDTH}; found {self.width}")
+        return self
+
 
 class Tolerances(_Document):
     """Declared tolerances; 0 asks for exact equality in float32."""
@@ -73,7 +80,9 @@ class Collection(_Document):
 
     seed: Annotated[Integer, Field(ge=0, le=9223372036854775807)]
     replay_noise: Annotated[float, Field(ge=0, le=100)] = 0.0
-    faults: dict[_Identifier, Annotated[float, Field(ge=0, le=1)]] = Field(default_factory=dict)
+    faults: Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)] = Field(
+        default_factory=dict
+    )
 
 
 class Descriptor(_Document):
@@ -93,7 +102,7 @@ class Descriptor(_Document):
     simulator: Software
     collector: Software
     rates: Rates = Rates()
-    streams: Annotated[tuple[str, ...], Field(strict=False)]
+    streams: Annotated[tuple[str, ...], Field(strict=False, max_length=len(STREAMS))]
     cameras: Annotated[tuple[Camera, ...], Field(strict=False, max_length=64)] = ()
     layers: Annotated[tuple[Literal["raw"], ...], Field(strict=False, min_length=1, max_length=1)] = ("raw",)
     action_bank: ActionBank

@@ -157,8 +157,7 @@ def schema_violations(document: Any, schema_name: str) -> list[Violation]:
             break
     errors.sort(key=lambda error: list(error.absolute_path))
     violations = [
-        Violation(_pointer(error.absolute_path), _demand(error), _shortened(repr(error.instance)))
-        for error in errors
+        Violation(_pointer(error.absolute_path), _demand(error), _shortened(repr(error.instance))) for error in errors
     ]
     return list(dict.fromkeys(violations))
 

@@ -1,0 +1,101 @@
+"""The distribution as users get it: the wheel that is built from the source archive."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import pytest
+from tests.repo.checkout import ROOT
+
+import branchdrive
+
+HEAVY = ("torch", "pymunk", "cvxpy", "scipy", "cv2", "numba")
+
+PROBE = """
+import json, sys
+import branchdrive
+import branchdrive.cli.main
+from branchdrive.contract.resources import load_resource, schema_dir
+public = list(branchdrive.__all__)
+print(json.dumps({
+    "package": branchdrive.__file__,
+    "public": [name for name in public if hasattr(branchdrive, name)],
+    "schemas": str(schema_dir()),
+    "rules": len(load_resource("rules.json")["rules"]),
+    "modules": sorted(sys.modules),
+}))
+"""
+
+
+def run(*command: str, **options: Any) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return str(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel built from a source archive that was built from this checkout."""
+    out = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(ROOT))
+    (built,) = out.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel installed in it, dependencies left out."""
+    target = tmp_path_factory.mktemp("site")
+    pip = (sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    run(*pip, "--no-deps", "--no-index", "--target", str(target), str(wheel))
+    return target
+
+
+@pytest.fixture(scope="module")
+def probe(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a fresh interpreter sees after importing the installed package and its command."""
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    result: dict[str, Any] = json.loads(run(sys.executable, "-c", PROBE, env=environment, cwd=elsewhere))
+    return result
+
+
+def test_wheel_holds_every_schema(wheel: Path) -> None:
+    schemas = {path.relative_to(ROOT / "schemas").as_posix() for path in (ROOT / "schemas").rglob("*.json")}
+    with ZipFile(wheel) as archive:
+        assert {f"branchdrive/_schemas/{path}" for path in schemas} <= set(archive.namelist())
+
+
+@pytest.mark.parametrize("marker", ["branchdrive/py.typed", "branchdrive_reference/py.typed"])
+def test_wheel_says_that_it_is_typed(wheel: Path, marker: str) -> None:
+    with ZipFile(wheel) as archive:
+        assert marker in archive.namelist()
+
+
+def test_wheel_holds_packages_only(wheel: Path) -> None:
+    with ZipFile(wheel) as archive:
+        tops = {path.split("/")[0] for path in archive.namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"branchdrive", "branchdrive_reference"}
+
+
+def test_installed_package_is_the_one_that_is_imported(probe: dict[str, Any], site: Path) -> None:
+    assert Path(probe["package"]).is_relative_to(site)
+
+
+def test_installed_package_has_its_public_names(probe: dict[str, Any]) -> None:
+    assert probe["public"] == list(branchdrive.__all__)
+
+
+def test_installed_package_reads_its_own_schemas(probe: dict[str, Any], site: Path) -> None:
+    assert Path(probe["schemas"]).is_relative_to(site / "branchdrive" / "_schemas")
+    assert probe["rules"] > 0
+
+
+def test_importing_stays_light(probe: dict[str, Any]) -> None:
+    assert set(probe["modules"]).isdisjoint(HEAVY)
