@@ -149,6 +149,7 @@ def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Fields of a `Survey` that describe the descriptor, as far as reading gets."""
     try:
         content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes)
+        yield "digests", {DESCRIPTOR_FILE: hashlib.sha256(content).hexdigest()}
         document = parse_json(content, limits)
     except (DatasetError, ValueError, RecursionError) as error:
         yield "document_error", str(error)
@@ -187,6 +188,7 @@ def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = 
             survey = replace(survey, manifest_problems=(ManifestProblem(0, str(error)),))
     if hash_files:
         in_shards = {entry.path for files in survey.shard_folders.values() for entry in files}
-        outside = [e.path for e in survey.files if e.path not in in_shards and e.path != MANIFEST_FILE]
-        survey = replace(survey, digests={path: _digest(root, path) for path in outside})
+        known = {*in_shards, *survey.digests, MANIFEST_FILE}
+        outside = {e.path: _digest(root, e.path) for e in survey.files if e.path not in known}
+        survey = replace(survey, digests={**survey.digests, **outside})
     return survey

@@ -14,11 +14,11 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 
 
 def _steps(stream: StreamView, step: int, subjects: Mask) -> SubjectCheck:
-    """Ticks of each rollout increase by exactly `step`."""
+    """Ticks of each rollout start at 0 and increase by exactly `step`."""
     jump = np.ones(len(stream), bool)
     jump[1:] = np.diff(stream.tick) != step
     first = stream.start[stream.start < stream.stop]
-    jump[first] = stream.tick[first] % step != 0
+    jump[first] = stream.tick[first] != 0
     summary = stream.by_rollout(jump)
     empty = stream.stop == stream.start
 
@@ -29,7 +29,7 @@ def _steps(stream: StreamView, step: int, subjects: Mask) -> SubjectCheck:
         here = int(stream.tick[row])
         if row == stream.start[i]:
             return Sighting(
-                f"ticks divisible by {step}",
+                "tick 0 first",
                 f"tick {here}",
                 {"table": stream.name, "tick": here},
                 int(summary.count[i]),
@@ -47,13 +47,13 @@ def _steps(stream: StreamView, step: int, subjects: Mask) -> SubjectCheck:
 
 @rollout_rule("BD-TIC-001")
 def control_ticks_increase_by_one(view: ShardView, subjects: Mask) -> SubjectCheck:
-    """``tick[i+1] = tick[i] + 1``, each tick once."""
+    """``tick[0] = 0``, ``tick[i+1] = tick[i] + 1``."""
     return _steps(view.controls, 1, subjects)
 
 
 @rollout_rule("BD-TIC-002")
 def observations_keep_stride(view: ShardView, subjects: Mask) -> SubjectCheck:
-    """``tick[i+1] = tick[i] + 5`` on ticks divisible by five."""
+    """``tick[0] = 0``, ``tick[i+1] = tick[i] + 5``."""
     return _steps(view.observations, OBSERVATION_STRIDE_TICKS, subjects)
 
 
