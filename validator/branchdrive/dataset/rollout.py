@@ -1,0 +1,131 @@
+"""A finished rollout: its row of the rollouts table and its rows of every stream.
+
+Source: spec/05-raw-streams.md#tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from branchdrive.contract.columns import TABLES, Column, Table
+from branchdrive.contract.descriptor import Descriptor
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["ROLLOUTS", "Rollout", "RolloutTables", "canonical_key", "key_columns"]
+
+ROLLOUTS = "rollouts"
+"""Name of the table that a rollout has exactly one row in."""
+
+_ROLE_ORDER = ("nominal", "intervention", "nominal_replay")
+
+
+_FILLERS: Mapping[str, object] = {
+    "string": "", "bool": False, "int32": 0, "int64": 0, "float32": 0.0, "float64": 0.0,
+}  # fmt: skip
+"""What stands under the mask of a null, by column type."""
+
+
+class RolloutTables(Mapping[str, "pa.Table"]):
+    """Rows of one rollout in every stream table, by table name, with the declared Arrow schemas."""
+
+    def __init__(self, tables: Mapping[str, pa.Table]) -> None:
+        self._tables = dict(tables)
+
+    def __getitem__(self, name: str) -> pa.Table:
+        return self._tables[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._tables)
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    def column(self, table: str, name: str) -> np.ndarray[Any, Any]:
+        """One column as numpy, shape ``[rows]``; its form follows from the declaration alone.
+
+        Returns:
+            A plain array where the column is never null; where it may be null a
+            `numpy.ma.MaskedArray`, masked exactly at the nulls. Text has dtype ``object``.
+        """
+        return column_values(self._tables[table].column(name), TABLES[table][name])
+
+    def __repr__(self) -> str:
+        shapes = ", ".join(f"{name} [{table.num_rows}, {table.num_columns}]" for name, table in self.items())
+        return f"RolloutTables({shapes})"
+
+
+@dataclass(frozen=True, repr=False)
+class Rollout:
+    """One physical attempt, as a dataset holds it.
+
+    Attributes:
+        record: The row of the rollouts table, by column name; null is ``None``.
+        tables: The rows of the streams, sorted by tick.
+    """
+
+    record: dict[str, Any]
+    tables: RolloutTables
+
+    @property
+    def rollout_id(self) -> str:
+        """Identity of the attempt."""
+        return str(self.record["rollout_id"])
+
+    @property
+    def branch_tick(self) -> int | None:
+        """Tick at which the intervention begins; ``None`` for a rollout without a branch."""
+        tick = self.record["branch_tick"]
+        return None if tick is None else int(tick)
+
+    def column(self, table: str, name: str) -> np.ndarray[Any, Any]:
+        """One column of a stream as numpy, see `RolloutTables.column`."""
+        return self.tables.column(table, name)
+
+    def __repr__(self) -> str:
+        role, key = self.record["role"], self.record["action_key"]
+        head = f"{self.rollout_id!r}, {role} {key!r}, attempt {self.record['attempt']}, {self.record['status']}"
+        return f"Rollout({head}, {self.tables!r})"
+
+
+def column_values(values: pa.ChunkedArray, column: Column) -> np.ndarray[Any, Any]:
+    """Values of a declared column as numpy, masked where they are null if the column may be null."""
+    import pyarrow as pa
+
+    array = values.combine_chunks() if isinstance(values, pa.ChunkedArray) else values
+    if pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    filled = array.fill_null(_FILLERS[column.type]) if array.null_count else array
+    plain: np.ndarray[Any, Any] = filled.to_numpy(zero_copy_only=False)
+    if not column.nullable:
+        return plain
+    masked: np.ndarray[Any, Any] = np.ma.MaskedArray(plain, mask=array.is_null().to_numpy(zero_copy_only=False))
+    return masked
+
+
+def key_columns(table: pa.Table, declared: Table) -> list[np.ndarray[Any, Any]]:
+    """Key of a stream's rows inside their rollout, as `numpy.lexsort` wants it: the first column last."""
+    return [table.column(name).to_numpy() for name in reversed(declared.key) if name != "rollout_id"]
+
+
+def canonical_key(record: Mapping[str, Any], descriptor: Descriptor) -> tuple[int, int, str, str, int, str]:
+    """Sort key of a rollout inside its group: the order in which rollouts are written.
+
+    Nominal, then interventions in the order of the action bank, then nominal replays; attempts of
+    the same protocol by number. It does not depend on the order in which rollouts were executed.
+    """
+    keys = descriptor.action_bank.keys
+    action_key = record["action_key"]
+    return (
+        _ROLE_ORDER.index(record["role"]) if record["role"] in _ROLE_ORDER else len(_ROLE_ORDER),
+        keys.index(action_key) if action_key in keys else len(keys),
+        action_key,
+        record["protocol_variant"],
+        record["attempt"],
+        record["rollout_id"],
+    )

@@ -1,0 +1,134 @@
+"""One raw shard, read: its tables with the declared schemas, and the rollouts in it.
+
+Source: spec/03-layout.md#folders, spec/05-raw-streams.md#tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from branchdrive.contract.columns import TABLES, Table, table_schema
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.layout import RAW_DIR, shard_index, shard_name
+from branchdrive.dataset.parquet import decode_table
+from branchdrive.dataset.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
+from branchdrive.dataset.untrusted import list_names, read_file
+from branchdrive.errors import DatasetError, DecodeError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["RowsByRollout", "Shard", "conform", "find_shards", "rollouts_of"]
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A raw shard of the dataset at `root`."""
+
+    root: Path
+    index: int
+
+    @property
+    def folder(self) -> Path:
+        """The shard's folder."""
+        return self.root / RAW_DIR / shard_name(self.index)
+
+    def path(self, name: str) -> str:
+        """Path of the table `name`, relative to the root."""
+        return f"{RAW_DIR}/{shard_name(self.index)}/{TABLES[name].file_name}"
+
+    def decode(self, name: str) -> pa.Table:
+        """The table `name` as stored: text as dictionaries, with the file's own metadata.
+
+        Raises:
+            DatasetError: The file is missing, does not decode, or has other columns or nulls than declared.
+        """
+        content = read_file(self.root, self.path(name), spec_limits().max_table_bytes)
+        try:
+            table = decode_table(content, name)
+        except DecodeError as error:
+            raise DatasetError(f"{self.root}: {self.path(name)!r}: {error}") from error
+        found, declared = _types(table.schema), _types(table_schema(name))
+        if found != declared:
+            columns = sorted(column for column in found | declared if found.get(column) != declared.get(column))
+            raise DatasetError(f"{self.root}: {self.path(name)!r}: columns {columns} are not as columns.json declares")
+        nulls = [
+            field.name for field in table_schema(name) if not field.nullable and table.column(field.name).null_count
+        ]
+        if nulls:
+            raise DatasetError(f"{self.root}: {self.path(name)!r}: columns {nulls} hold nulls and must not")
+        return table
+
+    def table(self, name: str) -> pa.Table:
+        """The table `name` with the declared schema; see `decode` for errors."""
+        return conform(self.decode(name), name)
+
+    def rows(self, name: str) -> RowsByRollout:
+        """Rows of the stream table `name`, found by rollout; see `decode` for errors."""
+        return RowsByRollout(TABLES[name], self.decode(name))
+
+    def records(self) -> list[dict[str, Any]]:
+        """Rows of the rollouts table; see `decode` for errors."""
+        records: list[dict[str, Any]] = self.decode(ROLLOUTS).to_pylist()
+        return records
+
+
+def find_shards(root: Path) -> list[Shard]:
+    """The raw shards of the dataset at `root`, by index."""
+    indices = [shard_index(name) for name in list_names(root, RAW_DIR)]
+    return [Shard(root, index) for index in sorted(index for index in indices if index is not None)]
+
+
+class RowsByRollout:
+    """A stream table in which each rollout's rows are found at once, sorted by the table's key."""
+
+    def __init__(self, declared: Table, table: pa.Table) -> None:
+        self._declared = declared
+        self._table = table
+        ids = table.column("rollout_id").combine_chunks()
+        codes = ids.indices.fill_null(-1).to_numpy(zero_copy_only=False)
+        self._order = np.lexsort([*key_columns(table, declared), codes])
+        sorted_codes = codes[self._order]
+        self._codes = {rollout_id: code for code, rollout_id in enumerate(ids.dictionary.to_pylist())}
+        code_range = np.arange(len(self._codes))
+        self._starts = np.searchsorted(sorted_codes, code_range, side="left")
+        self._stops = np.searchsorted(sorted_codes, code_range, side="right")
+
+    def __getitem__(self, rollout_id: str) -> pa.Table:
+        """The rollout's rows with the declared schema; none if the table lacks the rollout."""
+        code = self._codes.get(rollout_id)
+        rows = slice(0, 0) if code is None else slice(self._starts[code], self._stops[code])
+        return conform(self._table.take(self._order[rows]), self._declared.name)
+
+
+def rollouts_of(records: Iterable[dict[str, Any]], rows: Mapping[str, RowsByRollout]) -> list[Rollout]:
+    """The rollouts of `records`, with their rows of every table in `rows`."""
+    return [
+        Rollout(record, RolloutTables({name: table[record["rollout_id"]] for name, table in rows.items()}))
+        for record in records
+    ]
+
+
+def conform(table: pa.Table, name: str) -> pa.Table:
+    """`table` with exactly the declared schema of the table `name`: plain strings, declared metadata."""
+    import pyarrow as pa
+
+    schema = table_schema(name)
+    columns = [table.column(field.name).cast(field.type) for field in schema]
+    return pa.Table.from_arrays(columns, schema=schema).combine_chunks()
+
+
+def _types(schema: pa.Schema) -> dict[str, pa.DataType]:
+    """Type of every column by name, text without its dictionary and lists without the name of their element."""
+    import pyarrow as pa
+
+    types = {}
+    for field in schema:
+        type_ = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        types[field.name] = pa.list_(type_.value_type) if pa.types.is_list(type_) else type_
+    return types

@@ -1,0 +1,87 @@
+"""Opening files of a dataset that may be hostile: no link is followed, no device opened, nothing outside reached.
+
+Source: spec/09-security.md#paths.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path
+
+from branchdrive.dataset.layout import unsafe_reason
+from branchdrive.errors import DatasetError
+
+__all__ = ["list_names", "open_file", "read_file"]
+
+
+@contextmanager
+def _open_folder(root: Path, folders: list[str]) -> Iterator[int]:
+    """Descriptor of a folder below `root`, reached step by step without following a link."""
+    descriptor = os.open(root, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        for folder in folders:
+            child = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=descriptor)
+            os.close(descriptor)
+            descriptor = child
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _parts(root: Path, path: str) -> list[str]:
+    reason = unsafe_reason(path)
+    if reason is not None:
+        raise DatasetError(f"{root}: path {path!r} {reason}; use relative POSIX paths of plain names")
+    return path.split("/")
+
+
+def open_file(root: Path, path: str) -> BufferedReader:
+    """Open the regular file `path`, relative to `root`, for reading.
+
+    Raises:
+        DatasetError: The path is unsafe, does not exist, or is or crosses a link or a special file.
+    """
+    *folders, name = _parts(root, path)
+    try:
+        with _open_folder(root, folders) as folder:
+            descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+    except FileNotFoundError:
+        raise DatasetError(f"{root}: {path!r} does not exist") from None
+    except OSError as error:
+        raise DatasetError(f"{root}: {path!r} cannot be opened without following links ({error.strerror})") from error
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise DatasetError(f"{root}: {path!r} is no regular file; put a regular file in its place")
+    return os.fdopen(descriptor, "rb")
+
+
+def read_file(root: Path, path: str, max_bytes: int) -> bytes:
+    """Content of the regular file `path`, relative to `root`.
+
+    Raises:
+        DatasetError: As `open_file`, or the file has more than `max_bytes` bytes.
+    """
+    with open_file(root, path) as stream:
+        content = stream.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise DatasetError(f"{root}: {path!r} has more than {max_bytes} bytes, the spec limit")
+    return content
+
+
+def list_names(root: Path, path: str) -> list[str]:
+    """Sorted names in the folder `path`, relative to `root`; empty if there is no such folder.
+
+    Raises:
+        DatasetError: The path is unsafe, or is or crosses a link.
+    """
+    try:
+        with _open_folder(root, _parts(root, path)) as folder:
+            return sorted(os.listdir(folder))  # noqa: PTH208  (pathlib cannot list a descriptor)
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise DatasetError(f"{root}: {path!r} cannot be opened without following links ({error.strerror})") from error
