@@ -130,15 +130,19 @@ def dump_json(document: Any) -> bytes:
 def _validator(schema_name: str) -> Validator:
     from jsonschema import Draft202012Validator, validators
     from jsonschema.exceptions import ValidationError
-    from referencing import Registry, Resource
+    from referencing import Registry
+    from referencing.jsonschema import DRAFT202012
 
     def ecma_pattern(_: Validator, pattern: str, instance: Any, _schema: Any) -> Iterator[ValidationError]:
         # `$` of ECMA-262 matches the end only; Python's also matches before a final newline.
         if isinstance(instance, str) and not re.search(pattern.replace("$", r"\Z"), instance):
             yield ValidationError(f"{instance!r} does not match {pattern!r}")
 
+    # A schema that names its dialect is validated by the dialect's own class, also where a reference
+    # reaches it: without the name, the class below holds across files.
     schemas = [load_resource(path.name) for path in sorted(schema_dir().glob("*.schema.json"))]
-    registry = Registry[Any]().with_resources([(s["$id"], Resource.from_contents(s)) for s in schemas])
+    nameless = [{key: value for key, value in schema.items() if key != "$schema"} for schema in schemas]
+    registry = Registry[Any]().with_resources([(s["$id"], DRAFT202012.create_resource(s)) for s in nameless])
     validator_class = validators.extend(Draft202012Validator, {"pattern": ecma_pattern})
     validator: Validator = validator_class(load_resource(schema_name), registry=registry)
     return validator
@@ -156,10 +160,11 @@ def schema_violations(document: Any, schema_name: str) -> list[Violation]:
         if error.validator in ("maxItems", "maxProperties"):
             break
     errors.sort(key=lambda error: list(error.absolute_path))
-    violations = [
-        Violation(_pointer(error.absolute_path), _demand(error), _shortened(repr(error.instance))) for error in errors
-    ]
-    return list(dict.fromkeys(violations))
+    return list(dict.fromkeys(_violation(error) for error in errors))
+
+
+def _violation(error: Any) -> Violation:
+    return Violation(_pointer(error.absolute_path), _demand(error), _shortened(repr(error.instance)))
 
 
 def _pointer(path: Iterable[str | int]) -> str:

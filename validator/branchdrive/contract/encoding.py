@@ -76,7 +76,8 @@ def encode_policy(policy: Policy) -> NDArray[np.float32]:
         float(policy.steer.rule in ("zero", "absolute")),
         *_one_hot(policy.recovery, _RECOVERIES, policy, "recovery"),
     ]
-    return (np.asarray(vector, np.float64) + 0.0).astype(np.float32)  # -0.0 + 0.0 is 0.0: one zero, one digest
+    # Adding 0 turns -0.0 into 0.0: one zero, one digest.
+    return (np.asarray(vector, np.float64) + 0.0).astype(np.float32)
 
 
 def encode_bank(bank: ActionBank) -> NDArray[np.float32]:

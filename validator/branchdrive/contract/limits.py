@@ -27,6 +27,8 @@ class Limits:
     max_table_rows: int
     max_table_decoded_bytes: int
     max_table_columns: int
+    max_footer_items: int
+    max_footer_string_bytes: int
     max_worker_bytes: int
 
 

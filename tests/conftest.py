@@ -1,0 +1,47 @@
+"""What every test runs under: no network, and reproducible Hypothesis examples.
+
+Choose the larger search with ``pytest --hypothesis-profile=thorough``.
+"""
+
+from __future__ import annotations
+
+import socket
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+settings.register_profile("default", max_examples=40, deadline=None, derandomize=True, database=None)
+settings.register_profile("thorough", max_examples=2000, deadline=None, derandomize=False, database=None)
+settings.load_profile("default")
+
+
+class NetworkError(RuntimeError):
+    """A test tried to reach the network."""
+
+
+def _local_only(call: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(self: socket.socket, *arguments: Any) -> Any:
+        if self.family != getattr(socket, "AF_UNIX", None):
+            address = arguments[-1]
+            raise NetworkError(f"tests run without network; `{call.__name__}` was asked for {address!r}")
+        return call(self, *arguments)
+
+    return guarded
+
+
+def _no_lookup(host: object, *_: Any, **__: Any) -> Any:
+    raise NetworkError(f"tests run without network; the address of {host!r} was asked for")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _blocked_network() -> Iterator[None]:
+    """Sockets of this process reach nothing but local ones; child processes are not covered."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("connect", "connect_ex", "sendto"):
+            patch.setattr(socket.socket, name, _local_only(getattr(socket.socket, name)))
+        patch.setattr(socket, "getaddrinfo", _no_lookup)
+        yield
