@@ -1,0 +1,1 @@
+"""Benchmarks of the budgets: small, side by side, never part of the tests."""

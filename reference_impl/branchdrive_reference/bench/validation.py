@@ -1,0 +1,84 @@
+"""Validation against its floor: reading, hashing and decoding the same bytes with as many workers."""
+
+from __future__ import annotations
+
+import hashlib
+import resource
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from branchdrive.audit.engine import validate
+from branchdrive.audit.worker import isolated
+from branchdrive.dataset.layout import RAW_DIR
+from branchdrive.dataset.parquet import decode_table
+from branchdrive.errors import BranchDriveError
+
+__all__ = ["ValidationTiming", "time_validation"]
+
+
+@dataclass(frozen=True)
+class ValidationTiming:
+    """Medians over repeats, wall seconds; the workers' start-up is in both.
+
+    Attributes:
+        floor_s: Read + SHA-256 + decode of every table.
+        validation_s: The whole validation.
+        num_control_rows: Size of the dataset.
+        peak_bytes: Largest resident memory of any worker so far.
+    """
+
+    jobs: int
+    floor_s: float
+    validation_s: float
+    num_control_rows: int
+    peak_bytes: int
+
+    @property
+    def ratio(self) -> float:
+        """Validation time as a multiple of the floor."""
+        return self.validation_s / self.floor_s
+
+
+def _floor(folder: Path) -> int:
+    num_rows = 0
+    for path in sorted(folder.glob("*.parquet")):
+        content = path.read_bytes()
+        hashlib.sha256(content).hexdigest()
+        table = decode_table(content, path.stem)
+        num_rows += table.num_rows if path.stem == "controls" else 0
+    return num_rows
+
+
+def _seconds(action: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTiming:
+    """Time validation and floor in turn, so that both see the same machine.
+
+    Raises:
+        BranchDriveError: The dataset is not valid, so its timing would mean nothing.
+    """
+    folders = sorted((root / RAW_DIR).iterdir())
+    num_rows = 0
+
+    def floor() -> None:
+        nonlocal num_rows
+        num_rows = sum(rows for _, rows in isolated(jobs)(_floor, folders) if isinstance(rows, int))
+
+    def whole() -> None:
+        report = validate(root, executor=isolated(jobs))
+        if report.verdict != "valid":
+            raise BranchDriveError(f"the benchmark's dataset is {report.verdict}")
+
+    floor_s, validation_s = [], []
+    for _ in range(repeats):
+        floor_s.append(_seconds(floor))
+        validation_s.append(_seconds(whole))
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+    return ValidationTiming(jobs, statistics.median(floor_s), statistics.median(validation_s), num_rows, peak)

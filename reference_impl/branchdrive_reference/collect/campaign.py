@@ -1,0 +1,82 @@
+"""A whole collection: plan, execute what is missing, commit shards in order, finish the dataset."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from branchdrive.dataset.writer import DatasetWriter
+from branchdrive_reference.collect.collection import collection_descriptor
+from branchdrive_reference.collect.group import GroupReport
+from branchdrive_reference.collect.plan import plan_group
+from branchdrive_reference.collect.pool import execute_groups
+
+__all__ = ["CampaignReport", "collect"]
+
+
+@dataclass(frozen=True)
+class CampaignReport:
+    """What a collection has done.
+
+    Attributes:
+        groups: Reports of the groups that this run finished.
+        num_found: Groups that were finished before.
+        seconds: Wall time, writing included.
+        identity: Identity of the finished dataset.
+    """
+
+    groups: tuple[GroupReport, ...]
+    num_found: int
+    seconds: float
+    identity: str
+
+    @property
+    def num_ticks(self) -> int:
+        """Ticks that this run executed."""
+        return sum(report.num_ticks for report in self.groups)
+
+    @property
+    def ticks_per_s(self) -> float:
+        """Executed ticks per second of wall time."""
+        return self.num_ticks / self.seconds
+
+
+def _ignore(_finished: int, _ticks: int) -> None:
+    """Nobody watches."""
+
+
+def collect(
+    root: Path, *, num_groups: int, seed: int, jobs: int = 1, watch: Callable[[int, int], None] = _ignore
+) -> CampaignReport:
+    """Collect a dataset at `root`, or go on with one that was interrupted.
+
+    Args:
+        root: Folder of the dataset.
+        num_groups: Branch groups of the whole dataset.
+        seed: Seed of the collection.
+        jobs: Worker processes; 1 works in this process.
+        watch: Called with the number of finished groups and of ticks executed by this run, at the
+            beginning and after every group.
+
+    Raises:
+        UsageError: The folder holds something else, or another collector works on it.
+        KeyboardInterrupt: The user interrupted; whatever was finished is kept.
+    """
+    begin_s = time.perf_counter()
+    descriptor = collection_descriptor(seed)
+    with DatasetWriter(root, descriptor) as writer:
+        plans = [plan_group(seed, index) for index in range(num_groups)]
+        missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
+        num_found = num_groups - len(missing)
+        reports: list[GroupReport] = []
+        watch(num_found, 0)
+        with closing(execute_groups(root, descriptor, missing, jobs=jobs)) as finished:
+            for report in finished:
+                reports.append(report)
+                writer.commit()
+                watch(num_found + len(reports), sum(done.num_ticks for done in reports))
+        identity = writer.finalize()
+    return CampaignReport(tuple(reports), num_found, time.perf_counter() - begin_s, identity)

@@ -1,0 +1,27 @@
+"""The descriptor that the collector writes for its datasets."""
+
+from __future__ import annotations
+
+from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.descriptor import Collection, DeclaredEncoding, Descriptor, Software
+from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
+from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
+
+__all__ = ["collection_descriptor"]
+
+
+def collection_descriptor(seed: int) -> Descriptor:
+    """Descriptor of the collection with `seed`; the number of groups is not part of it, so it can grow."""
+    bank = load_action_bank()
+    return Descriptor(
+        dataset_id=f"branchdrive-reference-s{seed}",
+        dataset_version="0.1.0",
+        title="Matched interventions in the BranchDrive reference world",
+        licence="CC-BY-4.0",
+        simulator=Software(name=SIMULATOR_NAME, version=SIMULATOR_VERSION),
+        collector=Software(name=COLLECTOR_NAME, version=COLLECTOR_VERSION),
+        streams=("ego_route_state", "actor_risk_evidence", "controls", "route_result"),
+        action_bank=bank,
+        action_encoding=DeclaredEncoding(name=ENCODING_NAME, width=ENCODING_WIDTH, sha256=encoding_digest(bank)),
+        collection=Collection(seed=seed),
+    )

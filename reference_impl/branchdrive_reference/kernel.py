@@ -1,0 +1,30 @@
+"""The one door to numba: compiled functions on flat arrays.
+
+Kernels are ordinary scalar Python, compiled at their first call and cached on disk. Fast-math stays off, so that
+no operation is reordered or fused and equal inputs give equal bits in every process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+
+from branchdrive_reference.kernel_cache import drop_stale_kernels
+
+__all__ = ["Records", "kernel"]
+
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
+Records = Any
+"""A structured array or one of its rows; its fields are declared by the dtype that the docstring names."""
+
+drop_stale_kernels(Path(__file__).resolve().parent)
+
+
+def kernel(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """Compile `function`, keeping its type."""
+    return cast("Callable[_Parameters, _Result]", numba.njit(cache=True, fastmath=False)(function))

@@ -1,0 +1,53 @@
+"""HardBrakeRoute: the vehicle ahead brakes hard to a stop, waits, and drives on."""
+
+from __future__ import annotations
+
+import math
+
+from branchdrive.contract.timing import TICK_S
+from branchdrive_reference.noise import Purpose, choice, uniform_between
+from branchdrive_reference.scenarios.population import CAR, VAN
+from branchdrive_reference.scenarios.scenario import FIRST_ROW, Scene
+from branchdrive_reference.scenarios.stage import Stage
+from branchdrive_reference.scenarios.trigger import Signal, Trigger
+from branchdrive_reference.town.route import START_M
+from branchdrive_reference.world.body import Body
+
+__all__ = ["HardBrakeRoute"]
+
+_LEADERS = (CAR, VAN)
+_BEFORE_SITE_M = 20.0
+"""How far before the site the leader brakes where no junction lies there."""
+
+
+def _brake_m(stage: Stage) -> float:
+    """Arc length at which the leader brakes."""
+    return stage.site_m - (0.0 if stage.tables.route.early else _BEFORE_SITE_M)
+
+
+class HardBrakeRoute:
+    """See the module; the hazard is active once the leader brakes."""
+
+    name = "HardBrakeRoute"
+    traffic_ahead = False
+    trigger = Trigger("hard-brake-onset 1", (Signal("throttle_release", 0.02), Signal("brake", 0.05)))
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """The leader, a short headway before the ego."""
+        speed = stage.advisory_mps(START_M)
+        headway_s = uniform_between(1.5, 2.0, stage.seed, Purpose.SCENARIO_PLACE)
+        size = _LEADERS[choice(len(_LEADERS), stage.seed, Purpose.SCENARIO_VARIANT)]
+        arc_m = START_M + size.length_m + headway_s * speed
+        return [stage.vehicle(size, arc_m, eagerness=0.96, headway_s=1.4)]
+
+    def update(self, scene: Scene, tick: int) -> bool:
+        """Brake near the site for 2.6 to 4 s, standstill included."""
+        seed = scene.stage.seed
+        if scene.hazard_tick < 0:
+            if scene.bodies["arc_m"][FIRST_ROW] < _brake_m(scene.stage):
+                return False
+            decel = uniform_between(5.0, 7.5, seed, Purpose.SCENARIO_STRENGTH)
+            scene.bodies["commanded_accel_mps2"][FIRST_ROW] = -decel
+        elif (tick - scene.hazard_tick) * TICK_S > uniform_between(2.6, 4.0, seed, Purpose.SCENARIO_TIMING):
+            scene.bodies["commanded_accel_mps2"][FIRST_ROW] = math.nan
+        return True

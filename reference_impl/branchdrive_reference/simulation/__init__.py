@@ -1,0 +1,1 @@
+"""Running worlds: the tick loop, one rollout of one policy, and its recorded columns."""

@@ -1,0 +1,194 @@
+"""Recorded columns of a rollout, by table, exactly as columns.json declares them.
+
+Order matters: poses are rounded to their recorded width first, and what derives from them (route
+state, risk evidence) is computed from the rounded values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.policy import ACTUATORS, Command
+from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.derive.risk import risk_evidence
+from branchdrive_reference.expert.plan import Cause
+from branchdrive_reference.simulation.rollout import Run
+from branchdrive_reference.simulation.route_state import route_columns
+from branchdrive_reference.town.reference_town import TOWN_NAME, reference_town
+from branchdrive_reference.town.surface import town_surface
+from branchdrive_reference.town.track import RouteTracks, route_tracks
+from branchdrive_reference.world.body import EGO, Kind
+from branchdrive_reference.world.vehicle import EGO_SIZE
+
+__all__ = ["ACTOR_RANGE_M", "Columns", "Record", "record"]
+
+ACTOR_RANGE_M = 100.0
+"""Actors whose centre is this close to the ego's are recorded."""
+
+Columns = dict[str, NDArray[Any]]
+"""Columns of one table by name, without ``rollout_id``; masked where null."""
+
+_CLASSES = np.array([kind.name.lower() for kind in Kind])
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A recorded rollout.
+
+    Attributes:
+        controls: Control audit, one row per tick.
+        observations: Ego and route state, one row per observation.
+        actors: Oriented boxes, one row per actor in range and observation.
+        evidence: Risk evidence, one row per observation.
+        fields: Columns of the rollouts table that the world knows.
+    """
+
+    controls: Columns
+    observations: Columns
+    actors: Columns
+    evidence: Columns
+    fields: Mapping[str, Any]
+
+
+def record(run: Run) -> Record:
+    """The recorded columns of a rollout."""
+    tables = route_tracks(run.spec.route_id)
+    observations = _observations(run, tables)
+    actors = _actors(run)
+    evidence = _evidence(run, tables, observations, actors)
+    return Record(_controls(run), observations, actors, evidence, _fields(run, tables, observations, evidence))
+
+
+def _float32(values: NDArray[Any]) -> NDArray[np.float32]:
+    return values.astype(np.float32)
+
+
+def _yaw(bodies: NDArray[np.void]) -> NDArray[np.float32]:
+    yaw = bodies["yaw_rad"]
+    return _float32(np.arctan2(np.sin(yaw), np.cos(yaw)))
+
+
+def _controls(run: Run) -> Columns:
+    log, active = run.log, run.active
+    columns: Columns = {
+        "tick": np.arange(log.num_ticks, dtype=np.int32),
+        "active": active,
+        "source": np.where(active, "intervention", "online_expert"),
+    }
+    nominal, intended = np.zeros_like(log.applied), np.zeros_like(log.applied)
+    if run.nominal is not None:
+        nominal[active] = run.nominal[np.flatnonzero(active)]
+        demanded = run.policy.command(Command(*log.expert[active].T), Command(*nominal[active].T))
+        intended[active] = np.stack(demanded, axis=1)
+    for index, actuator in enumerate(ACTUATORS):
+        columns[f"expert_{actuator}"] = log.expert[:, index]
+        columns[f"nominal_{actuator}"] = np.ma.masked_array(nominal[:, index], ~active)
+        columns[f"intended_{actuator}"] = np.ma.masked_array(intended[:, index], ~active)
+        columns[f"applied_{actuator}"] = log.applied[:, index]
+    return columns
+
+
+def _observations(run: Run, tables: RouteTracks) -> Columns:
+    log = run.log
+    ego, vehicle, plan = log.bodies[:, EGO], log.vehicle, log.plan
+    x, y, yaw = ego["x_m"].copy(), ego["y_m"].copy(), _yaw(ego)
+    braking = plan["brake"] > 0
+    columns: Columns = {
+        "tick": np.arange(len(ego), dtype=np.int32) * np.int32(OBSERVATION_STRIDE_TICKS),
+        "x_m": x,
+        "y_m": y,
+        "yaw_rad": yaw,
+        "speed_mps": vehicle["forward_mps"],
+        "accel_longitudinal_mps2": vehicle["accel_longitudinal_mps2"],
+        "accel_lateral_mps2": vehicle["accel_lateral_mps2"],
+        "yaw_rate_radps": vehicle["yaw_rate_radps"],
+        **route_columns(tables, x, y, yaw),
+        "target_speed_mps": plan["target_speed_mps"],
+        "vehicle_hazard": braking & np.isin(plan["cause"], (Cause.LEADER, Cause.CONFLICT)),
+        "pedestrian_hazard": braking & (plan["cause"] == Cause.PEDESTRIAN),
+        "traffic_light_hazard": np.zeros(len(ego), np.bool_),
+    }
+    doubles = ("x_m", "y_m")
+    return {
+        name: _float32(values) if values.dtype == np.float64 and name not in doubles else values
+        for name, values in columns.items()
+    }
+
+
+def _actors(run: Run) -> Columns:
+    bodies = run.log.bodies
+    ego, others = bodies[:, EGO : EGO + 1], bodies[:, EGO + 1 :]
+    dx, dy = others["x_m"] - ego["x_m"], others["y_m"] - ego["y_m"]
+    frame, index = np.nonzero(dx * dx + dy * dy <= ACTOR_RANGE_M**2)
+    near = others[frame, index]
+    return {
+        "tick": (frame * OBSERVATION_STRIDE_TICKS).astype(np.int32),
+        "actor_id": (index + EGO + 1).astype(np.int32),
+        "actor_class": _CLASSES[near["kind"]],
+        "x_m": near["x_m"].copy(),
+        "y_m": near["y_m"].copy(),
+        "yaw_rad": _yaw(near),
+        **{name: _float32(near[name]) for name in ("length_m", "width_m", "height_m", "vel_x_mps", "vel_y_mps")},
+    }
+
+
+def _evidence(run: Run, tables: RouteTracks, observations: Columns, actors: Columns) -> Columns:
+    count, line = len(observations["tick"]), tables.route.polyline
+    surface = town_surface(reference_town())
+    x, y = observations["x_m"], observations["y_m"]
+    lanes = surface.lanes_under(x, y)
+    on_lane = np.array([lane is not None for lane in lanes], np.bool_)
+    no_signal = np.zeros(count, np.bool_)
+    return {
+        "tick": observations["tick"],
+        **risk_evidence(
+            observations,
+            actors,
+            ego_length_m=float(np.float32(EGO_SIZE.length_m)),
+            ego_width_m=float(np.float32(EGO_SIZE.width_m)),
+            route_x_m=line.x_m,
+            route_y_m=line.y_m,
+        ),
+        "traffic_light_available": no_signal,
+        "traffic_light": np.full(count, None),
+        "lane_id": np.array(lanes, object),
+        "on_road": on_lane | surface.in_junction(x, y),
+        "collision": run.log.touched,
+    }
+
+
+def _fields(run: Run, tables: RouteTracks, observations: Columns, evidence: Columns) -> dict[str, Any]:
+    """Identity of the context, the ego, and the route result."""
+    spec, line = run.spec, tables.route.polyline
+    kinds = run.log.bodies["kind"][0][run.log.collided]
+    driven = float(observations["route_progress_m"].max()) / tables.route.goal_m
+    on_road = evidence["on_road"]
+    return {
+        "scenario_type": spec.scenario_type,
+        "town": TOWN_NAME,
+        "route_id": spec.route_id,
+        "route_x_m": line.x_m.tolist(),
+        "route_y_m": line.y_m.tolist(),
+        "environment": spec.environment,
+        "seed": spec.seed,
+        "ego_length_m": EGO_SIZE.length_m,
+        "ego_width_m": EGO_SIZE.width_m,
+        "ego_height_m": EGO_SIZE.height_m,
+        **run.policy.effective_action(),
+        "status": "complete" if run.ending.partial_reason is None else "partial",
+        "status_reason": run.ending.partial_reason,
+        "result_completion": run.ending.completion,
+        "result_termination": run.ending.termination,
+        "result_route_fraction": 1.0 if run.ending.completion == "completed" else min(driven, 1.0),
+        "result_num_vehicle_collisions": int(np.isin(kinds, (Kind.VEHICLE, Kind.CYCLE)).sum()),
+        "result_num_pedestrian_collisions": int((kinds == Kind.PEDESTRIAN).sum()),
+        "result_num_static_collisions": int((kinds == Kind.STATIC).sum()),
+        "result_num_red_light_infractions": None,
+        "result_num_stop_sign_infractions": None,
+        "result_num_off_road_infractions": int((~on_road & np.concatenate([[True], on_road[:-1]])).sum()),
+    }

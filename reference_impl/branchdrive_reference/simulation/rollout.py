@@ -1,0 +1,112 @@
+"""One rollout: a world driven by a policy from tick 0 to its end.
+
+The expert's command is rounded to float32 before anything uses it, and the vehicle is driven with
+the very float32 values that are recorded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.policy import Command, Policy
+from branchdrive.errors import UsageError
+from branchdrive_reference.scenarios.registry import SCENARIOS
+from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace
+from branchdrive_reference.simulation.ending import Ending, EndingRule
+from branchdrive_reference.simulation.log import Logger, RolloutLog
+from branchdrive_reference.simulation.spec import WorldSpec
+from branchdrive_reference.simulation.world import World
+
+__all__ = ["Run", "find_branch", "run"]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A rollout that was executed.
+
+    Attributes:
+        spec: What its world was made from.
+        policy: The policy it executed.
+        branch_tick: Where the policy took over; ``None`` if it never did.
+        nominal: Stored nominal commands, float32 ``[nominal ticks, 3]``; ``None`` without a branch.
+        log: What was logged.
+        ending: How it ended.
+        hazard_tick: Tick at which the scenario's hazard became active; -1 if it never did.
+    """
+
+    spec: WorldSpec
+    policy: Policy
+    branch_tick: int | None
+    nominal: NDArray[np.float32] | None
+    log: RolloutLog
+    ending: Ending
+    hazard_tick: int
+
+    def __repr__(self) -> str:
+        key, ticks = self.policy.key, self.log.num_ticks
+        return f"Run({key!r}, {self.spec}, {ticks} ticks, {self.ending.completion})"
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Whether the policy drives, ``[ticks]``."""
+        ticks = np.arange(self.log.num_ticks)
+        if self.branch_tick is None:
+            return np.zeros(len(ticks), np.bool_)
+        return (ticks >= self.branch_tick) & (ticks < self.branch_tick + self.policy.duration_ticks)
+
+
+def _commands(values: NDArray[np.float32]) -> Command:
+    steer, throttle, brake = values.T
+    return Command(steer, throttle, brake)
+
+
+def run(
+    spec: WorldSpec,
+    policy: Policy,
+    *,
+    branch_tick: int | None = None,
+    nominal: NDArray[np.float32] | None = None,
+) -> Run:
+    """Execute a policy from tick 0: the online expert, then the policy while active, then the expert.
+
+    Args:
+        spec: The world.
+        policy: The nominal policy, or an intervention.
+        branch_tick: Where an intervention takes over.
+        nominal: Applied commands of the nominal rollout, float32 ``[ticks, 3]``, for an intervention.
+
+    Raises:
+        UsageError: An intervention lacks its branch tick or nominal commands, or the nominal
+            rollout ends before the intervention does.
+    """
+    if policy.is_nominal:
+        branch_tick = nominal = None
+    elif branch_tick is None or nominal is None or len(nominal) < branch_tick + policy.duration_ticks:
+        raise UsageError(f"policy {policy.key!r} needs a branch tick and nominal commands up to its end")
+    world = World(spec)
+    rule = EndingRule(spec.timeout_ticks, branch_tick, None if nominal is None else len(nominal))
+    logger = Logger(rule.max_ticks, len(world.bodies))
+    while True:
+        world.think()
+        ending = rule.check(world)
+        if ending is not None:
+            log = logger.finish(world.tick)
+            return Run(spec, policy, branch_tick, nominal, log, ending, world.scene.hazard_tick)
+        applied = logger.begin_tick(world)
+        if branch_tick is not None and nominal is not None:
+            since_branch = world.tick - branch_tick
+            if 0 <= since_branch < policy.duration_ticks:
+                command = policy.command(_commands(applied), _commands(nominal[world.tick]))
+                applied = np.asarray(command, np.float32)
+        world.act(*applied.tolist())
+        logger.end_tick(world, applied)
+
+
+def find_branch(nominal: Run) -> Branch | None:
+    """Where the scenario's trigger places the branch in a completed nominal rollout."""
+    expert = nominal.log.expert
+    trace = ExpertTrace(expert[:, 1], expert[:, 2], nominal.log.lane_shift_m, nominal.hazard_tick)
+    return SCENARIOS[nominal.spec.scenario_type].trigger.evaluate(trace)

@@ -1,0 +1,109 @@
+"""Bodies: the ego and every actor as rows of one flat array.
+
+Row 0 is the ego; the row of an actor is its recorded identity. Poses are box centres in the world frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BODY", "EGO", "Behaviour", "Body", "Kind", "Size", "body_table"]
+
+EGO = 0
+"""Row of the ego."""
+
+
+class Kind(IntEnum):
+    """Recorded class; names in lower case are the values of ``actor_class``."""
+
+    VEHICLE = 0
+    CYCLE = 1
+    PEDESTRIAN = 2
+    STATIC = 3
+
+
+class Behaviour(IntEnum):
+    """What moves a body."""
+
+    DRIVEN = 0  # the ego's commands
+    STANDING = 1  # nothing; stays until it is hit
+    FOLLOWING = 2  # the intelligent driver model, along a track
+    WALKING = 3  # straight ahead until `travel_m` is used up
+    FREE = 4  # contacts and friction only: it was hit
+
+
+BODY = np.dtype(
+    [
+        ("x_m", np.float64),
+        ("y_m", np.float64),
+        ("yaw_rad", np.float64),
+        ("vel_x_mps", np.float64),
+        ("vel_y_mps", np.float64),
+        ("yaw_rate_radps", np.float64),
+        ("length_m", np.float64),
+        ("width_m", np.float64),
+        ("height_m", np.float64),
+        ("mass_kg", np.float64),
+        ("speed_mps", np.float64),  # along the heading
+        ("kind", np.int64),
+        ("behaviour", np.int64),
+        ("track", np.int64),
+        ("arc_m", np.float64),  # on the track
+        ("offset_m", np.float64),  # to the left of the track
+        ("eagerness", np.float64),  # desired speed over advisory speed
+        ("headway_s", np.float64),
+        ("commanded_accel_mps2", np.float64),  # replaces the driver model; NaN where it is free
+        ("travel_m", np.float64),
+    ],
+    align=True,
+)
+"""One body."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Box extents, metres, and mass, kilograms."""
+
+    length_m: float
+    width_m: float
+    height_m: float
+    mass_kg: float
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body before the first tick; the fields are those of `BODY`."""
+
+    kind: Kind
+    behaviour: Behaviour
+    size: Size
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float = 0.0
+    track: int = 0
+    arc_m: float = 0.0
+    offset_m: float = 0.0
+    eagerness: float = 1.0
+    headway_s: float = 1.2
+    travel_m: float = 0.0
+
+
+def body_table(bodies: Sequence[Body]) -> NDArray[np.void]:
+    """`BODY` rows ``[bodies]`` of the given bodies, in order."""
+    table = np.zeros(len(bodies), BODY)
+    for row, body in zip(table, bodies, strict=True):
+        for part in (body, body.size):
+            for field in fields(part):
+                if field.name != "size":
+                    row[field.name] = getattr(part, field.name)
+        row["vel_x_mps"] = body.speed_mps * math.cos(body.yaw_rad)
+        row["vel_y_mps"] = body.speed_mps * math.sin(body.yaw_rad)
+        row["commanded_accel_mps2"] = math.nan
+    return table

@@ -1,0 +1,95 @@
+"""Traffic and pedestrians: where every body that is not the ego wants to be after one tick."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from branchdrive.contract.timing import TICK_S
+from branchdrive_reference.geometry.angle import wrap
+from branchdrive_reference.geometry.path import interpolate, locate
+from branchdrive_reference.kernel import Records, kernel
+from branchdrive_reference.noise import Purpose, uniform
+from branchdrive_reference.world.body import EGO, Behaviour
+from branchdrive_reference.world.corridor import NOBODY, nearest_ahead
+from branchdrive_reference.world.idm import desired_gap_m, idm_accel_mps2
+from branchdrive_reference.world.vehicle import GRAVITY_MPS2, slip
+
+__all__ = ["advance_traffic", "following_accel_mps2"]
+
+_FOLLOWING, _WALKING, _FREE = int(Behaviour.FOLLOWING), int(Behaviour.WALKING), int(Behaviour.FREE)
+_MOOD = int(Purpose.TRAFFIC_MOOD)
+_MOOD_TICKS = 40
+_MOOD_SHARE = 0.06
+"""Drivers change their desired speed every 2 s by up to this share."""
+
+_ACCEL_MPS2, _BRAKE_MPS2, _STANDSTILL_M = 1.5, 2.0, 2.0
+_SIDE_MARGIN_M = 0.3
+_SLIDING_FRICTION = 0.6
+_SPIN_DECEL_RADPS2 = 4.0
+
+
+@kernel
+def following_accel_mps2(bodies: Records, feet: Records, path: Records, index: int, seed: int, tick: int) -> float:
+    """Driver-model acceleration of body `index` on its track, reacting to whatever is ahead."""
+    body = bodies[index]
+    mood = 1.0 + _MOOD_SHARE * (2.0 * uniform(seed, _MOOD, index, tick // _MOOD_TICKS) - 1.0)
+    advisory = path[locate(path, body.arc_m)].advisory_speed_mps
+    lead, gap_m = nearest_ahead(feet, index, body.offset_m, 0.5 * body.width_m + _SIDE_MARGIN_M)
+    wanted_m = 0.0
+    if lead != NOBODY:
+        wanted_m = desired_gap_m(
+            body.speed_mps, feet[lead].speed_mps, body.headway_s, _STANDSTILL_M, _ACCEL_MPS2, _BRAKE_MPS2
+        )
+    return idm_accel_mps2(body.speed_mps, body.eagerness * mood * advisory, gap_m, wanted_m, _ACCEL_MPS2)
+
+
+@kernel
+def _slide(body: Records) -> None:
+    """Friction of a body that was hit: Coulomb on its velocity and on its spin."""
+    speed = math.hypot(body.vel_x_mps, body.vel_y_mps)
+    keep = max(0.0, speed - _SLIDING_FRICTION * GRAVITY_MPS2 * TICK_S) / max(speed, 1e-9)
+    body.vel_x_mps *= keep
+    body.vel_y_mps *= keep
+    body.yaw_rate_radps = slip(body.yaw_rate_radps, 0.0, _SPIN_DECEL_RADPS2 * TICK_S)
+
+
+@kernel
+def advance_traffic(
+    bodies: Records, feet: Records, vertices: Records, tracks: Records, goals: Records, seed: int, tick: int
+) -> None:
+    """Choose velocities for the coming tick and the poses they lead to.
+
+    Writes ``goals[bodies, 3]`` (x, y, yaw at the end of the tick) and the speeds and velocities of
+    `bodies`; free bodies have no goal, and the ego is left alone.
+    """
+    accel = np.zeros(bodies.shape[0])
+    for index in range(bodies.shape[0]):
+        body = bodies[index]
+        if body.behaviour == _FOLLOWING:
+            accel[index] = body.commanded_accel_mps2
+            if math.isnan(accel[index]):
+                path = vertices[tracks[body.track].first : tracks[body.track].end]
+                accel[index] = following_accel_mps2(bodies, feet[body.track], path, index, seed, tick)
+    for index in range(EGO + 1, bodies.shape[0]):
+        body = bodies[index]
+        if body.behaviour == _FREE:
+            _slide(body)
+            continue
+        x, y, yaw = body.x_m, body.y_m, body.yaw_rad
+        if body.behaviour == _FOLLOWING:
+            before = body.speed_mps
+            body.speed_mps = max(0.0, before + accel[index] * TICK_S)
+            body.arc_m += 0.5 * (before + body.speed_mps) * TICK_S
+            path = vertices[tracks[body.track].first : tracks[body.track].end]
+            x, y, tangent = interpolate(path, body.arc_m, body.offset_m)
+            yaw += wrap(tangent - yaw)
+        elif body.behaviour == _WALKING:
+            step_m = min(body.speed_mps * TICK_S, body.travel_m)
+            body.travel_m -= step_m
+            x += step_m * math.cos(yaw)
+            y += step_m * math.sin(yaw)
+        body.vel_x_mps, body.vel_y_mps = (x - body.x_m) / TICK_S, (y - body.y_m) / TICK_S
+        body.yaw_rate_radps = (yaw - body.yaw_rad) / TICK_S
+        goals[index, 0], goals[index, 1], goals[index, 2] = x, y, yaw

@@ -1,0 +1,76 @@
+"""Triggers find the expert's manoeuvre in a finished nominal rollout and place the branch before it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from branchdrive_reference.scenarios.registry import SCENARIOS
+from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace, Signal, Trigger
+
+BRAKE = Trigger("brake 1", (Signal("brake", 0.05),))
+RELEASE = Trigger("release 1", (Signal("throttle_release", 0.02), Signal("brake", 0.05)))
+SHIFT = Trigger("shift 1", (Signal("lane_shift", 0.1), Signal("brake", 0.05)))
+TICKS = 400
+
+
+def trace(
+    *, brake_from: int | None = None, brake_to: int = TICKS, release_at: int = TICKS, shift_from: int = TICKS,
+    hazard_tick: int = 100, ticks: int = TICKS,
+) -> ExpertTrace:  # fmt: skip
+    time = np.arange(ticks)
+    throttle = np.where(time < release_at, 0.3, 0.0).astype(np.float32)
+    braking = (time >= brake_from) & (time < brake_to) if brake_from is not None else np.zeros(ticks, bool)
+    shift = np.where(time >= shift_from, -0.5, 0.0)
+    return ExpertTrace(throttle, np.where(braking, 0.4, 0.0).astype(np.float32), shift, hazard_tick)
+
+
+def found(trigger: Trigger, expert: ExpertTrace) -> Branch:
+    branch = trigger.evaluate(expert)
+    assert branch is not None
+    return branch
+
+
+@pytest.mark.parametrize(("onset", "branch_tick"), [(150, 145), (151, 150), (154, 150), (155, 150), (156, 155)])
+def test_the_branch_is_the_last_observation_before_the_manoeuvre(onset: int, branch_tick: int) -> None:
+    branch = found(BRAKE, trace(brake_from=onset))
+    assert (branch.tick, branch.branch_tick, branch.branch_frame) == (onset, branch_tick, branch_tick // 5)
+
+
+def test_evidence_is_recorded() -> None:
+    branch = found(BRAKE, trace(brake_from=150, brake_to=158))
+    assert (branch.definition, branch.signal, branch.threshold, branch.confidence) == ("brake 1", "brake", 0.05, 0.8)
+    assert branch.value == pytest.approx(0.4)
+
+
+def test_a_release_counts_only_before_braking() -> None:
+    assert found(RELEASE, trace(release_at=140, brake_from=150)).signal == "throttle_release"
+    assert found(RELEASE, trace(release_at=140, brake_from=200)).signal == "brake"
+
+
+def test_the_earliest_signal_wins() -> None:
+    assert found(SHIFT, trace(shift_from=180, brake_from=190)).signal == "lane_shift"
+    assert found(SHIFT, trace(shift_from=180, brake_from=170)).signal == "brake"
+
+
+@pytest.mark.parametrize(
+    "expert",
+    [
+        trace(),
+        trace(brake_from=150, hazard_tick=-1),
+        trace(brake_from=90),
+        trace(brake_from=150, brake_to=153),
+        trace(brake_from=79, hazard_tick=0),
+        trace(brake_from=150, ticks=215),
+    ],
+    ids=["nothing", "no hazard", "before the hazard", "only for a moment", "no history", "no future"],
+)
+def test_no_branch_without_a_manoeuvre_and_its_windows(expert: ExpertTrace) -> None:
+    assert BRAKE.evaluate(expert) is None
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=lambda scenario: scenario.name)
+def test_definitions_are_versioned(scenario: object) -> None:
+    name, version = scenario.trigger.definition.rsplit(" ", 1)  # type: ignore[attr-defined]
+    assert name
+    assert int(version) >= 1

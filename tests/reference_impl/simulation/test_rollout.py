@@ -1,0 +1,117 @@
+"""Rollouts: equal worlds give equal bytes, policies act exactly while active, and time suffices."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from tests.reference_impl.simulation.worlds import (
+    BANK,
+    SCENARIO_NAMES,
+    branch_of,
+    digest,
+    intervention_of,
+    nominal_of,
+    spec_of,
+)
+from tests.repo.checkout import ROOT
+
+from branchdrive.contract.timing import ACTIVE_TICKS
+from branchdrive.errors import UsageError
+from branchdrive_reference.simulation.rollout import find_branch, run
+
+each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+each_intervention = pytest.mark.parametrize("action_key", [policy.key for policy in BANK.interventions])
+
+
+@each_scenario
+def test_a_nominal_replay_is_bit_equal(scenario: str) -> None:
+    assert digest(run(spec_of(scenario), BANK.nominal)) == digest(nominal_of(scenario))
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "12345"])
+def test_other_processes_give_the_same_bytes(hash_seed: str) -> None:
+    code = (
+        "from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, digest, intervention_of, nominal_of\n"
+        "crash = intervention_of('HardBrakeRoute', 'accelerate_0.80')\n"
+        "print(*(digest(nominal_of(name)) for name in SCENARIO_NAMES), digest(crash))"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=ROOT)
+    crash = intervention_of("HardBrakeRoute", "accelerate_0.80")
+    assert crash.log.collided.any()
+    assert found.stdout.split() == [*(digest(nominal_of(name)) for name in SCENARIO_NAMES), digest(crash)]
+
+
+@each_scenario
+@each_intervention
+def test_interventions_share_the_nominal_past(scenario: str, action_key: str) -> None:
+    nominal, rollout = nominal_of(scenario), intervention_of(scenario, action_key)
+    tick, frame = branch_of(scenario).branch_tick, branch_of(scenario).branch_frame
+    assert (rollout.log.applied[:tick] == nominal.log.applied[:tick]).all()
+    assert rollout.log.bodies[: frame + 1].tobytes() == nominal.log.bodies[: frame + 1].tobytes()
+
+
+@each_scenario
+@each_intervention
+def test_policies_act_exactly_while_active(scenario: str, action_key: str) -> None:
+    nominal, rollout = nominal_of(scenario), intervention_of(scenario, action_key)
+    log, active = rollout.log, rollout.active
+    assert active.sum() == ACTIVE_TICKS
+    assert np.flatnonzero(active)[0] == branch_of(scenario).branch_tick
+    assert (log.applied[~active] == log.expert[~active]).all()
+    for index, rule in enumerate(BANK[action_key].rules):
+        copied = nominal.log.applied[np.flatnonzero(active), index]
+        assert (log.applied[active, index] == rule.evaluate(log.expert[active, index], copied)).all()
+
+
+@each_scenario
+@each_intervention
+def test_every_attempt_outlives_its_intervention(scenario: str, action_key: str) -> None:
+    rollout = intervention_of(scenario, action_key)
+    assert rollout.log.num_ticks > branch_of(scenario).branch_tick + ACTIVE_TICKS + 10
+    assert rollout.log.num_ticks % 5 == 0
+    assert rollout.ending.partial_reason is None
+
+
+def test_the_expert_keeps_deciding_while_overridden() -> None:
+    nominal, rollout = nominal_of("HardBrakeRoute"), intervention_of("HardBrakeRoute", "accelerate_0.50")
+    overridden = rollout.log.expert[rollout.active]
+    assert len(np.unique(overridden[:, 2])) > 5
+    assert overridden[:, 2].max() > nominal.log.expert[:, 2].max()
+
+
+@each_scenario
+def test_a_route_timeout_makes_a_nominal_attempt_partial(scenario: str) -> None:
+    rollout = run(dataclasses.replace(spec_of(scenario), timeout_ticks=122), BANK.nominal)
+    assert rollout.log.num_ticks == 125
+    assert rollout.ending.completion == "timeout"
+    assert rollout.ending.partial_reason is not None
+
+
+def test_a_timeout_inside_the_intervention_makes_it_partial() -> None:
+    nominal, branch = nominal_of("ParkedObstacle"), branch_of("ParkedObstacle")
+    spec = dataclasses.replace(nominal.spec, timeout_ticks=branch.branch_tick + 30)
+    rollout = run(spec, BANK["brake_0.30"], branch_tick=branch.branch_tick, nominal=nominal.log.applied)
+    assert rollout.log.num_ticks == branch.branch_tick + 30
+    assert rollout.ending.partial_reason is not None
+
+
+def test_seeds_make_different_worlds() -> None:
+    spec = spec_of("PedestrianCrossing")
+    other = run(dataclasses.replace(spec, seed=spec.seed + 1), BANK.nominal)
+    assert digest(other) != digest(nominal_of("PedestrianCrossing"))
+
+
+def test_an_intervention_needs_its_nominal() -> None:
+    with pytest.raises(UsageError, match="branch tick and nominal commands"):
+        run(spec_of("ParkedObstacle"), BANK["brake_1.00"])
+
+
+def test_a_branch_depends_on_the_nominal_alone() -> None:
+    assert find_branch(nominal_of("ParkedObstacle")) == branch_of("ParkedObstacle")
