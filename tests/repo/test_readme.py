@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from branchdrive.audit.verdict import EXIT_CODES
-from branchdrive.cli.main import run
 from tests.repo.checkout import ROOT
 from tests.synthetic import base_tables, descriptor, write_dataset
+
+from branchdrive.audit.verdict import EXIT_CODES
+from branchdrive.cli.main import run
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -238,3 +238,12 @@ def test_models_reject_what_json_cannot_say(number: str) -> None:
 def test_models_are_frozen() -> None:
     with pytest.raises(ValidationError, match="frozen"):
         load_action_bank().nominal.key = "other"
+
+
+@pytest.mark.parametrize("part", ["action_bank", "cameras"])
+def test_models_stop_at_the_first_bad_item(part: str) -> None:
+    bad: list[Any] = [{}] * 100_000
+    hostile = {**full_descriptor(), part: {"name": "own", "policies": bad} if part == "action_bank" else bad}
+    with pytest.raises(ValidationError) as raised:
+        Descriptor.model_validate(hostile)
+    assert raised.value.error_count() < 100

@@ -97,7 +97,8 @@ def test_what_is_written_is_read_back(data: st.DataObject) -> None:
 def test_counts_and_identities_are_filled_in(tmp_path: Path) -> None:
     write_dataset(tmp_path, 1)
     records = open_dataset(tmp_path).rollouts().to_pylist()
-    assert [record["rollout_id"] for record in records] == ["g0.nominal.v1.a1", "g0.brake_0.50.v1.a1", "g0.nominal_replay.v1.a1"]
+    expected = ["g0.nominal.v1.a1", "g0.brake_0.50.v1.a1", "g0.nominal_replay.v1.a1"]
+    assert [record["rollout_id"] for record in records] == expected
     assert {(record["num_ticks"], record["num_observations"], record["attempt"]) for record in records} == {(12, 3, 1)}
 
 

@@ -122,7 +122,8 @@ def writer_after_close(scene: Scene) -> None:
 
 def same_id_twice(scene: Scene) -> None:
     scene.finish()
-    scene.group.begin_rollout(**identity_fields("nominal_replay", "nominal", "g.nominal.v1.a1"), rollout_id="g.nominal.v1.a1")
+    fields = identity_fields("nominal_replay", "nominal", "g.nominal.v1.a1")
+    scene.group.begin_rollout(**fields, rollout_id="g.nominal.v1.a1")
 
 
 def same_id_in_two_groups(scene: Scene) -> None:

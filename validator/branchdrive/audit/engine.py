@@ -6,7 +6,6 @@ files and sizes of row groups cannot change a verdict.
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Iterable, Sequence
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
@@ -14,15 +13,15 @@ from pathlib import Path
 
 from branchdrive.audit.check import SURVEY_RULES
 from branchdrive.audit.examine import VIEW_RULES
-from branchdrive.audit.finding import Finding
+from branchdrive.audit.finding import Finding, printable
 from branchdrive.audit.funnel import Funnel
 from branchdrive.audit.report import DatasetFacts, Report, RunOptions
 from branchdrive.audit.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.audit.survey import Survey, take_survey
-from branchdrive.audit.tally import Tally
+from branchdrive.audit.tally import Tally, failure_text
 from branchdrive.audit.verdict import decide
 from branchdrive.audit.waiver import Waiver, apply_waivers
-from branchdrive.audit.worker import Died, Executor, in_process
+from branchdrive.audit.worker import Died, Executor, Failed, in_process
 from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.errors import UsageError
 
@@ -118,7 +117,12 @@ def _audit_shards(
     if progress:
         progress(0, len(tasks))
     for index, outcome in executor(audit_shard, tasks):
-        results[index] = outcome if not isinstance(outcome, Died) else _post_mortem(tasks[index], executor, errors)
+        if isinstance(outcome, Died):
+            outcome = _post_mortem(tasks[index], executor, errors)
+        elif isinstance(outcome, Failed):
+            errors.append(f"{tasks[index].folder}: {outcome.message}")
+            outcome = _unjudged(tasks[index])
+        results[index] = outcome
         if progress:
             progress(len(results), len(tasks))
     return [results[index] for index in sorted(results)], errors
@@ -126,21 +130,30 @@ def _audit_shards(
 
 def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> ShardResult:
     """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
-    result = ShardResult(task.folder)
+    result = _unjudged(task)
     for path in task.files:
         part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed)
         for _, outcome in executor(audit_shard, [part]):
             if isinstance(outcome, Died):
                 result.over_limit[path] = "killed the process that decoded it within the memory limit, twice"
+            elif isinstance(outcome, Failed):
+                errors.append(f"{path}: {outcome.message}")
             else:
                 result.digests.update(outcome.digests)
+                result.unreadable.update(outcome.unreadable)
+                result.undecodable.update(outcome.undecodable)
+                result.over_limit.update(outcome.over_limit)
                 result.present += outcome.present
                 result.num_tables += outcome.num_tables
-    reason = f"{task.folder} could not be judged"
-    result.tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected}
-    if not result.over_limit:
+    if not result.over_limit and not result.undecodable:
         errors.append(f"{task.folder}: the worker died twice although every file decodes on its own")
     return result
+
+
+def _unjudged(task: ShardTask) -> ShardResult:
+    reason = f"{task.folder} could not be judged"
+    tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected}
+    return ShardResult(task.folder, tallies=tallies)
 
 
 def _merge(survey: Survey, selected: frozenset[str]) -> dict[str, Tally]:
@@ -170,7 +183,7 @@ def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> No
         try:
             check = SURVEY_RULES[tally.rule_id](survey)
         except Exception:  # as in `examine`: a bug of one rule must not hide the others
-            tally.errors.append(f"{tally.rule_id}:\n{traceback.format_exc()}")
+            tally.errors.append(failure_text(tally.rule_id))
             return
         tally.examined = tally.total = max(check.examined, len(check.sightings))
         tally.num_findings = len(check.sightings)
@@ -184,7 +197,7 @@ def _facts(survey: Survey) -> DatasetFacts:
             rows[name] = rows.get(name, 0) + count
     descriptor = survey.descriptor
     return DatasetFacts(
-        path=ascii(str(survey.root))[1:-1],
+        path=printable(str(survey.root)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
         identity=(survey.manifest.identity or None) if survey.manifest else None,

@@ -6,7 +6,6 @@ rule off for the others. Source: spec/07-rules.md#order.
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from itertools import islice
@@ -19,7 +18,7 @@ from branchdrive.audit.finding import Finding, Sighting
 from branchdrive.audit.funnel import Funnel, funnel_of
 from branchdrive.audit.rules.status import ATTEMPT_IS_COMPLETE
 from branchdrive.audit.selection import select_candidates
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
+from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
 from branchdrive.audit.view import ShardView, StreamView
 from branchdrive.contract.catalogue import CATALOGUE
 
@@ -41,6 +40,7 @@ class Examination:
     failed_groups: dict[str, Mask] = field(default_factory=dict)
 
 
+@np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
 def examine(view: ShardView, selected: Collection[str] | None = None) -> Examination:
     """Run the selected rules (all by default) on one shard."""
     result = Examination()
@@ -57,8 +57,10 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> Examina
                 continue
             try:
                 judge(rule_id, tally)
+            except MemoryError:
+                raise
             except Exception:  # a failing rule is a bug of this tool and must not hide the other rules
-                tally.errors.append(f"{rule_id} on {view.file_prefix or 'memory'}:\n{traceback.format_exc()}")
+                tally.errors.append(failure_text(f"{rule_id} on {view.file_prefix or 'memory'}"))
 
     in_order = [rule_id for rule_id in VIEW_RULES if rule_id in SHARD_RULES]
     run(in_order, lambda rule_id, tally: _judge_rows(view, rule_id, tally, result))
@@ -72,8 +74,7 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> Examina
     run(in_order, judge_attempts)
 
     selection = select_candidates(view, ~_any(result.failed.values(), view.num_rollouts))
-    touched = np.zeros(len(view.group_ids), bool)
-    touched[view.group[broken]] = True
+    touched = np.any(broken[selection.chosen] & (selection.chosen >= 0), axis=1)
     in_order = [rule_id for rule_id in VIEW_RULES if rule_id in GROUP_RULES]
 
     def judge_groups(rule_id: str, tally: Tally) -> None:

@@ -10,10 +10,15 @@ from typing import Any
 
 from branchdrive.contract.catalogue import CATALOGUE, Kind
 
-__all__ = ["Finding", "Sighting", "location_text", "quote"]
+__all__ = ["Finding", "Sighting", "location_text", "printable", "quote"]
 
 MAX_QUOTED = 160
 """Characters of a quoted value in a finding."""
+
+
+def printable(text: str) -> str:
+    """`text` on one line of printable ASCII, every other character escaped: safe on any terminal."""
+    return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in text)
 
 
 def quote(value: object) -> str:
@@ -59,10 +64,10 @@ class Finding:
     def of(cls, rule_id: str, sighting: Sighting) -> Finding:
         """Finding of a rule from what it saw; free text is made safe to print."""
         location = {
-            key: value if isinstance(value, int) else ascii(value)[1:-1][:500]
+            key: value if isinstance(value, int) else printable(value[:500])[:500]
             for key, value in sighting.location.items()
         }
-        expected, found = (ascii(text)[1:-1][:300] for text in (sighting.expected, sighting.found))
+        expected, found = (printable(text[:300])[:300] for text in (sighting.expected, sighting.found))
         return cls(rule_id, location, sighting.count, expected, found)
 
     @property

@@ -92,10 +92,7 @@ def funnel_of(view: ShardView, selection: Selection, failed: dict[str, Mask], fa
     members = selection.chosen >= 0
     for rule_id, rollouts in failed.items():
         groups = np.zeros(len(view.group_ids), bool)
-        if CATALOGUE[rule_id].decides:  # group rules did not examine these groups: they qualify for nothing
-            groups[view.group[rollouts]] = True
-        else:
-            groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
+        groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
         by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
     left = [True] * len(view.group_ids)
     for stage, rules in by_stage.items():

@@ -7,6 +7,7 @@ digested. Source: spec/07-rules.md#trust.
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.parquet import decode_table
-from branchdrive.dataset.untrusted import open_file, read_file
+from branchdrive.dataset.untrusted import open_file
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class ShardResult:
     num_tables: int = 0
     num_bytes: int = 0
     digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
     undecodable: dict[str, str] = field(default_factory=dict)
     over_limit: dict[str, str] = field(default_factory=dict)
     type_problems: dict[str, list[ColumnProblem]] = field(default_factory=dict)
@@ -105,19 +107,25 @@ def audit_shard(task: ShardTask) -> ShardResult:
 
 
 def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
-    if task.is_hashed:
+    if not task.is_hashed:
+        return
+    try:
         with open_file(task.root, path) as stream:
             result.digests[path] = hashlib.file_digest(stream, "sha256").hexdigest()
+    except (DatasetError, OSError) as error:
+        result.unreadable[path] = str(error)
 
 
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
+    max_bytes = spec_limits().max_table_bytes
     try:
-        content = read_file(task.root, path, spec_limits().max_table_bytes)
-    except DatasetError as error:
-        result.over_limit[path] = str(error)
+        with open_file(task.root, path) as stream:
+            content = stream.read(min(os.fstat(stream.fileno()).st_size, max_bytes) + 1)
+    except (DatasetError, OSError) as error:
+        result.undecodable[path] = str(error)
         return None
     result.num_bytes += len(content)
-    if task.is_hashed:
+    if task.is_hashed and len(content) <= max_bytes:
         result.digests[path] = hashlib.sha256(content).hexdigest()
     try:
         return decode_table(content, name)
@@ -125,13 +133,22 @@ def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> p
         result.over_limit[path] = str(error)
     except DecodeError as error:
         result.undecodable[path] = str(error)
+    _release_memory()
     return None
 
 
-def _plain(kind: pa.DataType) -> pa.DataType:
+def _release_memory() -> None:
+    """Give back what a failed decoding holds, so that the next file finds room under the memory limit."""
     import pyarrow as pa
 
-    return kind.value_type if pa.types.is_dictionary(kind) else kind
+    pa.default_memory_pool().release_unused()
+
+
+def _plain(kind: pa.DataType) -> pa.DataType:
+    """The type of a column's values; text may come as a dictionary, other values may not."""
+    import pyarrow as pa
+
+    return kind.value_type if pa.types.is_dictionary(kind) and pa.types.is_string(kind.value_type) else kind
 
 
 def _type_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:

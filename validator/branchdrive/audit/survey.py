@@ -11,6 +11,7 @@ import os
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -36,7 +37,7 @@ class Entry:
     """One name below the root."""
 
     path: str
-    kind: Literal["file", "folder", "link", "special"]
+    kind: Literal["file", "folder", "link", "special", "unreadable"]
     size: int
 
 
@@ -57,6 +58,7 @@ class Survey:
         descriptor: The typed descriptor, ``None`` unless it is sound.
         is_hashed: Whether digests are computed.
         digests: SHA-256 of every file that was read, by path.
+        unreadable: Why files that digests need could not be read, by path.
         shards: Results of the shards, by folder.
     """
 
@@ -72,6 +74,7 @@ class Survey:
     descriptor: Descriptor | None = None
     is_hashed: bool = True
     digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
     shards: tuple[ShardResult, ...] = ()
 
     @property
@@ -85,7 +88,8 @@ class Survey:
         folders: dict[str, list[Entry]] = {}
         for entry in self.entries:
             parts = entry.path.split("/")
-            if len(parts) >= 2 and parts[0] == RAW_DIR and shard_index(parts[1]) is not None:
+            is_inside = len(parts) > 2 or (len(parts) == 2 and entry.kind == "folder")
+            if is_inside and parts[0] == RAW_DIR and shard_index(parts[1]) is not None:
                 files = folders.setdefault("/".join(parts[:2]), [])
                 if entry.kind == "file" and unsafe_reason(entry.path) is None:
                     files.append(entry)
@@ -98,10 +102,11 @@ class Survey:
 
     def with_shards(self, shards: tuple[ShardResult, ...]) -> Survey:
         """This survey with the shards' results and digests merged in."""
-        digests = dict(self.digests)
+        digests, unreadable = dict(self.digests), dict(self.unreadable)
         for shard in shards:
             digests.update(shard.digests)
-        return replace(self, shards=shards, digests=digests)
+            unreadable.update(shard.unreadable)
+        return replace(self, shards=shards, digests=digests, unreadable=unreadable)
 
 
 def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
@@ -109,24 +114,35 @@ def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
     folders = [""]
     while folders:
         folder = folders.pop()
-        with os.scandir(root / folder) as listing:
-            names = sorted(listing, key=lambda entry: entry.name)
+        try:
+            with os.scandir(root / folder) as listing:
+                names = sorted(islice(listing, 2 * limits.max_files + 1), key=lambda entry: entry.name)
+        except OSError:
+            if not folder:
+                raise
+            entries.append(Entry(folder, "unreadable", 0))
+            continue
         for name in names:
             path = f"{folder}/{name.name}" if folder else name.name
-            mode = name.stat(follow_symlinks=False)
-            if stat.S_ISLNK(mode.st_mode):
-                entries.append(Entry(path, "link", 0))
-            elif stat.S_ISREG(mode.st_mode):
-                entries.append(Entry(path, "file", mode.st_size))
-            elif stat.S_ISDIR(mode.st_mode):
-                entries.append(Entry(path, "folder", 0))
-                if path.count("/") < limits.max_depth:
-                    folders.append(path)
-            else:
-                entries.append(Entry(path, "special", 0))
+            entries.append(_entry(path, name))
+            # One folder below the deepest allowed one, so that what lies too deep is seen.
+            if entries[-1].kind == "folder" and path.count("/") <= limits.max_depth:
+                folders.append(path)
             if len(entries) > 2 * limits.max_files:
                 return entries, True
     return sorted(entries, key=lambda entry: entry.path), False
+
+
+def _entry(path: str, name: os.DirEntry[str]) -> Entry:
+    try:
+        status = name.stat(follow_symlinks=False)
+    except OSError:
+        return Entry(path, "unreadable", 0)
+    if stat.S_ISREG(status.st_mode):
+        return Entry(path, "file", status.st_size)
+    if stat.S_ISDIR(status.st_mode):
+        return Entry(path, "folder", 0)
+    return Entry(path, "link" if stat.S_ISLNK(status.st_mode) else "special", 0)
 
 
 def _digest(root: Path, path: str) -> str:
@@ -151,7 +167,7 @@ def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
         content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes)
         yield "digests", {DESCRIPTOR_FILE: hashlib.sha256(content).hexdigest()}
         document = parse_json(content, limits)
-    except (DatasetError, ValueError, RecursionError) as error:
+    except (DatasetError, OSError, ValueError, RecursionError) as error:
         yield "document_error", str(error)
         return
     yield "document", document
@@ -184,11 +200,19 @@ def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = 
         try:
             manifest, problems = parse_manifest(read_file(root, MANIFEST_FILE, limits.max_manifest_bytes), limits)
             survey = replace(survey, manifest=manifest, manifest_problems=tuple(problems))
-        except DatasetError as error:
+        except (DatasetError, OSError) as error:
             survey = replace(survey, manifest_problems=(ManifestProblem(0, str(error)),))
-    if hash_files:
-        in_shards = {entry.path for files in survey.shard_folders.values() for entry in files}
-        known = {*in_shards, *survey.digests, MANIFEST_FILE}
-        outside = {e.path: _digest(root, e.path) for e in survey.files if e.path not in known}
-        survey = replace(survey, digests={**survey.digests, **outside})
-    return survey
+    return _hash_outside(survey) if hash_files else replace(survey, digests={})
+
+
+def _hash_outside(survey: Survey) -> Survey:
+    """Digest what lies outside the shards and was not read yet."""
+    digests, unreadable = dict(survey.digests), {}
+    read_by_others = {entry.path for files in survey.shard_folders.values() for entry in files}
+    read_by_others |= {MANIFEST_FILE, *digests}
+    for path in [e.path for e in survey.files if e.path not in read_by_others]:
+        try:
+            digests[path] = _digest(survey.root, path)
+        except (DatasetError, OSError) as error:
+            unreadable[path] = str(error)
+    return replace(survey, digests=digests, unreadable=unreadable)

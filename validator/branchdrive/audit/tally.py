@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Literal
 
-from branchdrive.audit.finding import Finding
+from branchdrive.audit.finding import Finding, printable
 from branchdrive.contract.catalogue import CATALOGUE, RuleInfo
 
-__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally"]
+__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally", "failure_text"]
 
 MAX_FINDINGS_PER_RULE = 100
 """Findings kept per rule; counts stay exact."""
 
+_MAX_LINE = 500
+"""Characters of a line of a traceback, whose message may quote a value."""
+
 RuleStatus = Literal["pass", "fail", "skipped", "not-claimed", "inconclusive", "error"]
+
+
+def failure_text(place: str) -> str:
+    """The exception that is being handled, with its traceback, in printable lines."""
+    lines = f"{place}:\n{traceback.format_exc()}".rstrip().split("\n")
+    return "\n".join(printable(line[:_MAX_LINE]) for line in lines)
 
 
 @dataclass
@@ -59,7 +70,7 @@ class Tally:
     def keep(self, findings: Iterable[Finding]) -> None:
         """Keep findings as far as the cap allows."""
         room = MAX_FINDINGS_PER_RULE - len(self.findings)
-        self.findings += list(findings)[: max(room, 0)]
+        self.findings += islice(findings, max(room, 0))
 
     @property
     def status(self) -> RuleStatus:

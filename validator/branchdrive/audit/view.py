@@ -6,7 +6,7 @@ several rules need (windows, active rows, expected commands) is computed once an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -36,8 +36,11 @@ class TableView:
     def __init__(self, name: str, table: pa.Table, order: Index | None = None) -> None:
         self.name = name
         self._table = table.take(order) if order is not None else table
+        self._arrays: dict[str, pa.Array] = {}
         self._values: dict[str, NDArray[Any]] = {}
         self._valid: dict[str, Mask] = {}
+        self._words: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
+        self._extremes: dict[str, tuple[Any, Any]] = {}
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -49,8 +52,15 @@ class TableView:
         return f"TableView({self.name!r}, rows={len(self)}, columns={self._table.num_columns})"
 
     def _array(self, column: str) -> pa.Array:
-        chunked = self._table[column]
-        return chunked.chunk(0) if chunked.num_chunks == 1 else chunked.combine_chunks()
+        """The column in one piece; pieces are joined once."""
+        if column not in self._arrays:
+            chunked = self._table[column]
+            self._arrays[column] = chunked.chunk(0) if chunked.num_chunks == 1 else chunked.combine_chunks()
+        return self._arrays[column]
+
+    def num_nulls(self, column: str) -> int:
+        """Number of rows whose value is null."""
+        return int(self._table[column].null_count)
 
     def valid(self, column: str) -> Mask:
         """Rows whose value is not null, ``[rows]``."""
@@ -67,9 +77,6 @@ class TableView:
         return self._values[column]
 
     def _load(self, column: str) -> NDArray[Any]:
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         array = self._array(column)
         kind = TABLES[self.name][column].type
         if kind == "string":
@@ -77,15 +84,49 @@ class TableView:
             lookup = np.array([*words, ""], dtype=object)
             return np.asarray(lookup[codes])
         if kind.startswith("list"):
-            return np.array([np.asarray(row or (), np.float64) for row in array.to_pylist()] + [None], dtype=object)[
-                :-1
-            ]
-        if array.null_count:
-            array = pc.fill_null(array, pa.scalar(False if kind == "bool" else 0, array.type))
-        return np.asarray(array.to_numpy(zero_copy_only=False))
+            items, lengths = self.items(column)
+            cells = np.empty(len(lengths), dtype=object)
+            for i, (stop, length) in enumerate(zip(np.cumsum(lengths), lengths, strict=True)):
+                cells[i] = items[stop - length : stop]
+            return cells
+        return _filled(array)
+
+    def pieces(self, columns: Sequence[str], num_rows: int) -> Iterator[tuple[int, list[NDArray[Any]]]]:
+        """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row; joins nothing."""
+        start = 0
+        for batch in self._table.select(columns).to_batches(max_chunksize=num_rows):
+            yield start, [_filled(array) for array in batch.columns]
+            start += batch.num_rows
+
+    def extremes(self, column: str) -> tuple[Any, Any]:
+        """Smallest and largest present value of a column of numbers, list cells by item.
+
+        Both are NaN where any value is, and ``(inf, -inf)`` where there is no value: finite extremes
+        within a range prove that every value is finite and within it. Pieces are not joined for it.
+        """
+        if column not in self._extremes:
+            if TABLES[self.name][column].type.startswith("list"):
+                pieces = [self.items(column)[0]]
+            else:
+                pieces = [piece.drop_null().to_numpy() for piece in self._table[column].chunks]
+            bounds = [(values.min(), values.max()) for values in pieces if len(values)] or [(np.inf, -np.inf)]
+            least, most = zip(*bounds, strict=True)
+            self._extremes[column] = np.min(least), np.max(most)  # they keep a NaN, as their parts do
+        return self._extremes[column]
+
+    def items(self, column: str) -> tuple[NDArray[Any], Index]:
+        """Items of all cells of a list column, one after the other, and the number in each cell ``[rows]``."""
+        array = self._array(column)
+        lengths = array.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
+        return array.flatten().to_numpy(zero_copy_only=False), lengths
 
     def words(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
         """Codes ``[rows]`` into the distinct words of a text column; -1 where null."""
+        if column not in self._words:
+            self._words[column] = self._encode(column)
+        return self._words[column]
+
+    def _encode(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
         import pyarrow as pa
 
         array = self._array(column)
@@ -99,6 +140,15 @@ class TableView:
         codes, words = self.words(column)
         matching = np.array([candidate == word for candidate in words] + [False])
         return np.asarray(matching[codes])
+
+
+def _filled(array: pa.Array) -> NDArray[Any]:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if array.null_count:
+        array = pc.fill_null(array, pa.scalar(False if pa.types.is_boolean(array.type) else 0, array.type))
+    return np.asarray(array.to_numpy(zero_copy_only=False))
 
 
 @dataclass(frozen=True)
@@ -134,9 +184,10 @@ class StreamView(TableView):
             rollout, tick, key = rollout[order], tick[order], key[order]
         super().__init__(name, table, order)
         if order is None:
-            self._values, self._valid = raw._values, raw._valid
+            self._arrays, self._values, self._words = raw._arrays, raw._values, raw._words
         self.rollout, self.tick, self._key = rollout, tick, key
         self.num_rollouts = num_rollouts
+        self._rows_of: dict[str, Index] = {}
         self.start = np.searchsorted(rollout, np.arange(num_rollouts), side="left")
         self.stop = np.searchsorted(rollout, np.arange(num_rollouts), side="right")
 
@@ -148,6 +199,17 @@ class StreamView(TableView):
             return np.full(np.shape(row), -1)
         hit = (self._key[np.minimum(row, len(self._key) - 1)] == key) & (np.asarray(rollout) >= 0)
         return np.where(hit, row, -1)
+
+    def rows_of(self, other: StreamView) -> Index:
+        """Row here for each row of `other`, as `find` has it; streams share most of their moments."""
+        if other.name not in self._rows_of:
+            first = np.flatnonzero(~other.repeats)
+            if np.array_equal(other._key[first], self._key):
+                row = np.where(self.rollout >= 0, np.arange(len(self)), -1)
+            else:
+                row = self.find(other.rollout[first], other.tick[first])
+            self._rows_of[other.name] = np.repeat(row, np.diff(first, append=len(other)))
+        return self._rows_of[other.name]
 
     @cached_property
     def repeats(self) -> Mask:

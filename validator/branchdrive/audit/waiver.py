@@ -1,7 +1,8 @@
 """Waivers: failures that somebody accepted, with a reason and an end.
 
 A waiver names a deciding rule and a glob over the finding's location text. It covers at most
-``max_count`` findings, and only as long as it has not expired; whatever it does is printed.
+``max_count`` findings as reports count them (a place with three violating rows counts three), and
+only as long as it has not expired; whatever it does is printed.
 A rule is waived only if every one of its findings is: a rule with more findings than a report
 keeps cannot be. Source: spec/07-rules.md#waivers.
 """
@@ -98,15 +99,16 @@ def apply_waivers(tallies: Mapping[str, Tally], waivers: Sequence[Waiver], today
             for i, f in enumerate(findings)
             if not f.waived and fnmatchcase(location_text(f.location), waiver.location)
         ]
+        num_matched = sum(findings[i].count for i in matching)
         state: Literal["used", "unused", "expired", "exceeded"] = "used"
         if waiver.expires < today:
             state = "expired"
         elif not matching:
             state = "unused"
-        elif len(matching) > waiver.max_count:
+        elif num_matched > waiver.max_count:
             state = "exceeded"
         else:
             for i in matching:
                 findings[i] = replace(findings[i], waived=True)
-        outcomes.append(WaiverOutcome(waiver, len(matching), state))
+        outcomes.append(WaiverOutcome(waiver, num_matched, state))
     return outcomes

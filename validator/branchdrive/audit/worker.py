@@ -8,15 +8,18 @@ Source: spec/09-security.md#limits.
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from branchdrive.audit.tally import failure_text
 from branchdrive.contract.limits import spec_limits
 
-__all__ = ["Died", "Executor", "in_process", "isolated"]
+__all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -24,7 +27,14 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Died:
-    """The process that worked on a task died, twice, without an exception."""
+    """The process that worked on a task died, twice, without an exception, or ran out of memory."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The tool failed on a task, for no reason in the data: an exception, or no process to be had."""
+
+    message: str
 
 
 class Executor(Protocol):
@@ -32,18 +42,32 @@ class Executor(Protocol):
 
     def __call__(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], /
-    ) -> Iterator[tuple[int, Result | Died]]:
+    ) -> Iterator[tuple[int, Result | Died | Failed]]:
         """Start the work and yield results as they come."""
         ...
 
 
-def in_process(function: Callable[[Task], Result], tasks: Sequence[Task], /) -> Iterator[tuple[int, Result | Died]]:
+def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
+    """Result of a task, or what its exception says."""
+    try:
+        return function(task)
+    except MemoryError:
+        return Died()
+    except Exception:  # it must not hide the results of the other tasks
+        return Failed(failure_text(function.__name__))
+
+
+def in_process(
+    function: Callable[[Task], Result], tasks: Sequence[Task], /
+) -> Iterator[tuple[int, Result | Died | Failed]]:
     """Run every task in this process, in order, without a memory limit."""
     for index, task in enumerate(tasks):
-        yield index, function(task)
+        yield index, _attempt(function, task)
 
 
-def _limit_memory(max_bytes: int) -> None:
+def _prepare_process(max_bytes: int) -> None:
+    """Let an interrupt end the process at once and in silence, and bound its memory."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         import resource
     except ImportError:  # no such limit on this platform
@@ -56,14 +80,21 @@ def _limit_memory(max_bytes: int) -> None:
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, context, _limit_memory, (spec_limits().max_worker_bytes,))
+    return ProcessPoolExecutor(jobs, context, _prepare_process, (spec_limits().max_worker_bytes,))
 
 
-def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died:
+def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
     """Run one task in a process of its own, so that only its own death is seen."""
     with _pool(1) as pool:
         try:
-            return pool.submit(function, task).result()
+            pool.submit(os.getpid).result()
+        except BrokenProcessPool:
+            return Failed(
+                "worker processes die before they take up work; a script that validates with worker processes "
+                "needs the guard `if __name__ == '__main__':`"
+            )
+        try:
+            return pool.submit(_attempt, function, task).result()
         except BrokenProcessPool:
             return Died()
 
@@ -75,26 +106,36 @@ def isolated(jobs: int) -> Executor:
     the one that kills again is reported as `Died`, the others are not affected.
     """
 
-    def run(function: Callable[[Task], Result], tasks: Sequence[Task], /) -> Iterator[tuple[int, Result | Died]]:
+    def run(
+        function: Callable[[Task], Result], tasks: Sequence[Task], /
+    ) -> Iterator[tuple[int, Result | Died | Failed]]:
         waiting = list(range(len(tasks)))[::-1]
         while waiting:
             suspects: list[int] = []
             pool = _pool(min(jobs, len(waiting)))
-            running: dict[Future[Result], int] = {}
+            is_broken = False
+            running: dict[Future[Result | Died | Failed], int] = {}
             try:
-                while (waiting and not suspects) or running:
-                    while waiting and not suspects and len(running) < jobs:
-                        index = waiting.pop()
-                        running[pool.submit(function, tasks[index])] = index
+                while (waiting and not is_broken) or running:
+                    while waiting and not is_broken and len(running) < jobs:
+                        try:
+                            future = pool.submit(_attempt, function, tasks[waiting[-1]])
+                        except BrokenProcessPool:  # another task's process died a moment ago
+                            is_broken = True
+                        else:
+                            running[future] = waiting.pop()
                     done, _ = wait(running, return_when=FIRST_COMPLETED)
                     for future in done:
                         index = running.pop(future)
                         if isinstance(future.exception(), BrokenProcessPool):
+                            is_broken = True
+                            suspects.append(index)
+                        elif isinstance(result := future.result(), Died):
                             suspects.append(index)
                         else:
-                            yield index, future.result()
+                            yield index, result
             finally:
-                pool.shutdown(wait=not suspects, cancel_futures=True)
+                pool.shutdown(wait=not is_broken, cancel_futures=True)
             for index in suspects:
                 yield index, _alone(function, tasks[index])
 

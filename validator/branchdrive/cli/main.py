@@ -2,23 +2,26 @@
 
 Commands are modules with `SUMMARY`, `add_arguments(parser)` and `run(args, stdout, stderr) -> int`.
 Extras add theirs through the entry-point group `branchdrive.commands`. Exit codes: 0, 1, 3, 4 as the
-verdict says; 2 wrong usage; 130 interrupted.
+verdict says, 4 also where a command fails for no reason in its input; 2 wrong usage; 130 interrupted.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import entry_points, version
-from typing import Protocol, TextIO
+from typing import NoReturn, Protocol, TextIO
 
-from branchdrive.errors import BranchDriveError
+from branchdrive.errors import BranchDriveError, UsageError
 
 __all__ = ["main", "run", "validate_main"]
 
 EXIT_USAGE = 2
+EXIT_FAILED = 4
 EXIT_INTERRUPTED = 130
 
 _BUILT_IN = {"validate": "branchdrive.cli.validate", "rules": "branchdrive.cli.rules"}
@@ -47,24 +50,50 @@ def _load(module_name: str) -> Command:
     return module
 
 
-def _execute(
-    parser: argparse.ArgumentParser, command: Command, args: argparse.Namespace, out: TextIO, err: TextIO
-) -> int:
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line and leave the interpreter running."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; `{self.prog} --help` explains")
+
+
+def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: TextIO) -> int:
+    """Exit code of `action`, whatever becomes of it; a failure is one line, and a bug has its traceback."""
     try:
-        return command.run(args, out, err)
+        code = action()
+        stdout.flush()
     except KeyboardInterrupt:
-        err.write(f"{parser.prog}: interrupted\n")
+        stderr.write(f"{prog}: interrupted\n")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
+        _discard_output(stdout)
         return EXIT_INTERRUPTED
     except (BranchDriveError, OSError) as error:
-        err.write(f"{parser.prog}: {error}\n")
+        stderr.write(f"{prog}: {error}\n")
         return EXIT_USAGE
+    except Exception as error:  # a bug is no verdict on a dataset: it must not end in exit code 1
+        from traceback import format_exc
+
+        stderr.write(f"{format_exc()}{prog}: {type(error).__name__} in the tool itself; please report it\n")
+        return EXIT_FAILED
+    return code
+
+
+def _discard_output(stdout: TextIO) -> None:
+    """Let the interpreter's last flush go nowhere, because whoever read the output has left."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stdout.fileno())
+        os.close(nowhere)
 
 
 def run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     """Run `branchdrive` with the given arguments; raises `SystemExit` only for `--help` and `--version`."""
-    parser = argparse.ArgumentParser("branchdrive", description="Branch-structured driving datasets.")
+    return _carry_out("branchdrive", lambda: _run_command(argv, stdout, stderr), stdout, stderr)
+
+
+def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
+    parser = _Parser("branchdrive", description="Branch-structured driving datasets.")
     parser.add_argument("--version", action="version", version=f"branchdrive {version('branchdrive')}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     modules = _command_modules()
@@ -75,10 +104,8 @@ def run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
             command.add_arguments(subparsers.add_parser(name, help=command.SUMMARY, description=command.SUMMARY))
         else:
             subparsers.add_parser(name, help=_SUMMARIES.get(name, "added by an installed extra"), add_help=False)
-    args = _parse(parser, argv)
-    if isinstance(args, int):
-        return args
-    return _execute(parser, _load(modules[args.command]), args, stdout, stderr)
+    args = parser.parse_args(argv)
+    return _load(modules[args.command]).run(args, stdout, stderr)
 
 
 _SUMMARIES = {
@@ -96,31 +123,21 @@ def _load_or_explain(name: str, module_name: str) -> Command:
         raise BranchDriveError(f"`{name}` needs the package {error.name!r}: {hint}") from error
 
 
-def _parse(parser: argparse.ArgumentParser, argv: Sequence[str]) -> argparse.Namespace | int:
-    try:
-        return parser.parse_args(argv)
-    except SystemExit as stop:
-        if stop.code:
-            return EXIT_USAGE
-        raise
-
-
 def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     """Run `branchdrive-validate` with the given arguments."""
-    command = _load(_BUILT_IN["validate"])
-    parser = argparse.ArgumentParser("branchdrive-validate", description=command.SUMMARY)
-    command.add_arguments(parser)
-    args = _parse(parser, argv)
-    return args if isinstance(args, int) else _execute(parser, command, args, stdout, stderr)
+
+    def action() -> int:
+        command = _load(_BUILT_IN["validate"])
+        parser = _Parser("branchdrive-validate", description=command.SUMMARY)
+        command.add_arguments(parser)
+        return command.run(parser.parse_args(argv), stdout, stderr)
+
+    return _carry_out("branchdrive-validate", action, stdout, stderr)
 
 
 def main() -> int:
     """Entry point of `branchdrive`."""
-    try:
-        return run(sys.argv[1:], sys.stdout, sys.stderr)
-    except BranchDriveError as error:
-        sys.stderr.write(f"branchdrive: {error}\n")
-        return EXIT_USAGE
+    return run(sys.argv[1:], sys.stdout, sys.stderr)
 
 
 def validate_main() -> int:

@@ -14,9 +14,10 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.finding import location_text
+from branchdrive.audit.check import SHARD_RULES
+from branchdrive.audit.finding import location_text, printable
 from branchdrive.audit.report import Report
-from branchdrive.audit.tally import Tally
+from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
 from branchdrive.audit.verdict import Verdict, is_waived
 from branchdrive.contract.catalogue import AREAS, CATALOGUE, RuleInfo
 
@@ -45,6 +46,11 @@ def _console(stdout: TextIO, is_file: bool = False) -> tuple[Console, StringIO]:
     return Console(file=buffer, force_terminal=terminal, width=width, highlight=False, emoji=False), buffer
 
 
+def _lines(buffer: StringIO) -> str:
+    """What was printed, without the blanks that fill lines up."""
+    return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
+
+
 def _size(num_bytes: int) -> str:
     size = float(num_bytes)
     units = ["B", "KiB", "MiB", "GiB"]
@@ -65,7 +71,7 @@ def render_report(report: Report, stdout: TextIO, output: Path | None = None) ->
     for message in report.errors:
         console.print(Text(message, style="magenta"))
     _print_verdict(console, report)
-    return buffer.getvalue()
+    return _lines(buffer)
 
 
 def _print_head(console: Console, report: Report) -> None:
@@ -104,8 +110,10 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
         console.print(Padding(Text(location_text(finding.location) + more, style="cyan"), (0, 0, 0, 6)))
         console.print(Padding(Text(f"expected {finding.expected}; found {finding.found}"), (0, 0, 0, 8)))
     if len(tally.findings) > FINDINGS_SHOWN:
-        left = tally.num_findings - sum(f.count for f in tally.findings[:FINDINGS_SHOWN])
-        more = f"... and {max(left, 1):,} more (--format json lists up to 100)"
+        # Rules on rows count rows, of which a finding may hold several; the others count findings.
+        shown = tally.findings[:FINDINGS_SHOWN]
+        left = tally.num_findings - sum(f.count if info.id in SHARD_RULES else 1 for f in shown)
+        more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
 
@@ -140,7 +148,8 @@ def _print_waivers(console: Console, report: Report) -> None:
     for outcome in report.waivers:
         w = outcome.waiver
         use = f"{outcome.state}, {outcome.num_matched} of at most {w.max_count}, until {w.expires}"
-        console.print(Padding(Text(f"{w.rule} at {w.location}: {use} - {w.reason}"), (0, 0, 0, 2)))
+        line = f"{w.rule} at {printable(w.location)}: {use} - {printable(w.reason)}"
+        console.print(Padding(Text(line), (0, 0, 0, 2)))
 
 
 def _print_rules(console: Console, report: Report) -> None:
@@ -167,7 +176,7 @@ def _print_verdict(console: Console, report: Report) -> None:
     if report.lacks_groups:
         found = 0 if report.funnel is None else report.funnel.qualified
         required = report.options.require_groups
-        console.print(Text(f"{found} branch groups qualify, {required} are required", style="bold red"))
+        console.print(Text(f"{found} of {required} required branch groups qualify", style="bold red"))
 
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
@@ -179,7 +188,7 @@ def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
             area = info.id[3:6]
             console.print(Text(f"{AREAS[area]}", style="bold"))
         console.print(f"  [cyan]{info.id}[/]  {info.kind:<13}  {escape(info.title)}", soft_wrap=True)
-    return buffer.getvalue()
+    return _lines(buffer)
 
 
 def render_rule(info: RuleInfo, stdout: TextIO) -> str:
@@ -200,4 +209,4 @@ def render_rule(info: RuleInfo, stdout: TextIO) -> str:
         if value:
             table.add_row(Text(key, style="dim"), Text(value))
     console.print(table)
-    return buffer.getvalue()
+    return _lines(buffer)

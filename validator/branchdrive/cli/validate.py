@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -17,11 +18,14 @@ if TYPE_CHECKING:
 SUMMARY = "check a dataset against the specification"
 
 
-def _at_least_one(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
-    return value
+def _at_least(low: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
+        if value < low:
+            raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least {low}")
+        return value
+
+    return parse
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,10 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", metavar="FILE", type=Path, help="write the report there instead of to the terminal")
     parser.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
     parser.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
-    parser.add_argument("--jobs", metavar="N", type=_at_least_one, default=1, help="worker processes (default: 1)")
+    parser.add_argument("--jobs", metavar="N", type=_at_least(1), default=1, help="worker processes (default: 1)")
     parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
     parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
-    parser.add_argument("--require-groups", metavar="N", type=int, help="exit 1 unless N branch groups qualify")
+    parser.add_argument("--require-groups", metavar="N", type=_at_least(0), help="exit 1 unless N groups qualify")
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
@@ -43,10 +47,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.audit.waiver import load_waivers
     from branchdrive.audit.worker import isolated
     from branchdrive.cli.text import render_report
-    from branchdrive.contract.document import dump_json
 
-    if args.output is not None and not args.output.parent.is_dir():
-        raise UsageError(f"--output: folder {str(args.output.parent)!r} does not exist")
+    _check_output(args.output)
     waivers = load_waivers(args.waivers) if args.waivers else ()
     with _progress(stderr) as progress:
         report = validate(
@@ -59,7 +61,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             executor=isolated(args.jobs),
             progress=progress,
         )
-    text = dump_json(report.to_json()).decode() if args.format == "json" else render_report(report, stdout, args.output)
+    if args.format == "json":
+        text = json.dumps(report.to_json(), indent=2, sort_keys=True, allow_nan=False) + "\n"
+    else:
+        text = render_report(report, stdout, args.output)
     if args.output is not None:
         _replace(args.output, text)
     else:
@@ -68,11 +73,26 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return report.exit_code
 
 
+def _check_output(path: Path | None) -> None:
+    """Refuse a file that cannot be written before the dataset is read, not after."""
+    if path is None:
+        return
+    if not path.parent.is_dir():
+        raise UsageError(f"--output: folder {str(path.parent)!r} does not exist")
+    if path.is_dir():
+        raise UsageError(f"--output: {str(path)!r} is a folder; name a file")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"--output: folder {str(path.parent)!r} is not writable")
+
+
 def _replace(path: Path, text: str) -> None:
     """Write a file so that it is never seen half-written."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 @contextmanager

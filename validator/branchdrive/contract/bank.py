@@ -26,7 +26,7 @@ class ActionBank(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
-    policies: Annotated[tuple[Policy, ...], Field(min_length=2, max_length=256, strict=False)]
+    policies: Annotated[tuple[Policy, ...], Field(min_length=2, max_length=256, strict=False, fail_fast=True)]
 
     @model_validator(mode="after")
     def _keys_identify(self) -> Self:

@@ -103,7 +103,7 @@ class Descriptor(_Document):
     collector: Software
     rates: Rates = Rates()
     streams: Annotated[tuple[str, ...], Field(strict=False, max_length=len(STREAMS))]
-    cameras: Annotated[tuple[Camera, ...], Field(strict=False, max_length=64)] = ()
+    cameras: Annotated[tuple[Camera, ...], Field(strict=False, max_length=64, fail_fast=True)] = ()
     layers: Annotated[tuple[Literal["raw"], ...], Field(strict=False, min_length=1, max_length=1)] = ("raw",)
     action_bank: ActionBank
     action_encoding: DeclaredEncoding | None = None

@@ -16,6 +16,9 @@ __all__ = ["BoxGap", "Boxes", "box_gap"]
 
 Array = NDArray[np.float64]
 
+_PAIRS_AT_ONCE = 1 << 13
+"""Pairs that are compared at once: intermediate arrays of 64 KiB stay in the cache."""
+
 
 class Boxes(NamedTuple):
     """Oriented boxes, each field ``[n]`` float64: centre and heading in one frame, full extents in metres."""
@@ -45,11 +48,25 @@ class BoxGap(NamedTuple):
 
 def _outside(x: Array, y: Array, half_length: Array, half_width: Array) -> tuple[Array, Array]:
     """Vector from the closest point of an axis-aligned box at the origin to the point ``(x, y)``."""
-    return x - np.clip(x, -half_length, half_length), y - np.clip(y, -half_width, half_width)
+    return (
+        x - np.minimum(np.maximum(x, -half_length), half_length),
+        y - np.minimum(np.maximum(y, -half_width), half_width),
+    )
 
 
 def box_gap(a: Boxes, b: Boxes) -> BoxGap:
     """Smallest distance between paired boxes `a` and `b`, metres, 0 where they overlap or touch."""
+    num_pairs = len(a.x_m)
+    gap = BoxGap(np.empty(num_pairs), np.empty(num_pairs), np.empty(num_pairs))
+    for start in range(0, num_pairs, _PAIRS_AT_ONCE):
+        here = slice(start, start + _PAIRS_AT_ONCE)
+        part = _gap(Boxes(*(field[here] for field in a)), Boxes(*(field[here] for field in b)))
+        for whole, values in zip(gap, part, strict=True):
+            whole[here] = values
+    return gap
+
+
+def _gap(a: Boxes, b: Boxes) -> BoxGap:
     cos_a, sin_a = np.cos(a.yaw_rad), np.sin(a.yaw_rad)
     cos_r, sin_r = np.cos(b.yaw_rad - a.yaw_rad), np.sin(b.yaw_rad - a.yaw_rad)
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
@@ -84,6 +101,5 @@ def box_gap(a: Boxes, b: Boxes) -> BoxGap:
         | (np.abs(v_b) > wb + la * reach_s + wa * reach_c)
     )
     gap = np.where(separated, best, 0.0)
-    scale = np.divide(1.0, gap, out=np.zeros_like(gap), where=gap > 0)
-    nx, ny = to_x * scale, to_y * scale
+    nx, ny = (np.divide(to, gap, out=np.zeros_like(gap), where=gap > 0) for to in (to_x, to_y))
     return BoxGap(gap, cos_a * nx - sin_a * ny, sin_a * nx + cos_a * ny)

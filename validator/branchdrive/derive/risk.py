@@ -33,6 +33,7 @@ __all__ = [
     "corridor_excess_m",
     "frame_risk",
     "pair_risk",
+    "risk_candidates",
     "risk_evidence",
 ]
 
@@ -87,38 +88,22 @@ def pair_risk(
     actor_vel_x_mps: Array,
     actor_vel_y_mps: Array,
     actor_id: NDArray[np.int64],
-    actor_class: NDArray[np.str_],
+    is_vehicle: NDArray[np.bool_],
+    is_pedestrian: NDArray[np.bool_],
     frame: Index,
     corridor_m: Array,
 ) -> PairRisk:
     """Gap and closing speed of every pair; `ego` has one row per frame, `actors` one per pair."""
-    own = ego.take(frame)
-    gap = box_gap(own, actors)
-    speed = ego_speed_mps[frame]
-    rel_x = actor_vel_x_mps - speed * np.cos(own.yaw_rad)
-    rel_y = actor_vel_y_mps - speed * np.sin(own.yaw_rad)
+    gap = box_gap(ego.take(frame), actors)
+    rel_x = actor_vel_x_mps - (ego_speed_mps * np.cos(ego.yaw_rad))[frame]
+    rel_y = actor_vel_y_mps - (ego_speed_mps * np.sin(ego.yaw_rad))[frame]
     closing = -(rel_x * gap.normal_x + rel_y * gap.normal_y)
-    return PairRisk(
-        frame,
-        actor_id,
-        gap.gap_m,
-        closing,
-        corridor_m,
-        (actor_class == "vehicle") | (actor_class == "cycle"),
-        actor_class == "pedestrian",
-    )
+    return PairRisk(frame, actor_id, gap.gap_m, closing, corridor_m, is_vehicle, is_pedestrian)
 
 
-def corridor_excess_m(
-    actors: Boxes, is_static: NDArray[np.bool_], route_x_m: Array, route_y_m: Array, ego_width_m: float
-) -> Array:
-    """`PairRisk.corridor_m` of actors that share one route; equal boxes are measured once."""
-    excess = np.full(len(is_static), -np.inf)
-    if is_static.any():
-        boxes, inverse = np.unique(np.stack(actors, axis=1)[is_static], axis=0, return_inverse=True)
-        distance = polyline_box_distance_m(Boxes(*boxes.T), route_x_m, route_y_m)
-        excess[is_static] = (distance - (ego_width_m / 2 + CORRIDOR_MARGIN_M))[inverse.ravel()]
-    return excess
+def corridor_excess_m(objects: Boxes, route_x_m: Array, route_y_m: Array, ego_width_m: float) -> Array:
+    """`PairRisk.corridor_m` of static objects along one route."""
+    return polyline_box_distance_m(objects, route_x_m, route_y_m) - (ego_width_m / 2 + CORRIDOR_MARGIN_M)
 
 
 def _minimum(value: Array, rows: NDArray[np.bool_], pairs: PairRisk, num_frames: int) -> FrameRisk:
@@ -131,13 +116,14 @@ def _minimum(value: Array, rows: NDArray[np.bool_], pairs: PairRisk, num_frames:
     return FrameRisk(best, who)
 
 
-def frame_risk(pairs: PairRisk, num_frames: int, slack: float = 0.0) -> dict[str, FrameRisk]:
-    """Evidence per frame: ``separation``, ``ttc``, ``nearest_vehicle``, ``nearest_pedestrian``.
+def risk_candidates(pairs: PairRisk, slack: float = 0.0) -> dict[str, tuple[Array, NDArray[np.bool_]]]:
+    """Value of every pair, and the pairs over which the minimum runs, for each kind of evidence.
+
+    Kinds are ``separation``, ``ttc``, ``nearest_vehicle`` and ``nearest_pedestrian``.
 
     Args:
         pairs: All pairs.
-        num_frames: Frames that `pairs.frame` indexes.
-        slack: Widens every cut-off by this much (negative narrows), to decide what lies on one.
+        slack: Widens every cut-off by this much (negative narrows), to tell what lies on one.
     """
     in_range = pairs.gap_m <= RANGE_M + slack
     relevant = in_range & (pairs.corridor_m <= slack)
@@ -145,11 +131,23 @@ def frame_risk(pairs: PairRisk, num_frames: int, slack: float = 0.0) -> dict[str
     closing = pairs.closing_mps > MIN_CLOSING_MPS - slack
     ttc = np.divide(pairs.gap_m, pairs.closing_mps, out=np.zeros_like(pairs.gap_m), where=closing & ~overlap)
     return {
-        "separation": _minimum(pairs.gap_m, relevant, pairs, num_frames),
-        "ttc": _minimum(ttc, relevant & (closing | overlap), pairs, num_frames),
-        "nearest_vehicle": _minimum(pairs.gap_m, in_range & pairs.is_vehicle, pairs, num_frames),
-        "nearest_pedestrian": _minimum(pairs.gap_m, in_range & pairs.is_pedestrian, pairs, num_frames),
+        "separation": (pairs.gap_m, relevant),
+        "ttc": (ttc, relevant & (closing | overlap)),
+        "nearest_vehicle": (pairs.gap_m, in_range & pairs.is_vehicle),
+        "nearest_pedestrian": (pairs.gap_m, in_range & pairs.is_pedestrian),
     }
+
+
+def frame_risk(pairs: PairRisk, num_frames: int, slack: float = 0.0) -> dict[str, FrameRisk]:
+    """Minimum over the candidates of each frame, for each kind of evidence; see `risk_candidates`.
+
+    Args:
+        pairs: All pairs.
+        num_frames: Frames that `pairs.frame` indexes.
+        slack: As in `risk_candidates`.
+    """
+    candidates = risk_candidates(pairs, slack)
+    return {name: _minimum(value, rows, pairs, num_frames) for name, (value, rows) in candidates.items()}
 
 
 def closing_of(risk: FrameRisk, pairs: PairRisk) -> Array:
@@ -204,6 +202,12 @@ def risk_evidence(
     others = Boxes(*double(actors, "x_m", "y_m", "yaw_rad", "length_m", "width_m"))
     kind = np.asarray(actors["actor_class"], np.str_)
     vel_x_mps, vel_y_mps = double(actors, "vel_x_mps", "vel_y_mps")
+    corridor_m = np.full(len(kind), -np.inf)
+    if (kind == "static").any():
+        # Static objects keep their place: equal boxes are measured once.
+        objects, inverse = np.unique(np.stack(others, axis=1)[kind == "static"], axis=0, return_inverse=True)
+        excess_m = corridor_excess_m(Boxes(*objects.T), np.asarray(route_x_m), np.asarray(route_y_m), ego_width_m)
+        corridor_m[kind == "static"] = excess_m[inverse.ravel()]
     pairs = pair_risk(
         ego,
         np.asarray(observations["speed_mps"], np.float64),
@@ -211,9 +215,10 @@ def risk_evidence(
         vel_x_mps,
         vel_y_mps,
         np.asarray(actors["actor_id"], np.int64),
-        kind,
+        (kind == "vehicle") | (kind == "cycle"),
+        kind == "pedestrian",
         frame,
-        corridor_excess_m(others, kind == "static", np.asarray(route_x_m), np.asarray(route_y_m), ego_width_m),
+        corridor_m,
     )
     risks = frame_risk(pairs, num_frames)
     columns: dict[str, NDArray[Any] | np.ma.MaskedArray[Any, Any]] = {

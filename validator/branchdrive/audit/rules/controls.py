@@ -195,14 +195,23 @@ def source_follows_active(view: ShardView, subjects: Mask) -> SubjectCheck:
 
 @rollout_rule("BD-CTL-012")
 def expert_recovers(view: ShardView, subjects: Mask) -> SubjectCheck:
-    """At ``t_b + T`` there is a control row, inactive and driven by the online expert."""
+    """At ``t_b + T`` there is a control row, inactive and driven by the online expert.
+
+    A policy that recovers otherwise does not qualify: this version cannot record it.
+    """
     controls = view.controls
     subjects = subjects & view.role("intervention") & view.branched
     tick = view.branch_tick + _duration(view)
     row = controls.find(np.arange(view.num_rollouts), tick)
-    bad = (row < 0) | controls["active"][row] | ~controls.equals("source", "online_expert")[row]
+    recovers = np.append(~controls["active"] & controls.equals("source", "online_expert"), False)
+    recoveries = [policy.recovery for policy in view.descriptor.action_bank.policies] + [""]
+    reserved = np.array([recovery != "online_expert" for recovery in recoveries])[view.policy]
+    bad = ~recovers[row] | reserved  # where there is no row, -1 is the False at the end
 
     def describe(i: int) -> Sighting:
+        if reserved[i]:
+            found = f"a policy with the recovery {quote(recoveries[view.policy[i]])}"
+            return Sighting("the online expert drives", found, {"table": "controls", "tick": int(tick[i])})
         found = "no control row" if row[i] < 0 else f"source {quote(controls['source'][row[i]])}"
         return Sighting("the online expert drives", found, {"table": "controls", "tick": int(tick[i])})
 

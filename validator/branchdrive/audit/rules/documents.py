@@ -24,7 +24,7 @@ def documents_parse(survey: Survey) -> SurveyCheck:
 @survey_rule("BD-DOC-002")
 def spec_version_is_known(survey: Survey) -> SurveyCheck:
     """``spec_version`` is the one that this validator implements."""
-    if survey.document is None:
+    if survey.document_error is not None:
         return SurveyCheck(0, ())
     version = survey.document.get("spec_version") if isinstance(survey.document, dict) else None
     sighting = Sighting(quote(SPEC_VERSION), quote(version), {**PLACE, "pointer": "/spec_version"})
@@ -38,7 +38,7 @@ def _violations(found: tuple[Violation, ...]) -> tuple[Sighting, ...]:
 @survey_rule("BD-DOC-003")
 def documents_conform(survey: Survey) -> SurveyCheck:
     """The descriptor meets its JSON Schema."""
-    return SurveyCheck(int(survey.document is not None), _violations(survey.violations))
+    return SurveyCheck(int(survey.document_error is None), _violations(survey.violations))
 
 
 @survey_rule("BD-DOC-004")

@@ -48,10 +48,10 @@ def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects:
 
 
 def _codes(table: TableView, column: str) -> NDArray[np.int64]:
-    """Equal codes for equal values of a column; null is a value of its own."""
+    """Equal codes for equal values of a column; null is a value of its own, zeros have no sign."""
     values, valid = table[column], table.valid(column)
     seen: dict[object, int] = {}
-    keys = (value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
+    keys = ((value + 0.0).tobytes() if isinstance(value, np.ndarray) else value for value in values)
     return np.array(
         [seen.setdefault(key if ok else None, len(seen)) for key, ok in zip(keys, valid, strict=True)],
         np.int64,

@@ -48,14 +48,19 @@ def digests_match(survey: Survey) -> SurveyCheck:
         for path, digest in sorted(read.items())
         if digest != stated[path]
     ]
+    found += [
+        Sighting(f"sha256 {stated[path]}", reason, {"file": path})
+        for path, reason in sorted(survey.unreadable.items())
+        if path in stated
+    ]
     return SurveyCheck(len(read), _sightings(found))
 
 
 @survey_rule("BD-LAY-003")
 def listed_files_exist(survey: Survey) -> SurveyCheck:
-    """Every path of the manifest is there."""
+    """Every path of the manifest is there, and is no folder; links and devices are BD-LAY-006's."""
     stated = survey.manifest.files if survey.manifest else {}
-    there = {entry.path for entry in survey.entries}
+    there = {entry.path for entry in survey.entries if entry.kind != "folder"}
     found = [Sighting("the listed file", "no such file", {"file": path}) for path in stated if path not in there]
     return SurveyCheck(len(stated), _sightings(found))
 
@@ -91,15 +96,10 @@ def paths_are_safe(survey: Survey) -> SurveyCheck:
 
 @survey_rule("BD-LAY-006")
 def only_files_and_folders(survey: Survey) -> SurveyCheck:
-    """No links, devices, sockets or pipes."""
+    """No links, devices, sockets or pipes, and no folder that cannot be listed."""
+    words = {"link": "a symbolic link", "special": "a special file", "unreadable": "nothing that can be read"}
     found = [
-        Sighting(
-            "a regular file or folder",
-            f"a {'symbolic link' if e.kind == 'link' else 'special file'}",
-            {"file": e.path},
-        )
-        for e in survey.entries
-        if e.kind in ("link", "special")
+        Sighting("a regular file or folder", words[e.kind], {"file": e.path}) for e in survey.entries if e.kind in words
     ]
     return SurveyCheck(len(survey.entries), _sightings(found))
 

@@ -17,6 +17,9 @@ IMPOSSIBLE_TTC_S = 500.0
 
 Mask = NDArray[np.bool_]
 
+NONE = np.zeros(0, np.intp)
+"""No row."""
+
 
 def _nullable(
     view: ShardView, accept: Callable[[Availability], bool]
@@ -45,7 +48,7 @@ def required_columns_hold_no_null(view: ShardView) -> Iterator[RowCheck]:
         table = view[name]
         for column in TABLES[name].columns:
             if not column.nullable:
-                bad = np.flatnonzero(~table.valid(column.name))
+                bad = np.flatnonzero(~table.valid(column.name)) if table.num_nulls(column.name) else NONE
                 yield RowCheck(name, column.name, len(table), bad, lambda _: ("a value", "null"))
 
 

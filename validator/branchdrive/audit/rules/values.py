@@ -16,6 +16,9 @@ from branchdrive.contract.columns import PATTERNS, TABLES, Column
 
 MAX_EXTENT_M = 100.0
 
+NONE = np.zeros(0, np.intp)
+"""No row."""
+
 
 def _columns(view: ShardView, wanted: Callable[[Column], bool]) -> Iterator[tuple[TableView, Column]]:
     for name in view.table_names:
@@ -28,17 +31,12 @@ def _is_extent(column: Column) -> bool:
     return column.name.endswith(("length_m", "width_m", "height_m"))
 
 
-def _flat(values: NDArray[np.object_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Items of list cells and the row of each item."""
-    lengths = np.array([len(cell) for cell in values], np.int64)
-    items = np.concatenate(list(values)) if len(values) else np.zeros(0)
-    return items, np.repeat(np.arange(len(values)), lengths)
-
-
 def _numbers(table: TableView, column: Column) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
     """Numbers of a column and, for list columns, the row of each."""
-    values = table[column.name]
-    return _flat(values) if column.type.startswith("list") else (values, None)
+    if not column.type.startswith("list"):
+        return table[column.name], None
+    items, lengths = table.items(column.name)
+    return items, np.repeat(np.arange(len(table)), lengths)
 
 
 def _rows(bad: NDArray[np.bool_], owner: NDArray[np.int64] | None) -> NDArray[np.intp]:
@@ -54,8 +52,10 @@ def _describe(expected: str, table: TableView, column: Column) -> Callable[[int]
 def values_are_finite(view: ShardView) -> Iterator[RowCheck]:
     """No NaN and no infinity in any floating-point column."""
     for table, column in _columns(view, lambda c: "float" in c.type and not _is_extent(c)):
-        numbers, owner = _numbers(table, column)
-        bad = _rows(~np.isfinite(numbers), owner)
+        bad = NONE
+        if not np.isfinite(table.extremes(column.name)).all():
+            numbers, owner = _numbers(table, column)
+            bad = _rows(~np.isfinite(numbers), owner)
         yield RowCheck(table.name, column.name, len(table), bad, _describe("a finite number", table, column))
 
 
@@ -63,12 +63,12 @@ def values_are_finite(view: ShardView) -> Iterator[RowCheck]:
 def values_lie_in_range(view: ShardView) -> Iterator[RowCheck]:
     """``min <= value <= max`` of every present finite number."""
     for table, column in _columns(view, lambda c: c.min is not None or c.max is not None):
-        numbers, owner = _numbers(table, column)
         low = -np.inf if column.min is None else column.min
         high = np.inf if column.max is None else column.max
-        if len(numbers) and numbers.min() >= low and numbers.max() <= high:
-            bad = np.zeros(0, np.intp)
-        else:
+        least, most = table.extremes(column.name)
+        bad = NONE
+        if not (least >= low and most <= high):
+            numbers, owner = _numbers(table, column)
             outside = np.isfinite(numbers) & ((numbers < low) | (numbers > high))
             bad = _rows(outside & table.valid(column.name) if owner is None else outside, owner)
         unit = f" {column.unit}" if column.unit else ""
@@ -78,7 +78,7 @@ def values_lie_in_range(view: ShardView) -> Iterator[RowCheck]:
 def _words_fail(table: TableView, column: Column, accept: Callable[[str], bool]) -> NDArray[np.intp]:
     codes, words = table.words(column.name)
     rejected = np.array([not accept(word) for word in words] + [False])
-    return np.flatnonzero(rejected[codes]) if rejected.any() else np.zeros(0, np.intp)
+    return np.flatnonzero(rejected[codes]) if rejected.any() else NONE
 
 
 @shard_rule("BD-VAL-003")
@@ -116,10 +116,12 @@ def routes_are_polylines(view: ShardView) -> Iterator[RowCheck]:
     """Route x and y have the same length, at least two vertices, and no vertex twice in a row."""
     xs, ys = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
 
-    def broken(x: NDArray[np.float64], y: NDArray[np.float64]) -> bool:
+    @cache  # attempts of a group share their route
+    def broken(x_bytes: bytes, y_bytes: bytes) -> bool:
+        x, y = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
         return len(x) != len(y) or len(x) < 2 or bool(((np.diff(x) == 0) & (np.diff(y) == 0)).any())
 
-    bad = np.flatnonzero([broken(x, y) for x, y in zip(xs, ys, strict=True)])
+    bad = np.flatnonzero([broken(x.tobytes(), y.tobytes()) for x, y in zip(xs, ys, strict=True)])
     yield RowCheck(
         "rollouts", "route_x_m", len(xs), bad,
         lambda row: ("two or more distinct vertices with x and y", f"{len(xs[row])} x and {len(ys[row])} y values"),
@@ -130,6 +132,9 @@ def routes_are_polylines(view: ShardView) -> Iterator[RowCheck]:
 def boxes_are_positive(view: ShardView) -> Iterator[RowCheck]:
     """Box extents are finite, above 0 and at most 100 m."""
     for table, column in _columns(view, _is_extent):
-        extent = table[column.name]
-        bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M)))
+        least, most = table.extremes(column.name)
+        bad = NONE
+        if table.num_nulls(column.name) or not (least > 0 and most <= MAX_EXTENT_M):
+            extent = table[column.name]
+            bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M)))
         yield RowCheck(table.name, column.name, len(table), bad, _describe("above 0 and at most 100 m", table, column))

@@ -105,7 +105,7 @@ def evidence_window_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck
 def actors_are_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
     """At every evidence row, ``num_actors`` rows of the actors table."""
     evidence, actors = view.stream("evidence"), view.stream("actors")
-    frame = evidence.find(actors.rollout, actors.tick)
+    frame = evidence.rows_of(actors)
     rows = np.bincount(frame[frame >= 0], minlength=len(evidence))
     recorded = evidence["num_actors"]
     summary = evidence.by_rollout(rows != recorded)

@@ -1,0 +1,199 @@
+"""Three invented drives without a simulator: routes, actors beside them, and a car that follows its policy.
+
+The car is a kinematic bicycle with an expert that keeps it on its route; interventions override the
+expert as the definitions say, written down here once more and not taken from the library.
+
+Frames: world, x forward, y left, yaw counter-clockwise; steering positive to the right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from branchdrive.contract.bank import ActionBank, load_action_bank
+
+TICK_S = 0.05
+STRIDE = 5
+BRANCH_TICK = 100
+TRIGGER_TICK = 120
+NUM_TICKS = 201
+WINDOW_TICKS = 50
+EGO_BOX_M = (4.5, 1.875, 1.5)
+Array = np.ndarray[Any, np.dtype[Any]]
+
+
+@dataclass(frozen=True)
+class Route:
+    """A straight line, or an arc to the left, from `start` in direction `heading_rad`."""
+
+    start: tuple[float, float]
+    heading_rad: float
+    radius_m: float = np.inf
+    length_m: float = 160.0
+
+    def point(self, progress_m: Any, offset_m: Any = 0.0) -> tuple[Array, Array, Array]:
+        """World x, y and heading at an arc length and an offset to the left."""
+        progress, offset = np.broadcast_arrays(np.asarray(progress_m, float), np.asarray(offset_m, float))
+        turned = progress / self.radius_m
+        heading = self.heading_rad + turned
+        straight = np.isinf(self.radius_m)
+        chord = progress if straight else 2 * self.radius_m * np.sin(turned / 2)
+        along = self.heading_rad + turned / 2
+        x = self.start[0] + chord * np.cos(along) - offset * np.sin(heading)
+        y = self.start[1] + chord * np.sin(along) + offset * np.cos(heading)
+        return x, y, heading
+
+    def locate(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Arc length, offset to the left and heading of the route beside world points."""
+        cos, sin = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        ahead = cos * (x - self.start[0]) + sin * (y - self.start[1])
+        left = cos * (y - self.start[1]) - sin * (x - self.start[0])
+        if np.isinf(self.radius_m):
+            return ahead, left, np.full_like(x, self.heading_rad)
+        turned = np.arctan2(ahead, self.radius_m - left)
+        return turned * self.radius_m, self.radius_m - np.hypot(ahead, self.radius_m - left), self.heading_rad + turned
+
+
+@dataclass(frozen=True)
+class Actor:
+    """An actor on a route: start, speeds along and across it, and the ticks at which it is there."""
+
+    kind: str
+    box_m: tuple[float, float, float]
+    progress_m: float
+    offset_m: float
+    speed_mps: float = 0.0
+    lateral_mps: float = 0.0
+    first_tick: int = 0
+    last_tick: int = NUM_TICKS
+
+
+CAR_M, CYCLE_M, PERSON_M, CONE_M = (4.25, 1.75, 1.5), (1.75, 0.625, 1.75), (0.5, 0.5, 1.75), (0.5, 0.5, 0.75)
+
+ROUTES = (
+    Route((0.0, 0.0), 0.0),
+    Route((500.0, -200.0), 2.0, radius_m=120.0),
+    Route((-300.0, 800.0), -2.5),
+)
+
+ACTORS = (
+    (
+        Actor("vehicle", CAR_M, 32.0, 0.0, speed_mps=5.0),  # ahead, slower
+        Actor("vehicle", CAR_M, 130.0, 3.5, speed_mps=-9.0),  # oncoming
+        Actor("cycle", CYCLE_M, 6.0, -3.0, speed_mps=10.0),  # faster: parts
+        Actor("pedestrian", PERSON_M, 75.0, -7.0, lateral_mps=0.75),  # crosses
+        Actor("static", CONE_M, 110.0, 0.75),  # in the corridor
+        Actor("static", CONE_M, 18.0, 6.0),  # beside it
+        Actor("vehicle", CAR_M, -60.0, 40.0),  # recorded, never in range at first
+    ),
+    (
+        Actor("vehicle", CAR_M, 45.0, 0.0, speed_mps=7.0),
+        Actor("cycle", CYCLE_M, 20.0, 3.5, speed_mps=3.0),
+        Actor("static", CONE_M, 120.0, -0.5),
+        Actor("static", CONE_M, 30.0, -5.0),
+        Actor("pedestrian", PERSON_M, 60.0, 0.0, first_tick=130, last_tick=190),  # the ego runs over its place
+    ),
+    (
+        Actor("vehicle", CAR_M, 150.0, 3.5, speed_mps=-6.0, first_tick=70),
+        Actor("cycle", CYCLE_M, 90.0, -3.0, speed_mps=9.0, first_tick=70),
+        Actor("pedestrian", PERSON_M, 80.0, -6.0, lateral_mps=-0.5, first_tick=70),
+        Actor("static", CONE_M, 4.0, 5.5, last_tick=60),  # the only company before tick 70, irrelevant
+        Actor("static", CONE_M, 72.0, 0.5, first_tick=70),  # in the corridor, and the nearest
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One attempt to drive."""
+
+    role: str
+    action_key: str
+    attempt: int = 1
+    branch_tick: int = BRANCH_TICK
+
+    def rollout_id(self, group_id: str) -> str:
+        stem = "nominal_replay" if self.role == "nominal_replay" else self.action_key
+        return f"{group_id}.{stem}.a{self.attempt}"
+
+
+def group_name(index: int) -> str:
+    return f"g{index}"
+
+
+def plans(index: int, bank: ActionBank | None = None, branch_tick: int = BRANCH_TICK) -> list[Plan]:
+    """Attempts of group `index`; group 1 repeats one action, and both attempts are good."""
+    bank = bank or load_action_bank()
+    planned = [Plan("nominal", bank.nominal.key)]
+    planned += [Plan("intervention", policy.key) for policy in bank.interventions]
+    planned += [Plan("nominal_replay", bank.nominal.key, attempt) for attempt in (1, 2)]
+    planned += [Plan("intervention", "brake_0.50", 2)] if index == 1 and "brake_0.50" in bank.keys else []
+    return [Plan(p.role, p.action_key, p.attempt, branch_tick) for p in planned]
+
+
+def _demand(rule: str, value: float | None, expert: np.float32, nominal: np.float32) -> np.float32:
+    match rule:
+        case "online_expert":
+            return expert
+        case "stored_nominal":
+            return nominal
+        case "zero":
+            return np.float32(0)
+        case "absolute":
+            return np.float32(value)
+        case _:
+            return max(expert, np.float32(value))
+
+
+@dataclass
+class Drive:
+    """Attempts of a group side by side: state ``[ticks, attempts]``, commands ``[ticks, attempts, 3]`` float32."""
+
+    x_m: Array
+    y_m: Array
+    yaw_rad: Array
+    speed_mps: Array
+    expert: Array
+    applied: Array
+    active: Array
+
+
+def _expert(route: Route, x: Array, y: Array, yaw: Array, speed: Array, tick: int) -> Array:
+    _, offset, heading = route.locate(x, y)
+    error = (yaw - heading + np.pi) % (2 * np.pi) - np.pi
+    target = 8.0 if tick < TRIGGER_TICK else 4.0
+    steer = 0.6 * error + 0.06 * offset - np.arctan(2.8 / route.radius_m) / 0.6
+    throttle = np.where(speed > target, 0.0, 0.25 + 0.3 * (target - speed))
+    brake = 0.25 * (speed - target - 0.25)
+    return np.stack([np.clip(steer, -1, 1), np.clip(throttle, 0, 1), np.clip(brake, 0, 1)], axis=1).astype(np.float32)
+
+
+def drive(route: Route, planned: Sequence[Plan], bank: ActionBank, num_ticks: int = NUM_TICKS) -> Drive:
+    """Drive all attempts tick by tick; attempt 0 is the nominal whose commands the others store."""
+    count = len(planned)
+    first = np.arange(count) * 0.001  # replays start almost alike
+    x, y, yaw = (np.array(v) for v in route.point(np.full(count, 2.0), 0.4 + first))
+    speed = 6.0 + first
+    state = np.zeros((4, num_ticks, count))
+    expert, applied = (np.zeros((num_ticks, count, 3), np.float32) for _ in range(2))
+    active = np.zeros((num_ticks, count), bool)
+    for tick in range(num_ticks):
+        state[:, tick] = x, y, yaw, speed
+        command = _expert(route, x, y, yaw, speed, tick)
+        expert[tick], applied[tick] = command, command
+        for i, plan in enumerate(planned):
+            policy = bank[plan.action_key]
+            if plan.role == "intervention" and plan.branch_tick <= tick < plan.branch_tick + policy.duration_ticks:
+                active[tick, i] = True
+                for k, rule in enumerate(policy.rules):
+                    applied[tick, i, k] = _demand(rule.rule, rule.value, command[i, k], command[0, k])
+        steer, throttle, brake = applied[tick].astype(float).T
+        x, y = x + TICK_S * speed * np.cos(yaw), y + TICK_S * speed * np.sin(yaw)
+        yaw = yaw - TICK_S * speed * np.tan(0.6 * steer) / 2.8
+        speed = np.maximum(speed + TICK_S * (3.0 * throttle - 6.0 * brake - 0.09 * speed), 0.0)
+    wrapped = (state[2] + np.pi) % (2 * np.pi) - np.pi
+    return Drive(state[0], state[1], wrapped, state[3], expert, applied, active)

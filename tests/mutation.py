@@ -1,0 +1,34 @@
+"""Every registered defect and every registered limit of the validator's rules.
+
+A mutant is one defect in an otherwise valid dataset that one rule must find; a boundary is a shape
+that rules must still accept. Each is a small function on a `Draft`, in the module of its area.
+"""
+
+from __future__ import annotations
+
+from tests.validator.audit.rules.case import REGISTRY, Boundary, Mutant, new_draft
+from tests.validator.audit.rules.cases import (
+    attempts,
+    controls,
+    documents,
+    evidence,
+    groups,
+    keys,
+    layout,
+    nulls,
+    tables,
+    trigger,
+    values,
+    windows,
+)
+from tests.validator.audit.rules.draft import Draft
+
+__all__ = [
+    "AREAS", "BOUNDARIES", "MUTANTS", "Boundary", "Draft", "Mutant", "new_draft",
+]  # fmt: skip
+
+AREAS = (layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups)
+"""Modules that define cases."""
+
+MUTANTS: tuple[Mutant, ...] = tuple(REGISTRY.mutants)
+BOUNDARIES: tuple[Boundary, ...] = tuple(REGISTRY.boundaries)

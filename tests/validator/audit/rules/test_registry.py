@@ -1,0 +1,115 @@
+"""Catalogue, functions and cases belong together: every rule is bound, can pass, can fail, and has a limit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
+
+from branchdrive.audit import rules as bound_rules
+from branchdrive.audit.check import GROUP_RULES, ROLLOUT_RULES, SHARD_RULES, SURVEY_RULES
+from branchdrive.audit.engine import validate
+from branchdrive.contract.catalogue import CATALOGUE, Grain, RuleInfo
+
+REGISTRIES = (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES)
+
+each_rule = pytest.mark.parametrize("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
+
+
+def test_rules_and_functions_correspond_one_to_one() -> None:
+    bound = Counter(rule_id for registry in REGISTRIES for rule_id in registry)
+    assert bound == Counter(dict.fromkeys(CATALOGUE, 1))
+    functions = [function for registry in REGISTRIES for function in registry.values()]
+    assert len(set(functions)) == len(functions)
+
+
+@each_rule
+def test_kind_fits_the_registry(rule: RuleInfo) -> None:
+    """Qualification judges attempts and groups; what decides about the dataset judges everything else."""
+    if rule.kind == "qualification":
+        assert rule.id in (GROUP_RULES if rule.grain == "group" else ROLLOUT_RULES)
+        assert rule.stage is not None
+    else:
+        assert rule.id in SURVEY_RULES or rule.id in SHARD_RULES
+        assert rule.stage is None
+
+
+@each_rule
+def test_grain_fits_the_registry(rule: RuleInfo) -> None:
+    grains: dict[str, set[Grain]] = {
+        "SURVEY_RULES": {"dataset", "file", "document", "rollout", "group"},
+        "SHARD_RULES": {"row", "rollout"},
+        "ROLLOUT_RULES": {"rollout"},
+        "GROUP_RULES": {"group"},
+    }
+    (registry,) = (name for name, rules in zip(grains, REGISTRIES, strict=True) if rule.id in rules)
+    assert rule.grain in grains[registry]
+
+
+@each_rule
+def test_rule_has_a_mutant(rule: RuleInfo) -> None:
+    assert [mutant for mutant in MUTANTS if mutant.rule == rule.id]
+
+
+@each_rule
+def test_rule_has_a_boundary_on_which_it_passes(rule: RuleInfo) -> None:
+    assert [case for case in BOUNDARIES if rule.id in case.rules and case.status == "pass"]
+
+
+def test_every_module_of_rules_is_imported() -> None:
+    folder = Path(str(bound_rules.__file__)).parent
+    assert {path.stem for path in folder.glob("[a-z]*.py")} == set(bound_rules.__all__)
+
+
+def test_every_module_of_cases_is_an_area() -> None:
+    folder = Path(__file__).parent / "cases"
+    assert {path.stem for path in folder.glob("[a-z]*.py")} == {area.__name__.rsplit(".", 1)[1] for area in AREAS}
+
+
+def test_mutants_say_where() -> None:
+    unplaced = [f"{mutant.rule} {mutant.name}" for mutant in MUTANTS if not mutant.at]
+    # The name of these files cannot be stated in a source file or depends on the system.
+    assert unplaced == ["BD-LAY-005 name_reverses_the_line", "BD-LAY-005 name_is_not_unicode"]
+
+
+@pytest.mark.parametrize("rule", [rule for rule in CATALOGUE.values() if rule.consequences], ids=lambda rule: rule.id)
+def test_declared_consequences_are_real(rule: RuleInfo, tmp_path: Path) -> None:
+    """Each is broken by a defect of the rule, so that a declaration never outlives its reason."""
+    seen: set[str] = set()
+    for number, mutant in enumerate(mutant for mutant in MUTANTS if mutant.rule == rule.id):
+        draft = new_draft(mutant.base)
+        mutant.edit(draft)
+        report = validate(draft.write(tmp_path / str(number)))
+        seen |= {tally.rule_id for tally in report.tallies if tally.status == "fail"} - {rule.id}
+    assert seen == set(rule.consequences)
+
+
+def test_consequences_are_few() -> None:
+    assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 5
+
+
+def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
+    report = validate(new_draft("media").write(tmp_path / "dataset"))
+    assert report.errors == ()
+    assert {tally.rule_id: tally.status for tally in report.tallies} == dict.fromkeys(CATALOGUE, "pass")
+    assert all(0 < tally.examined <= tally.total for tally in report.tallies)
+    assert (report.verdict, report.exit_code) == ("valid", 0)
+
+
+def test_every_group_of_the_dataset_qualifies(tmp_path: Path) -> None:
+    report = validate(new_draft().write(tmp_path / "dataset"), require_groups=3)
+    assert report.funnel is not None
+    assert set(report.funnel.groups.values()) == {3}
+    assert report.exit_code == 0
+
+
+def test_rules_on_streams_that_are_not_claimed_say_so(tmp_path: Path) -> None:
+    report = validate(new_draft("bare").write(tmp_path / "dataset"))
+    unclaimed = {rule.id for rule in CATALOGUE.values() if rule.streams}
+    status = {tally.rule_id: tally.status for tally in report.tallies}
+    assert {rule_id for rule_id, word in status.items() if word == "not-claimed"} == unclaimed
+    # Every mask is a mask of evidence.
+    assert {rule_id for rule_id, word in status.items() if word == "skipped"} == {"BD-NUL-002"}
+    assert (report.verdict, report.exit_code) == ("valid", 0)

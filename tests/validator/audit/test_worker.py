@@ -1,0 +1,231 @@
+"""Executors: the same results everywhere, and processes that die take nothing else with them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests import synthetic
+from tests.validator.audit.datasets import DEPARTURES, cells, write, write_with
+
+from branchdrive.audit.engine import validate
+from branchdrive.audit.worker import Died, Executor, Failed, in_process, isolated
+
+# Tasks: module-level functions, because they travel to other processes.
+
+
+def double(value: int) -> int:
+    return 2 * value
+
+
+def die_on_three(value: int) -> int:
+    if value == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * value
+
+
+def die_once(task: tuple[str, int]) -> int:
+    """Kill the own process the first time that the task is seen."""
+    marks, value = task
+    mark = Path(marks) / str(value)
+    if value == 3 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * value
+
+
+def raise_on_three(value: int) -> int:
+    if value == 3:
+        raise ValueError("three\x1b[31m\nsecond line")
+    return 2 * value
+
+
+def exhaust_memory_on_three(value: int) -> int:
+    if value == 3:
+        raise MemoryError
+    return 2 * value
+
+
+def allocate(num_bytes: int) -> int:
+    return len(bytearray(num_bytes))
+
+
+def interrupt(value: int) -> int:
+    raise KeyboardInterrupt
+
+
+def leave_quietly(value: int) -> int:
+    os._exit(0)
+
+
+def results(executor: Executor, function: Callable[[Any], Any], tasks: list[Any]) -> dict[int, Any]:
+    found = list(executor(function, tasks))
+    assert len({index for index, _ in found}) == len(found)
+    return dict(found)
+
+
+EXECUTORS = {"in process": in_process, "one worker": isolated(1), "two workers": isolated(2)}
+each_executor = pytest.mark.parametrize("executor", EXECUTORS.values(), ids=EXECUTORS)
+each_isolated = pytest.mark.parametrize("executor", [isolated(1), isolated(2)], ids=["one worker", "two workers"])
+
+
+@each_executor
+def test_every_task_gives_its_result(executor: Executor) -> None:
+    assert results(executor, double, list(range(7))) == {i: 2 * i for i in range(7)}
+    assert results(executor, double, []) == {}
+
+
+@each_executor
+def test_an_exception_is_a_failure_of_its_task_alone(executor: Executor) -> None:
+    found = results(executor, raise_on_three, list(range(5)))
+    failure = found.pop(3)
+    assert found == {0: 0, 1: 2, 2: 4, 4: 8}
+    assert isinstance(failure, Failed)
+    assert "ValueError: three\\x1b[31m" in failure.message
+
+
+@each_executor
+def test_running_out_of_memory_is_a_death_of_its_task_alone(executor: Executor) -> None:
+    found = results(executor, exhaust_memory_on_three, list(range(5)))
+    assert found == {0: 0, 1: 2, 2: 4, 3: Died(), 4: 8}
+
+
+@each_isolated
+def test_a_process_that_dies_twice_is_reported_and_affects_no_other_task(executor: Executor) -> None:
+    assert results(executor, die_on_three, list(range(6))) == {0: 0, 1: 2, 2: 4, 3: Died(), 4: 8, 5: 10}
+
+
+@each_isolated
+def test_a_process_that_dies_once_is_tried_again(executor: Executor, tmp_path: Path) -> None:
+    tasks = [(str(tmp_path), value) for value in range(6)]
+    assert results(executor, die_once, tasks) == {i: 2 * i for i in range(6)}
+    assert (tmp_path / "3").exists()
+
+
+def test_every_task_may_die() -> None:
+    assert results(isolated(2), leave_quietly, [1, 2, 3]) == {0: Died(), 1: Died(), 2: Died()}
+
+
+def test_workers_have_a_memory_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("branchdrive.audit.worker.spec_limits", lambda: _Limits())
+    found = results(isolated(1), allocate, [1 << 20, 1 << 32, 1 << 21])
+    assert found == {0: 1 << 20, 1: Died(), 2: 1 << 21}
+
+
+class _Limits:
+    max_worker_bytes = 1 << 30
+
+
+class Fragile(ThreadPoolExecutor):
+    """A pool that is found broken at every second task."""
+
+    num_submitted = 0
+
+    def submit(self, *arguments: Any) -> Any:  # type: ignore[override]
+        Fragile.num_submitted += 1
+        if Fragile.num_submitted % 2 == 0:
+            raise BrokenProcessPool
+        return super().submit(*arguments)
+
+
+def test_a_pool_that_breaks_between_two_tasks_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("branchdrive.audit.worker._pool", Fragile)
+    assert results(isolated(2), double, list(range(5))) == {i: 2 * i for i in range(5)}
+
+
+def test_an_interrupt_is_not_swallowed() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        list(in_process(interrupt, [1]))
+
+
+def test_processes_that_cannot_start_are_no_fault_of_the_data(
+    valid_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("branchdrive.audit.worker._prepare_process", die_on_three)
+    monkeypatch.setattr("branchdrive.audit.worker.spec_limits", lambda: _Deadly())
+    report = validate(valid_root, executor=isolated(1))
+    assert (report.verdict, report.exit_code) == ("error", 4)
+    assert "worker processes die before they take up work" in report.errors[0]
+
+
+class _Deadly:
+    max_worker_bytes = 3
+
+
+# --- validations
+
+
+SITUATIONS: dict[str, Callable[[Path], Path]] = {
+    **{name: lambda root, d=departure: write(root, d.tables()) for name, departure in DEPARTURES.items()},
+    "unusable descriptor": lambda root: write_with(root, {"branchdrive.json": b"[]"}),
+    "undecodable table": lambda root: write_with(root, {"raw/shard-00001/actors.parquet": b"PAR1"}),
+    "no shards": lambda root: write(root, {}),
+}
+
+
+def report_bytes(root: Path, executor: Executor) -> str:
+    return json.dumps(validate(root, executor=executor).to_json(), sort_keys=True)
+
+
+def validate_all(roots: list[Path]) -> list[str]:
+    return [report_bytes(root, in_process) for root in roots]
+
+
+def test_reports_do_not_depend_on_the_executor(tmp_path: Path) -> None:
+    for name in ("speed out of range", "undecodable table"):
+        root = SITUATIONS[name](tmp_path / name)
+        expected = report_bytes(root, in_process)
+        for jobs in (1, 2):
+            assert report_bytes(root, isolated(jobs)) == expected
+
+
+def test_reports_do_not_depend_on_the_process(tmp_path: Path) -> None:
+    # The same situations, all of them in one other process.
+    roots = [situation(tmp_path / name) for name, situation in SITUATIONS.items()]
+    ((_, there),) = isolated(1)(validate_all, [roots])
+    assert there == validate_all(roots)
+
+
+def _die_at_rules(task: Any) -> Any:
+    from branchdrive.audit.shard import audit_shard
+
+    if task.folder == "raw/shard-00001" and task.descriptor is not None:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return audit_shard(task)
+
+
+def _die_at_file(task: Any) -> Any:
+    from branchdrive.audit.shard import audit_shard
+
+    if "raw/shard-00001/actors.parquet" in task.files:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return audit_shard(task)
+
+
+def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = write(tmp_path / "dataset", cells("observations", "speed_mps", {3: 1000.0}))
+    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", _die_at_file)
+    report = validate(root, executor=isolated(2))
+    assert (report.verdict, report.errors) == ("invalid", ())
+    found = {(finding.rule, finding.location.get("file")) for finding in report.findings}
+    assert ("BD-LAY-007", "raw/shard-00001/actors.parquet") in found
+    assert {rule for rule, _ in found} == {"BD-LAY-007", "BD-VAL-002"}
+    assert report.dataset.num_groups == 2
+
+
+def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
+    valid_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", _die_at_rules)
+    report = validate(valid_root, executor=isolated(1))
+    assert (report.verdict, report.exit_code) == ("error", 4)
+    assert report.errors == ("raw/shard-00001: the worker died twice although every file decodes on its own",)
+    assert report.dataset.num_groups == len(synthetic.SHARDS["raw/shard-00000"])
+    assert report.findings == ()

@@ -1,0 +1,32 @@
+"""Datasets for the command line, and validation without worker processes where they are not the subject."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.validator.audit import datasets
+
+from branchdrive.audit.worker import in_process
+
+
+@pytest.fixture(scope="session")
+def valid_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of the valid dataset; read-only by agreement."""
+    return datasets.write(tmp_path_factory.mktemp("valid") / "dataset")
+
+
+@pytest.fixture(scope="session")
+def invalid_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of a dataset with a violation, and with attempts that do not qualify; read-only by agreement."""
+    tables = datasets.DEPARTURES["speed out of range"].tables()
+    controls = tables[datasets.FOLDER]["controls"]
+    every_attempt = dict.fromkeys(range(30, len(controls), 201), 0.75)
+    tables[datasets.FOLDER]["controls"] = datasets.with_cells(controls, "applied_brake", every_attempt)
+    return datasets.write(tmp_path_factory.mktemp("invalid") / "dataset", tables)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Validate in this process."""
+    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda jobs: in_process)

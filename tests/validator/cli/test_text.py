@@ -1,0 +1,199 @@
+"""Reports as text: what people read, in full; safe whatever a dataset holds; as wide as the terminal."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+
+import pytest
+from tests.validator.audit.datasets import DEPARTURES, edited, with_column, write
+from tests.validator.audit.test_report import HOSTILE, SITUATIONS
+
+from branchdrive.audit.engine import validate
+from branchdrive.audit.report import Report
+from branchdrive.audit.waiver import Waiver
+from branchdrive.cli.text import render_report, render_rule, render_rules
+from branchdrive.contract.catalogue import CATALOGUE
+
+NUM_RULES = len(CATALOGUE)
+PLAIN_WIDTH = 110
+SGR = re.compile(r"\x1b\[[0-9;]*m")
+
+
+class Terminal(io.StringIO):
+    """Standard output that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def shown(report: Report) -> str:
+    """The report as plain text, with place, size and digest taken out."""
+    text = render_report(report, io.StringIO())
+    text = text.replace(report.dataset.path, "PLACE").replace(str(report.dataset.identity), "DIGEST")
+    return re.sub(r"[0-9.]+ KiB", "SIZE", text)
+
+
+VALID = f"""\
+synthetic 0.1.0 at PLACE
+3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
+2 shards, 12 files, SIZE
+identity DIGEST
+
+Funnel
+stage                  groups  lost  reasons (groups)
+Groups discovered           3
+Exact bank                  3
+Controls valid              3
+Integrity-complete          3
+Structurally eligible       3
+
+Rules: {NUM_RULES - 1} pass, 1 not-claimed
+  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001
+Verdict: valid - the dataset conforms to the specification
+"""
+
+
+def test_a_valid_dataset_reads_like_this(valid_root: Path) -> None:
+    assert shown(validate(valid_root)) == VALID
+
+
+INVALID = f"""\
+synthetic 0.1.0 at PLACE
+3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
+2 shards, 12 files, SIZE
+identity DIGEST
+
+Violations
+  BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows
+      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.nominal.a1
+      tick=15
+        expected -200 .. 200 m/s; found 1000.0
+      remedy: Correct units, frame or wrapping; ranges are in schemas/v0.1/columns.json.
+
+Why attempts and groups do not qualify
+  BD-CTL-009  Applied control equals the online expert while inactive: 30 violations in 45 rollouts
+      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30
+        COMMANDS
+      group_id=g0 rollout_id=g0.accelerate_0.50.a1 table=controls tick=30
+        COMMANDS
+      group_id=g0 rollout_id=g0.accelerate_0.80.a1 table=controls tick=30
+        COMMANDS
+      group_id=g0 rollout_id=g0.brake_0.30.a1 table=controls tick=30
+        COMMANDS
+      group_id=g0 rollout_id=g0.brake_0.50.a1 table=controls tick=30
+        COMMANDS
+      ... and 25 more (--format json lists up to 100)
+      remedy: Leave the ego to the online expert outside the active window.
+
+Funnel
+stage                  groups  lost  reasons (groups)
+Groups discovered           3
+Exact bank                  2     1  BD-VAL-002 (1)
+Controls valid              1     1  BD-CTL-009 (1)
+Integrity-complete          1
+Structurally eligible       1
+
+Rules: {NUM_RULES - 3} pass, 2 fail, 1 not-claimed
+  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001
+Verdict: invalid - the dataset breaks the specification
+1 of 2 required branch groups qualify
+"""
+
+
+def test_an_invalid_dataset_reads_like_this(invalid_root: Path) -> None:
+    text = shown(validate(invalid_root, require_groups=2))
+    text = re.sub(r"in [0-9,]+ rows", "in EXAMINED rows", text)
+    text = re.sub(r"expected steer [^;]*; found\s+steer\s+\S+\s+throttle\s+\S+\s+brake 0.75", "COMMANDS", text)
+    assert text == INVALID
+
+
+def test_waivers_are_printed(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
+    waivers = [
+        Waiver("BD-VAL-002", "*", "a [bold]sensor[/] that saturates", date(2999, 1, 1), 2),
+        Waiver("BD-VAL-001", "*", "no longer needed", date(2020, 1, 1), 1),
+    ]
+    text = shown(validate(root, waivers=waivers))
+    assert "BD-VAL-002  Values lie in their declared range (waived): 1 violation" in text
+    assert "BD-VAL-002 at *: used, 1 of at most 2, until 2999-01-01 - a [bold]sensor[/] that saturates" in text
+    assert "BD-VAL-001 at *: expired, 0 of at most 1, until 2020-01-01 - no longer needed" in text
+    assert "Verdict: valid-with-waivers - it conforms except where a waiver accepts that it does not" in text
+
+
+def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
+    text = shown(validate(valid_root, hash_files=False, ignore=["BD-CTL", "BD-DOC-004"]))
+    assert "Funnel: not judged" in text
+    assert "skipped: digests are off - BD-LAY-002" in text
+    assert "skipped: deselected - BD-DOC-004, BD-CTL-001, BD-CTL-002, BD-CTL-003, BD-CTL-004, BD-CTL-005 and" in text
+    assert "Verdict: partial - nothing wrong was found, but not everything was judged" in text
+
+
+def test_left_out_findings_are_counted_in_rows_where_rows_are_counted(tmp_path: Path) -> None:
+    tables = edited("controls", lambda t: with_column(t, "expert_brake", [9.0] * len(t)))
+    report = validate(write(tmp_path / "dataset", tables))
+    (tally,) = (tally for tally in report.tallies if tally.rule_id == "BD-VAL-002")
+    assert [finding.count for finding in tally.findings[:5]] == [201] * 5
+    assert f"... and {tally.num_findings - 5 * 201:,} more" in shown(report)
+
+
+@pytest.fixture(scope="module", params=SITUATIONS)
+def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Report:
+    situation: Callable[[Path], Report] = SITUATIONS[request.param]
+    return situation(tmp_path_factory.mktemp("situation") / "dataset")
+
+
+def test_text_holds_printable_ascii_only(report: Report) -> None:
+    text = render_report(report, io.StringIO())
+    assert text.isascii()
+    assert all(line.isprintable() for line in text.splitlines())
+    assert text.splitlines() == text.split("\n")[:-1]
+    assert report.verdict in text
+
+
+def test_text_on_a_terminal_is_coloured_by_the_validator_alone(report: Report) -> None:
+    text = SGR.sub("", render_report(report, Terminal()))
+    assert text.isascii()
+    assert all(line.isprintable() for line in text.splitlines())
+    assert "\x1b[" in render_report(report, Terminal())
+    assert "\x1b[" not in render_report(report, Terminal(), Path("report.txt"))
+
+
+def test_text_of_a_dataset_is_shown_literally(tmp_path: Path) -> None:
+    ids = [f"[red]{i}[/red]:smile:\\[x]" for i in range(31)]
+    tables = edited("rollouts", lambda t: with_column(t, "rollout_id", ids))
+    text = shown(validate(write(tmp_path / "dataset", tables)))
+    assert "rollout_id=[red]0[/red]:smile:\\[x]" in text
+
+
+def test_text_is_as_wide_as_it_may_be(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    def width(text: str) -> int:
+        return max(map(len, SGR.sub("", text).splitlines()))
+
+    assert width(render_report(report, io.StringIO())) <= PLAIN_WIDTH
+    for columns in (60, 200):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert width(render_report(report, Terminal())) <= columns
+        assert width(render_report(report, io.StringIO())) <= PLAIN_WIDTH
+
+
+def test_colours_do_not_depend_on_the_environment(valid_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    report = validate(valid_root)
+    plain = render_report(report, io.StringIO())
+    for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "TTY_COMPATIBLE", "JUPYTER_COLUMNS"):
+        monkeypatch.setenv(name, "1")
+    assert render_report(report, io.StringIO()) == plain
+
+
+def test_rules_on_a_terminal_say_the_same() -> None:
+    rules = list(CATALOGUE.values())
+    assert SGR.sub("", render_rules(rules, Terminal())) == render_rules(rules, io.StringIO())
+    assert CATALOGUE["BD-CTL-008"].remedy.split()[0] in SGR.sub("", render_rule(CATALOGUE["BD-CTL-008"], Terminal()))
+
+
+def test_hostile_text_is_hostile() -> None:
+    assert not HOSTILE.isprintable()
+    assert not HOSTILE.isascii()
