@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
+import textwrap
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 from tests.repo.checkout import files, name, texts
@@ -32,11 +36,33 @@ def test_no_text_names_a_place_on_one_machine() -> None:
     assert found == []
 
 
+def written_docstring(value: Any) -> str | None:
+    """The docstring that stands in the source; not one that a class inherits or a dataclass or tuple generates."""
+    definition = ast.parse(textwrap.dedent(inspect.getsource(value))).body[0]
+    assert isinstance(definition, ast.ClassDef | ast.FunctionDef)
+    return ast.get_docstring(definition)
+
+
+@dataclass(frozen=True)
+class Undocumented:
+    number: int
+
+
+class UndocumentedPair(NamedTuple):
+    number: int
+
+
+@pytest.mark.parametrize("value", [Undocumented, UndocumentedPair])
+def test_an_inherited_or_generated_docstring_does_not_count(value: type) -> None:
+    assert inspect.getdoc(value)
+    assert not written_docstring(value)
+
+
 @pytest.mark.parametrize("public", branchdrive.__all__)
 def test_public_name_is_documented(public: str) -> None:
     value = getattr(branchdrive, public)
     if inspect.isclass(value) or inspect.isroutine(value):
-        assert inspect.getdoc(value)
+        assert written_docstring(value)
     else:
         prose = [path for path in files(".md") if f"`{public}`" in path.read_text("utf-8")]
         assert prose, f"{public} is no class or function; describe it in a Markdown file"

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from branchdrive.audit.finding import Finding
     from branchdrive.audit.report import Report
     from branchdrive.audit.rollout import check_rollout
+    from branchdrive.audit.waiver import Waiver, load_waivers
+    from branchdrive.audit.worker import Executor, isolated
     from branchdrive.contract.bank import ActionBank, load_action_bank
-    from branchdrive.contract.descriptor import Descriptor
-    from branchdrive.contract.encoding import encode_bank, encode_policy
+    from branchdrive.contract.descriptor import Camera, Collection, DeclaredEncoding, Descriptor, Software, Tolerances
+    from branchdrive.contract.encoding import encode_bank, encode_policy, encoding_digest
     from branchdrive.contract.policy import ActuatorRule, Command, Policy
     from branchdrive.dataset.group import BranchGroup
     from branchdrive.dataset.group_writer import GroupWriter
@@ -25,31 +27,42 @@ if TYPE_CHECKING:
     from branchdrive.dataset.rollout_writer import RolloutWriter
     from branchdrive.dataset.writer import DatasetWriter
     from branchdrive.derive.risk import risk_evidence
-    from branchdrive.errors import BranchDriveError, ContractError, DatasetError, DecodeError, UsageError
+    from branchdrive.errors import BranchDriveError, ContractError, DatasetError, DecodeError, LimitError, UsageError
 
 __all__ = [
     "ActionBank",
     "ActuatorRule",
     "BranchDriveError",
     "BranchGroup",
+    "Camera",
+    "Collection",
     "Command",
     "ContractError",
     "Dataset",
     "DatasetError",
     "DatasetWriter",
+    "DeclaredEncoding",
     "DecodeError",
     "Descriptor",
+    "Executor",
     "Finding",
     "GroupWriter",
+    "LimitError",
     "Policy",
     "Report",
     "Rollout",
     "RolloutWriter",
+    "Software",
+    "Tolerances",
     "UsageError",
+    "Waiver",
     "check_rollout",
     "encode_bank",
     "encode_policy",
+    "encoding_digest",
+    "isolated",
     "load_action_bank",
+    "load_waivers",
     "open_dataset",
     "risk_evidence",
     "validate",
@@ -60,24 +73,35 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "dataset.group",
+    "Camera": "contract.descriptor",
+    "Collection": "contract.descriptor",
     "Command": "contract.policy",
     "ContractError": "errors",
     "Dataset": "dataset.reader",
     "DatasetError": "errors",
     "DatasetWriter": "dataset.writer",
+    "DeclaredEncoding": "contract.descriptor",
     "DecodeError": "errors",
     "Descriptor": "contract.descriptor",
+    "Executor": "audit.worker",
     "Finding": "audit.finding",
     "GroupWriter": "dataset.group_writer",
+    "LimitError": "errors",
     "Policy": "contract.policy",
     "Report": "audit.report",
     "Rollout": "dataset.rollout",
     "RolloutWriter": "dataset.rollout_writer",
+    "Software": "contract.descriptor",
+    "Tolerances": "contract.descriptor",
     "UsageError": "errors",
+    "Waiver": "audit.waiver",
     "check_rollout": "audit.rollout",
     "encode_bank": "contract.encoding",
     "encode_policy": "contract.encoding",
+    "encoding_digest": "contract.encoding",
+    "isolated": "audit.worker",
     "load_action_bank": "contract.bank",
+    "load_waivers": "audit.waiver",
     "open_dataset": "dataset.reader",
     "risk_evidence": "derive.risk",
     "validate": "audit.engine",

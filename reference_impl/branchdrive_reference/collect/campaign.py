@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.errors import UsageError
 from branchdrive_reference.collect.collection import collection_descriptor
 from branchdrive_reference.collect.group import GroupReport
 from branchdrive_reference.collect.plan import plan_group
@@ -62,7 +63,8 @@ def collect(
             beginning and after every group.
 
     Raises:
-        UsageError: The folder holds something else, or another collector works on it.
+        UsageError: The folder holds something else, or another collector works on it, or the dataset
+            is finished with fewer groups: what is finished keeps its version.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     begin_s = time.perf_counter()
@@ -71,6 +73,11 @@ def collect(
         plans = [plan_group(seed, index) for index in range(num_groups)]
         missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
         num_found = num_groups - len(missing)
+        if writer.is_finished and missing:
+            raise UsageError(
+                f"{root}: is a finished dataset of {num_found} groups, which stays as it is; "
+                f"choose another folder to collect {num_groups}"
+            )
         reports: list[GroupReport] = []
         watch(num_found, 0)
         with closing(execute_groups(root, descriptor, missing, jobs=jobs)) as finished:

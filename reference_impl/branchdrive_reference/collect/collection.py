@@ -11,7 +11,7 @@ __all__ = ["collection_descriptor"]
 
 
 def collection_descriptor(seed: int) -> Descriptor:
-    """Descriptor of the collection with `seed`; the number of groups is not part of it, so it can grow."""
+    """Descriptor of the collection with `seed`; the number of groups is not part of it."""
     bank = load_action_bank()
     return Descriptor(
         dataset_id=f"branchdrive-reference-s{seed}",

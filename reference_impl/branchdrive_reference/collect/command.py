@@ -19,16 +19,19 @@ SUMMARY = "collect a dataset in the reference world"
 
 EXIT_INTERRUPTED = 130
 _MAX_SEED = 2**63 - 1
+_MAX_COUNT = 1_000_000
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """A number of groups or processes; `argparse` names this function in its messages."""
     value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
+    if not 1 <= value <= _MAX_COUNT:
+        raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MAX_COUNT}")
     return value
 
 
-def _seed(text: str) -> int:
+def seed(text: str) -> int:
+    """The seed of a collection; `argparse` names this function in its messages."""
     value = int(text)
     if not 0 <= value <= _MAX_SEED:
         raise argparse.ArgumentTypeError(f"{value} is not in 0 .. {_MAX_SEED}")
@@ -38,9 +41,9 @@ def _seed(text: str) -> int:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
-    parser.add_argument("--groups", metavar="N", type=_count, required=True, help="branch groups to collect")
-    parser.add_argument("--seed", metavar="S", type=_seed, required=True, help="seed of the whole collection")
-    parser.add_argument("--jobs", metavar="J", type=_count, default=1, help="worker processes (default: 1)")
+    parser.add_argument("--groups", metavar="N", type=count, required=True, help="branch groups to collect")
+    parser.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
+    parser.add_argument("--jobs", metavar="J", type=count, default=1, help="worker processes (default: 1)")
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
@@ -56,14 +59,14 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     finished = 0
 
-    def count(groups: int, ticks: int) -> None:
+    def note(groups: int, ticks: int) -> None:
         nonlocal finished
         finished = groups
         show(groups, ticks)
 
     try:
         with _progress(stderr, args.groups) as show:
-            report = collect(args.out, num_groups=args.groups, seed=args.seed, jobs=args.jobs, watch=count)
+            report = collect(args.out, num_groups=args.groups, seed=args.seed, jobs=args.jobs, watch=note)
     except KeyboardInterrupt:
         stderr.write(_interruption(args, finished))
         return EXIT_INTERRUPTED

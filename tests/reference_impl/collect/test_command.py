@@ -26,6 +26,11 @@ def branchdrive(*arguments: object) -> tuple[int, str, str]:
     return run([str(argument) for argument in arguments], stdout, stderr), stdout.getvalue(), stderr.getvalue()
 
 
+def heed_interrupts() -> None:
+    """Undo what a background shell does to its children: they ignore interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def start(root: Path, *, jobs: int, groups: int) -> subprocess.Popen[str]:
     arguments = ["collect", root, "--groups", groups, "--seed", SEED, "--jobs", jobs]
     return subprocess.Popen(
@@ -34,6 +39,7 @@ def start(root: Path, *, jobs: int, groups: int) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=heed_interrupts,
     )
 
 
@@ -89,11 +95,12 @@ def test_a_finished_dataset_is_left_as_it_is(reference: tuple[Path, str]) -> Non
     assert identity in out
 
 
-def test_a_dataset_can_grow(tmp_path: Path, reference: tuple[Path, str]) -> None:
-    assert branchdrive("collect", tmp_path / "d", "--groups", 1, "--seed", SEED)[0] == 0
-    code, out, _ = branchdrive("collect", tmp_path / "d", "--groups", GROUPS, "--seed", SEED)
-    assert code == 0
-    assert reference[1] in out
+def test_a_finished_dataset_does_not_grow(reference: tuple[Path, str]) -> None:
+    root, identity = reference
+    code, out, err = branchdrive("collect", root, "--groups", GROUPS + 2, "--seed", SEED)
+    assert (code, out) == (2, "")
+    assert f"is a finished dataset of {GROUPS} groups, which stays as it is; choose another folder" in err
+    assert collect(root, num_groups=GROUPS, seed=SEED).identity == identity
 
 
 def test_the_summary_reads_well(tmp_path: Path) -> None:
@@ -140,17 +147,23 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, reference: tuple[Pa
         ["--groups", 1, "--seed", -1],
         ["--groups", 1, "--seed", 1, "--jobs", 0],
         ["--groups", 1],
+        ["--groups", 1_000_001, "--seed", 1],
+        ["--groups", "many", "--seed", 1],
+        ["--groups", 1, "--seed", "x"],
     ],
-    ids=["no groups", "negative seed", "no jobs", "no seed"],
+    ids=["no groups", "negative seed", "no jobs", "no seed", "too many groups", "no number", "no number for a seed"],
 )
 def test_wrong_usage_exits_with_2(tmp_path: Path, arguments: list[object], capsys: pytest.CaptureFixture[str]) -> None:
-    assert branchdrive("collect", tmp_path / "d", *arguments)[0] == 2
+    code, out, err = branchdrive("collect", tmp_path / "d", *arguments)
+    captured = capsys.readouterr()
+    assert code == 2
     assert not (tmp_path / "d").exists()
-    capsys.readouterr()
+    assert not re.search(r"\b_(count|seed)\b", out + err + captured.out + captured.err)
 
 
 def test_a_folder_of_another_dataset_is_refused(reference: tuple[Path, str]) -> None:
     code, out, err = branchdrive("collect", reference[0], "--groups", 1, "--seed", SEED + 1)
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
-    assert "another descriptor" in err
+    assert f"another descriptor (dataset_id is 'branchdrive-reference-s{SEED}', not " in err
+    assert f"collection.seed is {SEED}, not {SEED + 1}" in err

@@ -21,8 +21,8 @@ def invalid_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Root of a dataset with a violation, and with attempts that do not qualify; read-only by agreement."""
     tables = datasets.DEPARTURES["speed out of range"].tables()
     controls = tables[datasets.FOLDER]["controls"]
-    every_attempt = dict.fromkeys(range(30, len(controls), 201), 0.75)
-    tables[datasets.FOLDER]["controls"] = datasets.with_cells(controls, "applied_brake", every_attempt)
+    two_ticks_each = dict.fromkeys((r + more for r in range(30, len(controls), 201) for more in (0, 1)), 0.75)
+    tables[datasets.FOLDER]["controls"] = datasets.with_cells(controls, "applied_brake", two_ticks_each)
     return datasets.write(tmp_path_factory.mktemp("invalid") / "dataset", tables)
 
 

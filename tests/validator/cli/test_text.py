@@ -51,8 +51,8 @@ Controls valid              3
 Integrity-complete          3
 Structurally eligible       3
 
-Rules: {NUM_RULES - 1} pass, 1 not-claimed
-  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001
+Rules: {NUM_RULES - 3} pass, 3 not-claimed
+  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003
 Verdict: valid - the dataset conforms to the specification
 """
 
@@ -76,15 +76,15 @@ Violations
 
 Why attempts and groups do not qualify
   BD-CTL-009  Applied control equals the online expert while inactive: 30 violations in 45 rollouts
-      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30
+      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30  (2 places)
         COMMANDS
-      group_id=g0 rollout_id=g0.accelerate_0.50.a1 table=controls tick=30
+      group_id=g0 rollout_id=g0.accelerate_0.50.a1 table=controls tick=30  (2 places)
         COMMANDS
-      group_id=g0 rollout_id=g0.accelerate_0.80.a1 table=controls tick=30
+      group_id=g0 rollout_id=g0.accelerate_0.80.a1 table=controls tick=30  (2 places)
         COMMANDS
-      group_id=g0 rollout_id=g0.brake_0.30.a1 table=controls tick=30
+      group_id=g0 rollout_id=g0.brake_0.30.a1 table=controls tick=30  (2 places)
         COMMANDS
-      group_id=g0 rollout_id=g0.brake_0.50.a1 table=controls tick=30
+      group_id=g0 rollout_id=g0.brake_0.50.a1 table=controls tick=30  (2 places)
         COMMANDS
       ... and 25 more (--format json lists up to 100)
       remedy: Leave the ego to the online expert outside the active window.
@@ -97,8 +97,8 @@ Controls valid              1     1  BD-CTL-009 (1)
 Integrity-complete          1
 Structurally eligible       1
 
-Rules: {NUM_RULES - 3} pass, 2 fail, 1 not-claimed
-  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001
+Rules: {NUM_RULES - 5} pass, 3 not-claimed, 2 fail
+  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003
 Verdict: invalid - the dataset breaks the specification
 1 of 2 required branch groups qualify
 """

@@ -3,12 +3,26 @@ from __future__ import annotations
 import pytest
 
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.layout import is_safe_path, layer_of, shard_index, shard_name, unsafe_reason
+from branchdrive.dataset.layout import (
+    MAX_SHARD_INDEX,
+    is_safe_path,
+    layer_of,
+    shard_index,
+    shard_name,
+    unsafe_reason,
+)
+from branchdrive.errors import UsageError
 
 
-@pytest.mark.parametrize("index", [0, 7, 99_999, 100_000])
+@pytest.mark.parametrize("index", [0, 7, 99_999, 100_000, MAX_SHARD_INDEX])
 def test_shard_names_and_indices_are_inverse(index: int) -> None:
     assert shard_index(shard_name(index)) == index
+
+
+@pytest.mark.parametrize("index", [-1, MAX_SHARD_INDEX + 1])
+def test_shards_out_of_range_have_no_name(index: int) -> None:
+    with pytest.raises(UsageError, match=f"shard {index} is not in 0 .. 999999999"):
+        shard_name(index)
 
 
 @pytest.mark.parametrize(

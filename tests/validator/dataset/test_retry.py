@@ -8,6 +8,7 @@ import pytest
 from tests.validator.dataset.invented import make_descriptor, write_dataset, write_group, write_rollout
 
 from branchdrive.dataset.layout import MANIFEST_FILE, STAGING_DIR
+from branchdrive.dataset.manifest import build_manifest, write_manifest
 from branchdrive.dataset.reader import open_dataset
 from branchdrive.dataset.writer import DatasetWriter
 from branchdrive.errors import DatasetError, UsageError
@@ -133,5 +134,6 @@ def test_shards_of_another_program_are_not_continued(tmp_path: Path) -> None:
     write_dataset(tmp_path, 1)
     path = tmp_path / "raw/shard-00000/rollouts.parquet"
     pq.write_table(pq.read_table(path).replace_schema_metadata(None), path)
+    write_manifest(tmp_path, build_manifest(tmp_path))
     with pytest.raises(DatasetError, match="another program"):
         open_writer(tmp_path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ from branchdrive.contract.descriptor import Camera, Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
 from branchdrive.dataset.rollout_writer import RolloutWriter
 from branchdrive.dataset.writer import DatasetWriter
-from branchdrive.errors import BranchDriveError, ContractError, UsageError
+from branchdrive.errors import BranchDriveError, ContractError, DatasetError, UsageError
 
 
 @dataclass
@@ -85,6 +85,13 @@ def foreign_folder(scene: Scene) -> DatasetWriter:
     folder = scene.root.parent / "foreign"
     folder.mkdir()
     (folder / "thesis.tex").write_text("")
+    return DatasetWriter(folder, make_descriptor())
+
+
+def damaged_descriptor(scene: Scene) -> DatasetWriter:
+    folder = scene.root.parent / "damaged"
+    folder.mkdir()
+    (folder / "branchdrive.json").write_text("{")
     return DatasetWriter(folder, make_descriptor())
 
 
@@ -242,6 +249,7 @@ TABLE: dict[str, tuple[Callable[[Scene], object], type[BranchDriveError], str]] 
     # groups
     "a group id that is no id": (lambda s: s.writer.begin_group("Group 1"), MISUSED, "'Group 1' does not match"),
     "a negative place": (lambda s: s.writer.begin_group("x", index=-1), MISUSED, "0 or more, found -1"),
+    "a place in no shard": (lambda s: s.writer.begin_group("x", index=2 * 10**9), MISUSED, "at most 1999999999, found"),
     "a place that is taken": (lambda s: s.writer.begin_group("x", index=0), MISUSED, "taken by group `done`"),
     "another place": (lambda s: s.writer.begin_group("done", index=5), MISUSED, "`done` has place 0, not 5"),
     "a group that is open here": (lambda s: s.writer.begin_group("g"), MISUSED, "`g` is open in this process"),
@@ -252,7 +260,10 @@ TABLE: dict[str, tuple[Callable[[Scene], object], type[BranchDriveError], str]] 
     "a group of no dataset": (place_of_nobody, MISUSED, "another descriptor or none"),
     # datasets
     "a second writer": (writer_at("dataset", PLAIN), MISUSED, "another `DatasetWriter` has"),
-    "another descriptor": (writer_at("dataset", OTHER), MISUSED, "another descriptor"),
+    "another descriptor": (writer_at("dataset", OTHER), MISUSED, r"\(dataset_id is '.*', not 'other'\)"),
+    "a damaged descriptor": (damaged_descriptor, DatasetError, "is no descriptor"),
+    "no descriptor": (writer_at("new", cast(Descriptor, {})), MISUSED, "must be a `Descriptor`, found dict"),
+    "a file for a folder": (writer_at("dataset/branchdrive.json", PLAIN), MISUSED, "is no folder"),
     "another shard size": (other_shard_size, MISUSED, "has 2 groups per shard, not 3; pass 2"),
     "a foreign folder": (foreign_folder, MISUSED, "not empty and holds no dataset"),
     "no place in a shard": (writer_at("new", PLAIN, groups_per_shard=0), MISUSED, "at least 1, found 0"),

@@ -23,6 +23,7 @@ from branchdrive.audit.verdict import decide
 from branchdrive.audit.waiver import Waiver, apply_waivers
 from branchdrive.audit.worker import Died, Executor, Failed, in_process
 from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.dataset.manifest import Manifest
 from branchdrive.errors import UsageError
 
 __all__ = ["select_rules", "validate"]
@@ -83,7 +84,8 @@ def validate(
         raise UsageError(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
-    survey = take_survey(Path(root), hash_files=hash_files)
+    # Without the rule on digests, a damaged table is the matter of the rule on decoding.
+    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
     results, errors = _audit_shards(survey, selected, executor, progress)
     survey = survey.with_shards(tuple(results))
     tallies = _merge(survey, selected)
@@ -91,7 +93,8 @@ def validate(
     funnel = Funnel()
     for result in results:
         funnel.add(result.funnel)
-    is_judged = survey.descriptor is not None and is_whole
+    is_read = not any(tally.unjudged for result in results for tally in result.tallies.values())
+    is_judged = survey.descriptor is not None and is_whole and is_read
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
         decide(tallies.values(), errors),
@@ -174,6 +177,10 @@ def _merge(survey: Survey, selected: frozenset[str]) -> dict[str, Tally]:
 
 
 def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> None:
+    streams = tally.info.streams
+    if streams and survey.descriptor is not None and not set(streams) & set(survey.descriptor.streams):
+        tally.is_claimed = False
+        return
     failed = [other for other in tally.info.requires if other in tallies and tallies[other].status == "fail"]
     if failed:
         tally.unjudged = f"precondition {failed[0]} failed"
@@ -200,7 +207,7 @@ def _facts(survey: Survey) -> DatasetFacts:
         path=printable(str(survey.root)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
-        identity=(survey.manifest.identity or None) if survey.manifest else None,
+        identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.shards else None,
         num_shards=len(survey.shards),
         num_files=len(survey.files),
         num_bytes=sum(entry.size for entry in survey.files),

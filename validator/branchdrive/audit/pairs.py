@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.view import ShardView
+from branchdrive.contract.limits import spec_limits
 from branchdrive.derive.bound import pair_bounds
 from branchdrive.derive.box import Boxes
 from branchdrive.derive.risk import CUTOFF_SLACK, RANGE_M, PairRisk, corridor_excess_m, pair_risk
@@ -151,7 +152,7 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
     excess = np.full(len(first), -np.inf)
     for index, (x, y, width) in enumerate(routes):
         here = np.flatnonzero(route[first] == index)
-        if len(here) and len(x) == len(y):  # else BD-VAL-005 excludes the attempt
+        if len(here) and len(x) == len(y) <= spec_limits().max_route_vertices:  # else BD-VAL-005 excludes the attempt
             excess[here] = corridor_excess_m(objects.boxes.take(first[here]), x, y, width)
     found = np.empty(len(order))
     found[order] = excess[np.cumsum(is_new) - 1]

@@ -17,7 +17,7 @@ __all__ = ["DatasetFacts", "Report", "RunOptions"]
 
 @dataclass(frozen=True)
 class DatasetFacts:
-    """What was validated; `identity` is what the manifest states."""
+    """What was validated; `identity` is computed from the digests of this run, ``None`` without them."""
 
     path: str
     dataset_id: str | None
@@ -103,7 +103,7 @@ class Report:
                     "examined": tally.examined,
                     "total": tally.total,
                     "num_findings": tally.num_findings,
-                    "num_waived": sum(f.count for f in tally.findings if f.waived),
+                    "num_waived": tally.places(f for f in tally.findings if f.waived),
                 }
                 for tally in self.tallies
             ],

@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from branchdrive.audit.examine import VIEW_RULES, examine
+from branchdrive.audit.finding import Sighting
 from branchdrive.audit.funnel import Funnel
+from branchdrive.audit.media import media_sightings
 from branchdrive.audit.tally import Tally
 from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import TABLES, table_schema
@@ -78,6 +80,8 @@ class ShardResult:
     rows: dict[str, int] = field(default_factory=dict)
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
+    num_images: int = 0
+    media_sightings: list[Sighting] = field(default_factory=list)
     tallies: dict[str, Tally] = field(default_factory=dict)
     funnel: Funnel = field(default_factory=Funnel)
 
@@ -86,9 +90,10 @@ def audit_shard(task: ShardTask) -> ShardResult:
     """Read, hash, decode and judge one shard; whatever the files hold becomes part of the result."""
     result = ShardResult(task.folder)
     tables: dict[str, pa.Table] = {}
-    table_of = {table.file_name: name for name, table in TABLES.items()}
+    # A table lies right in the shard's folder; whatever lies deeper is hashed, never read in its place.
+    table_of = {f"{task.folder}/{table.file_name}": name for name, table in TABLES.items()}
     for path in task.files:
-        name = table_of.get(path.rsplit("/", 1)[1])
+        name = table_of.get(path)
         if name is None:
             _digest_media(task, path, result)
             continue
@@ -102,6 +107,10 @@ def audit_shard(task: ShardTask) -> ShardResult:
                 [] if result.type_problems[path] else _metadata_problems(table.schema, name)
             )
             tables[name] = table
+    frames = tables.get("frames")
+    if frames is not None and not result.type_problems[f"{task.folder}/{TABLES['frames'].file_name}"]:
+        result.num_images = frames.num_rows
+        result.media_sightings = list(media_sightings(task.root, task.folder, task.files, frames))
     _judge(task, tables, result)
     return result
 
@@ -111,6 +120,9 @@ def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
         return
     try:
         with open_file(task.root, path) as stream:
+            if os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
+                result.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
+                return
             result.digests[path] = hashlib.file_digest(stream, "sha256").hexdigest()
     except (DatasetError, OSError) as error:
         result.unreadable[path] = str(error)
@@ -180,6 +192,10 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         reason = "the descriptor is unusable"
     elif missing := [name for name in task.descriptor.tables if name not in tables]:
         reason = f"{task.folder} has no readable {', '.join(missing)}"
+    elif tables["rollouts"].num_rows > spec_limits().max_shard_rollouts:
+        path, limit = f"{task.folder}/{TABLES['rollouts'].file_name}", spec_limits().max_shard_rollouts
+        reason = f"{task.folder} has {tables['rollouts'].num_rows} rollouts; the limit is {limit}"
+        result.over_limit[path] = reason
     elif any(result.type_problems.values()):
         reason = f"{task.folder} has tables with undeclared columns or types"
     if task.descriptor is None or reason is not None:

@@ -11,6 +11,7 @@ import os
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -99,6 +100,16 @@ class Survey:
         """Whether the file was read and its digest is not the manifest's."""
         stated = self.manifest.files.get(path) if self.manifest else None
         return stated is not None and self.digests.get(path, stated) != stated
+
+    def is_condemned(self, path: str) -> bool:
+        """Whether other rules already say that the file is missing, unreadable or damaged."""
+        is_missing = self.manifest is not None and path in self.manifest.files and path not in self.paths
+        return is_missing or path in self.unreadable or self.is_damaged(path)
+
+    @cached_property
+    def paths(self) -> frozenset[str]:
+        """Every path below the root."""
+        return frozenset(entry.path for entry in self.entries)
 
     def with_shards(self, shards: tuple[ShardResult, ...]) -> Survey:
         """This survey with the shards' results and digests merged in."""
@@ -210,7 +221,11 @@ def _hash_outside(survey: Survey) -> Survey:
     digests, unreadable = dict(survey.digests), {}
     read_by_others = {entry.path for files in survey.shard_folders.values() for entry in files}
     read_by_others |= {MANIFEST_FILE, *digests}
-    for path in [e.path for e in survey.files if e.path not in read_by_others]:
+    limit = spec_limits().max_media_bytes
+    for path, size in [(e.path, e.size) for e in survey.files if e.path not in read_by_others]:
+        if size > limit:
+            unreadable[path] = f"has {size} bytes; the limit is {limit}"
+            continue
         try:
             digests[path] = _digest(survey.root, path)
         except (DatasetError, OSError) as error:

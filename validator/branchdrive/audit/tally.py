@@ -72,6 +72,10 @@ class Tally:
         room = MAX_FINDINGS_PER_RULE - len(self.findings)
         self.findings += islice(findings, max(room, 0))
 
+    def places(self, findings: Iterable[Finding]) -> int:
+        """What `findings` count for in `num_findings`: their rows for rules on rows, else one each."""
+        return sum(f.count if self.info.grain == "row" else 1 for f in findings)
+
     @property
     def status(self) -> RuleStatus:
         """Status of the rule; nothing examined is never a pass."""

@@ -20,7 +20,7 @@ EXIT_CODES: dict[Verdict, int] = {"valid": 0, "valid-with-waivers": 0, "invalid"
 
 def is_waived(tally: Tally) -> bool:
     """Whether every finding of a failed rule is waived."""
-    complete = sum(f.count for f in tally.findings) >= tally.num_findings
+    complete = tally.places(tally.findings) >= tally.num_findings
     return bool(tally.findings) and complete and all(f.waived for f in tally.findings)
 
 

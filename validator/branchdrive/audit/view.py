@@ -132,7 +132,7 @@ class TableView:
         array = self._array(column)
         if not pa.types.is_dictionary(array.type):
             array = array.dictionary_encode()
-        codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int32, copy=False)
+        codes = array.indices.cast(pa.int32()).fill_null(-1).to_numpy(zero_copy_only=False)
         return codes, array.dictionary.to_pylist()
 
     def equals(self, column: str, word: str) -> Mask:

@@ -42,7 +42,7 @@ class Command(Protocol):
 def _command_modules() -> dict[str, str]:
     """Module of every command: the built-in ones and those of installed extras."""
     added = {point.name: point.value for point in entry_points(group="branchdrive.commands")}
-    return {**_BUILT_IN, **added}
+    return {**added, **_BUILT_IN}
 
 
 def _load(module_name: str) -> Command:
@@ -68,8 +68,12 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
     except BrokenPipeError:
         _discard_output(stdout)
         return EXIT_INTERRUPTED
-    except (BranchDriveError, OSError) as error:
+    except BranchDriveError as error:
         stderr.write(f"{prog}: {error}\n")
+        return EXIT_USAGE
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        stderr.write(f"{prog}: {place}{error.strerror or error}\n")
         return EXIT_USAGE
     except Exception as error:  # a bug is no verdict on a dataset: it must not end in exit code 1
         from traceback import format_exc

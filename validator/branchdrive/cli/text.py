@@ -14,7 +14,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.check import SHARD_RULES
 from branchdrive.audit.finding import location_text, printable
 from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
@@ -83,7 +82,9 @@ def _print_head(console: Console, report: Report) -> None:
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
     console.print(Text(", ".join(sizes)))
-    console.print(Text(f"{facts.num_shards} shards, {facts.num_files} files, {_size(facts.num_bytes)}"))
+    console.print(
+        Text(f"{_count(facts.num_shards, 'shard')}, {_count(facts.num_files, 'file')}, {_size(facts.num_bytes)}")
+    )
     if facts.identity:
         console.print(Text(f"identity {facts.identity}", style="dim"))
 
@@ -103,7 +104,7 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
     waived = " (waived)" if is_waived(tally) else ""
     style = "red" if info.decides and not waived else "yellow"
     subjects = "violation" if tally.num_findings == 1 else "violations"
-    count = f"{tally.num_findings:,} {subjects} in {tally.examined:,} {_plural(info.grain, tally.examined)}"
+    count = f"{tally.num_findings:,} {subjects} in {_count(tally.examined, info.grain)}"
     console.print(Padding(Text.assemble((info.id, style), f"  {info.title}{waived}: {count}"), (0, 0, 0, 2)))
     for finding in tally.findings[:FINDINGS_SHOWN]:
         more = f"  ({finding.count} places)" if finding.count > 1 else ""
@@ -112,14 +113,14 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
     if len(tally.findings) > FINDINGS_SHOWN:
         # Rules on rows count rows, of which a finding may hold several; the others count findings.
         shown = tally.findings[:FINDINGS_SHOWN]
-        left = tally.num_findings - sum(f.count if info.id in SHARD_RULES else 1 for f in shown)
+        left = tally.num_findings - tally.places(shown)
         more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
 
 
-def _plural(grain: str, count: int) -> str:
-    return grain if count == 1 else f"{grain}s"
+def _count(count: int, noun: str) -> str:
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 
 def _print_funnel(console: Console, report: Report) -> None:

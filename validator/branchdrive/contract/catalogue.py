@@ -51,7 +51,7 @@ class RuleInfo:
     @property
     def decides(self) -> bool:
         """Whether the rule can make a dataset invalid."""
-        return self.kind in ("structure", "claim")
+        return self.kind in ("structure", "claim") and self.level == "MUST"
 
 
 def _rule(declared: Mapping[str, Any]) -> RuleInfo:

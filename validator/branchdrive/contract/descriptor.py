@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from branchdrive.contract.bank import ActionBank
-from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.columns import STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.resources import SPEC_VERSION
@@ -132,6 +132,4 @@ class Descriptor(_Document):
     def tables(self) -> tuple[str, ...]:
         """Tables that every shard holds, in declared order: those of the claimed streams, rollouts first."""
         claimed = {table for name in self.streams for table in STREAMS[name].tables}
-        return tuple(
-            name for name in ("rollouts", "controls", "observations", "actors", "evidence", "frames") if name in claimed
-        )
+        return tuple(name for name in TABLES if name in claimed)

@@ -27,6 +27,10 @@ class Limits:
     max_table_rows: int
     max_table_decoded_bytes: int
     max_table_columns: int
+    max_image_bytes: int
+    max_media_bytes: int
+    max_shard_rollouts: int
+    max_route_vertices: int
     max_footer_items: int
     max_footer_string_bytes: int
     max_worker_bytes: int

@@ -1,4 +1,8 @@
-"""Assembly of raw shards: staged groups become one folder of tables that appears with one rename.
+"""Assembly of raw shards: staged groups become one folder of tables that appears whole.
+
+A new shard appears with one rename. Replacing a committed one takes two: the old shard leaves, the
+ready one takes its name. A kill between them leaves the shard missing, and the dataset without a
+manifest, until the next writer completes the second rename (`install_ready_shards`).
 
 The bytes of a shard depend on its rollouts and on the places of its groups alone, not on the
 order, the process or the number of attempts in which they were written.
@@ -47,9 +51,12 @@ def assemble_shard(stage: Stage, places: Places, index: int, groups: Sequence[St
 
     Raises:
         ContractError: The shard would break a spec limit, or rollout ids repeat; nothing changed.
+        UsageError: The present shard holds files of others, which would be lost; nothing changed.
     """
     shard = Shard(stage.root, index)
     old = shard if shard.folder.exists() else None
+    if old is not None:
+        _check_files(old, stage)
     members = _members(stage, places, groups, old)
     draft = partial_path(stage.shards_dir / shard_name(index))
     delete(draft)
@@ -64,6 +71,15 @@ def assemble_shard(stage: Stage, places: Places, index: int, groups: Sequence[St
     stage.save_places(replace(places, committed=committed))
     for group in groups:
         stage.drop(group)
+
+
+def _check_files(old: Shard, stage: Stage) -> None:
+    own = {TABLES[name].file_name for name in stage.descriptor.tables}
+    foreign = sorted(
+        f"{RAW_DIR}/{old.folder.name}/{path.name}" for path in old.folder.iterdir() if path.name not in own
+    )
+    if foreign:
+        raise UsageError(f"{stage.root}: {foreign[:5]} have no place in the dataset; move them out of it")
 
 
 def _members(stage: Stage, places: Places, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:

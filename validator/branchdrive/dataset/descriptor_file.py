@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -13,7 +14,9 @@ from branchdrive.dataset.layout import DESCRIPTOR_FILE
 from branchdrive.dataset.untrusted import read_file
 from branchdrive.errors import DatasetError
 
-__all__ = ["read_descriptor", "render_descriptor"]
+__all__ = ["differing_fields", "read_descriptor", "render_descriptor"]
+
+_SHOWN_CHARACTERS = 40
 
 
 def render_descriptor(descriptor: Descriptor) -> bytes:
@@ -37,3 +40,25 @@ def read_descriptor(root: Path) -> Descriptor:
     except ValueError as error:
         problem = str(error)
     raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is no descriptor: {problem}; run `branchdrive-validate`")
+
+
+def differing_fields(root: Path, descriptor: Descriptor) -> list[str]:
+    """What tells the dataset at `root` from `descriptor`, one text for every field that differs.
+
+    Raises:
+        DatasetError: The dataset's descriptor cannot be read.
+    """
+    found = read_descriptor(root).model_dump(mode="json")
+    texts = _differences("", found, descriptor.model_dump(mode="json"))
+    return texts or [f"{DESCRIPTOR_FILE!r} is formatted otherwise"]
+
+
+def _differences(place: str, found: Any, given: Any) -> list[str]:
+    if isinstance(found, dict) and isinstance(given, dict):
+        names = [*found, *(name for name in given if name not in found)]
+        pairs = ((f"{place}.{name}" if place else name, found.get(name), given.get(name)) for name in names)
+        return [text for pair in pairs for text in _differences(*pair)]
+    if found == given:
+        return []
+    shown = [repr(value) if len(repr(value)) <= _SHOWN_CHARACTERS else "" for value in (found, given)]
+    return [f"{place} is {shown[0]}, not {shown[1]}" if all(shown) else f"{place} differs"]

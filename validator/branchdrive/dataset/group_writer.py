@@ -32,7 +32,8 @@ class GroupWriter:
     Several processes may write different groups of a dataset at once; a second writer of the same
     group waits for the first. The dataset must have been opened by a `DatasetWriter`, in this or
     another process. As a context manager it closes the group on a clean exit; an exception leaves
-    the group open, so that the next writer goes on after its last finished rollout.
+    the group open, so that the next writer goes on after its last finished rollout. A rollout that
+    was open then is not in the dataset, and its attempt number is used again.
 
     Args:
         root: Folder of the dataset.

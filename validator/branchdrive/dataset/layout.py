@@ -11,12 +11,14 @@ from pathlib import PurePosixPath
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.errors import UsageError
 
 __all__ = [
     "DESCRIPTOR_FILE",
     "IDENTITY_LAYERS",
     "LAYERS",
     "MANIFEST_FILE",
+    "MAX_SHARD_INDEX",
     "RAW_DIR",
     "STAGING_DIR",
     "is_safe_path",
@@ -44,6 +46,9 @@ IDENTITY_LAYERS = ("raw", "canonical", "quality", "model")
 LAYERS = (*IDENTITY_LAYERS, "benchmark", "media")
 """Every layer, in manifest order."""
 
+MAX_SHARD_INDEX = 999_999_999
+"""Last shard that has a name: nine digits."""
+
 _MEDIA = "media"
 _MEDIA_INDEX = "frames"
 _RAW_TABLE_FILES = frozenset(table.file_name for name, table in TABLES.items() if name != _MEDIA_INDEX)
@@ -57,7 +62,12 @@ def shard_name(index: int) -> str:
 
     >>> shard_name(7)
     'shard-00007'
+
+    Raises:
+        UsageError: No shard has this index.
     """
+    if not 0 <= index <= MAX_SHARD_INDEX:
+        raise UsageError(f"shard {index} is not in 0 .. {MAX_SHARD_INDEX}; choose a smaller place for the group")
     return f"shard-{index:05d}"
 
 

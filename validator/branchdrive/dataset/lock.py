@@ -31,10 +31,15 @@ class FileLock:
         """Whether some object of this process holds the lock at `path`; waiting for it may then take forever."""
         return path.exists() and any(lock.path.exists() and lock.path.samefile(path) for lock in _held)
 
-    def acquire(self, *, blocking: bool) -> bool:
-        """Take the lock, waiting for its holder if `blocking`; whether it was taken."""
+    def acquire(self, *, blocking: bool, create: bool = True) -> bool:
+        """Take the lock, waiting for its holder if `blocking`; whether it was taken.
+
+        Raises:
+            FileNotFoundError: The file's folder is missing or, if not `create`, the file itself.
+        """
+        flags = os.O_RDWR | os.O_CLOEXEC | (os.O_CREAT if create else 0)
         while True:
-            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(self.path, flags, 0o644)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX if blocking else fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:

@@ -30,10 +30,17 @@ from branchdrive.dataset.layout import (
     layer_of,
     unsafe_reason,
 )
-from branchdrive.dataset.untrusted import open_file
+from branchdrive.dataset.untrusted import open_file, read_file
 from branchdrive.errors import DatasetError
 
-__all__ = ["Manifest", "ManifestProblem", "build_manifest", "parse_manifest", "write_manifest"]
+__all__ = [
+    "Manifest",
+    "ManifestProblem",
+    "build_manifest",
+    "check_against_manifest",
+    "parse_manifest",
+    "write_manifest",
+]
 
 _HEADER = "# branchdrive-manifest 0.1"
 _LAYER_LINE = re.compile(r"# layer ([a-z]+) ([0-9a-f]{64})")
@@ -231,6 +238,21 @@ def build_manifest(root: Path) -> Manifest:
         DatasetError: The dataset holds a link, a special file or an unsafe path.
     """
     return Manifest.of({path: _file_digest(root, path) for path in _files_below(root)})
+
+
+def check_against_manifest(root: Path) -> Manifest:
+    """Manifest of a finished dataset whose files are exactly those that it lists.
+
+    Raises:
+        DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
+    """
+    stated, problems = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    found = build_manifest(root)
+    if problems or stated != found:
+        paths = sorted(path for path, _ in set(stated.files.items()) ^ set(found.files.items()))
+        what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
+        raise DatasetError(f"{root}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")
+    return found
 
 
 def _files_below(root: Path) -> Iterator[str]:

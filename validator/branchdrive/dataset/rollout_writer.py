@@ -27,6 +27,10 @@ class RolloutWriter:
     for one row, or lists and numpy arrays of one length. ``None`` and masked entries are null, and
     columns that may be null may be left out. Floats are rounded to the declared width; no other
     type is converted.
+
+    Nothing is written before `finish`: if the process dies, the attempt is not in the dataset and
+    its number goes to the next one. A rollout that the simulator ended early is finished like any
+    other, with status ``partial``.
     """
 
     def __init__(
@@ -111,7 +115,11 @@ class RolloutWriter:
         return rollout
 
     def abandon(self) -> None:
-        """Forget the rollout: nothing is written, and its attempt number is free again."""
+        """Discard the rollout: nothing tells that it was made, and its attempt number is used again.
+
+        This is for attempts that failed to be made. To keep one that ended early, `finish` it with
+        status ``partial``.
+        """
         self._check_open()
         self._end(None)
         self._is_over = True
@@ -127,6 +135,6 @@ def refuse_violations(rollout: Rollout, descriptor: Descriptor) -> None:
 
     findings = check_rollout_structure(rollout.record, rollout.tables, descriptor)
     if findings:
-        lines = [f"- {finding.message}; {CATALOGUE[finding.rule].remedy}" for finding in findings]
+        lines = [f"- {finding.rule} {finding.message}; {CATALOGUE[finding.rule].remedy}" for finding in findings]
         head = f"rollout `{rollout.rollout_id}` breaks the format and was not written:"
         raise ContractError("\n".join([head, *lines]), findings)

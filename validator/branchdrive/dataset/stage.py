@@ -23,7 +23,7 @@ from pathlib import Path
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.dataset.durable import delete, make_dir, move, partial_path, remove, replace_file, sync_dir
-from branchdrive.dataset.layout import MANIFEST_FILE, STAGING_DIR
+from branchdrive.dataset.layout import MANIFEST_FILE, MAX_SHARD_INDEX, STAGING_DIR
 from branchdrive.dataset.lock import FileLock
 from branchdrive.dataset.rollout import ROLLOUTS
 from branchdrive.dataset.shard import Shard, rollouts_of
@@ -71,6 +71,7 @@ class Stage:
         self.shards_dir = self.folder / "shards"
         self.trash_dir = self.folder / "trash"
         self._writer_lock = FileLock(self.folder / "writer.lock")
+        self._registry_path = self.folder / "registry.lock"
         self._locks_dir = self.folder / "locks"
         self._places_path = self.folder / "places.json"
 
@@ -89,6 +90,7 @@ class Stage:
             return False
         for folder in (self.groups_dir, self.shards_dir, self.trash_dir, self._locks_dir):
             make_dir(folder)
+        self._registry_path.touch()
         return True
 
     def let_go(self) -> None:
@@ -96,11 +98,18 @@ class Stage:
         self._writer_lock.release()
 
     def remove(self) -> None:
-        """Delete the staging area; the lock goes last, so that the next writer starts from nothing."""
+        """Delete the staging area of a finished dataset; call it under the registry lock.
+
+        The places go first, so that no group can be claimed any more, and the locks go last, the
+        writer's after all others, so that the next writer starts from nothing.
+        """
+        locks = (self._registry_path, self._writer_lock.path)
+        delete(self._places_path)
         for path in self.folder.iterdir():
-            if path != self._writer_lock.path:
+            if path not in locks:
                 delete(path)
-        self._writer_lock.path.unlink()
+        for path in locks:
+            delete(path)
         with suppress(OSError):  # the next writer may be there already
             self.folder.rmdir()
 
@@ -111,19 +120,30 @@ class Stage:
         Raises:
             UsageError: There is no staging area: no `DatasetWriter` has opened the dataset.
         """
-        lock = FileLock(self.folder / "registry.lock")
+        lock = FileLock(self._registry_path)
         try:
-            lock.acquire(blocking=True)
+            lock.acquire(blocking=True, create=False)
         except FileNotFoundError:
-            raise UsageError(f"{self.root}: open the dataset with `DatasetWriter` before writing groups") from None
+            raise self._not_opened() from None
         try:
             yield
         finally:
             lock.release()
 
     def load_places(self) -> Places:
-        """Places of the committed groups."""
-        return Places.parse(self._places_path.read_bytes())
+        """Places of the committed groups.
+
+        Raises:
+            UsageError: No `DatasetWriter` has opened the dataset.
+        """
+        try:
+            content = self._places_path.read_bytes()
+        except FileNotFoundError:
+            raise self._not_opened() from None
+        return Places.parse(content)
+
+    def _not_opened(self) -> UsageError:
+        return UsageError(f"{self.root}: open the dataset with `DatasetWriter` before writing groups")
 
     def save_places(self, places: Places) -> None:
         """Record which groups are committed."""
@@ -143,8 +163,8 @@ class Stage:
             The group, and the lock that its writer holds.
 
         Raises:
-            UsageError: The group or the place is taken otherwise, this process has the group open,
-                or no `DatasetWriter` has opened the dataset.
+            UsageError: The group or the place is taken otherwise, the place is in no shard, this
+                process has the group open, or no `DatasetWriter` has opened the dataset.
         """
         lock = FileLock(self._locks_dir / f"{group_id}.lock")
         if FileLock.held_here(lock.path):
@@ -160,10 +180,13 @@ class Stage:
                     except BaseException:
                         lock.release()
                         raise
-            with lock:
+            with suppress(FileNotFoundError), lock:
                 pass  # the group's writer is done; look again at what it left
 
     def _check_place(self, group_id: str, index: int, places: Places) -> None:
+        if places.shard_of(index) > MAX_SHARD_INDEX:
+            last = (MAX_SHARD_INDEX + 1) * places.groups_per_shard - 1
+            raise UsageError(f"place of group `{group_id}` must be at most {last}, found {index}; choose another index")
         taken = dict(places.committed) | {group.group_id: group.index for group in self.groups()}
         if taken.get(group_id, index) != index:
             raise UsageError(f"group `{group_id}` has place {taken[group_id]}, not {index}")

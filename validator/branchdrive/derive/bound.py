@@ -48,5 +48,6 @@ def pair_bounds(offset_x_m: Array, offset_y_m: Array, reach_m: Array, rel_x_mps:
     gap -= error
     power = speed * (reach_m + error) - (rel_x_mps * offset_x_m + rel_y_mps * offset_y_m)
     ttc = np.where(gap > 0, np.inf, 0.0)
-    np.divide(gap * gap, power, out=ttc, where=~(power <= 0) & ~(gap <= 0))
+    with np.errstate(over="ignore"):  # a bound beyond all numbers is infinity
+        np.divide(gap * gap, power, out=ttc, where=~(power <= 0) & ~(gap <= 0))
     return PairBounds(gap, ttc)

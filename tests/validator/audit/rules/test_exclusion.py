@@ -62,7 +62,12 @@ def test_a_broken_rollout_hides_its_own_later_faults_only(tmp_path: Path, base: 
     assert failed(tallies) == {"BD-VAL-001": 1, "BD-CTL-008": 2, "BD-EVD-001": 1}
     assert rollouts_in(tallies["BD-CTL-008"].findings) == [STEER_LEFT, "g2.brake_0.50.a1"]
     for rule_id in ROLLOUT_RULES:
-        brakes = rule_id not in ("BD-CTL-004", "BD-CTL-006", "BD-CTL-013")  # a brake policy is no subject of these
+        brakes = rule_id not in (
+            "BD-CTL-004",
+            "BD-CTL-006",
+            "BD-CTL-013",
+            "BD-GRP-006",
+        )  # a brake policy is no subject of these
         assert tallies[rule_id].examined == base[rule_id].examined - brakes, rule_id
         assert tallies[rule_id].total == base[rule_id].total
 
@@ -172,8 +177,13 @@ def test_a_broken_nominal_is_still_what_others_are_compared_with(tmp_path: Path)
     draft = new_draft()
     draft.set("observations", "speed_mps", math.nan, rollout_id=NOMINAL, tick=0)
     draft.set("controls", "nominal_steer", 0.5, rollout_id=BRAKE, tick=MIDDLE)
-    tallies = judge(draft, tmp_path)
+    report = report_of(draft, tmp_path)
+    tallies = {tally.rule_id: tally for tally in report.tallies}
     assert failed(tallies) == {"BD-VAL-001": 1, "BD-CTL-010": 1}
+    assert {tallies[rule_id].examined for rule_id in GROUP_RULES} == {2}
+    assert report.funnel is not None
+    assert report.funnel.lost == {"bank": 1}
+    assert report.funnel.reasons["bank"] == {"BD-VAL-001": 1}
 
 
 def test_an_unreadable_table_silences_its_own_shard_alone(tmp_path: Path) -> None:
@@ -220,6 +230,16 @@ def test_rows_are_counted_one_by_one_and_told_once_per_rollout(tmp_path: Path) -
         ("expert_steer", BRAKE, 20, 7),
         ("expert_steer", STEER_LEFT, 5, 1),
     ]
+
+
+def test_rows_of_nobody_stand_for_themselves(tmp_path: Path) -> None:
+    draft = new_draft()
+    draft.set("controls", "expert_steer", math.nan, rollout_id=NOMINAL, tick=[0, 1, 2])
+    draft.duplicate("controls", {"rollout_id": "g0.ghost.a1"}, rollout_id=NOMINAL, tick=[0, 1, 2])
+    tallies = judge(draft, tmp_path)
+    assert failed(tallies) == {"BD-VAL-001": 6, "BD-KEY-004": 3}
+    told = [(f.location["rollout_id"], f.location["tick"], f.count) for f in tallies["BD-VAL-001"].findings]
+    assert sorted(told) == [("g0.ghost.a1", tick, 1) for tick in (0, 1, 2)] + [(NOMINAL, 0, 3)]
 
 
 def test_places_of_a_rollout_are_counted_in_its_one_finding(tmp_path: Path) -> None:
@@ -299,3 +319,52 @@ def test_the_same_rows_in_memory_give_the_same_counts(base: dict[str, Tally]) ->
     assert alone["BD-STA-001"].examined == 15
     assert all(tally.num_findings == 0 for tally in alone.values())
     assert all(tally.examined <= base[rule_id].examined for rule_id, tally in alone.items())
+
+
+# What a rule stands on
+
+
+def _statuses(report: Report) -> dict[str, tuple[str, str | None]]:
+    return {tally.rule_id: (tally.status, tally.reason) for tally in report.tallies}
+
+
+def test_without_a_manifest_nothing_is_compared_with_it(tmp_path: Path) -> None:
+    draft = new_draft()
+    draft.is_sealed = False
+    status = _statuses(report_of(draft, tmp_path))
+    standing_on_it = {rule_id for rule_id, rule in CATALOGUE.items() if "BD-LAY-001" in rule.requires}
+    assert standing_on_it == {"BD-LAY-002", "BD-LAY-003", "BD-LAY-004", "BD-LAY-008"}
+    for rule_id in standing_on_it:
+        assert status[rule_id] == ("skipped", "precondition BD-LAY-001 failed")
+    assert status["BD-CTL-008"] == ("pass", None)
+
+
+def test_without_a_descriptor_no_row_is_judged(tmp_path: Path) -> None:
+    draft = new_draft()
+    draft.before_seal(lambda root: (root / "branchdrive.json").write_text("{"))
+    report = report_of(draft, tmp_path)
+    status = _statuses(report)
+    assert status["BD-DOC-002"] == status["BD-DOC-003"] == ("skipped", "precondition BD-DOC-001 failed")
+    for rule_id in ("BD-DOC-004", "BD-ENC-001", "BD-TAB-004"):
+        assert status[rule_id] == ("skipped", "no subject")
+    for rule_id in {*SHARD_RULES, *ROLLOUT_RULES, *GROUP_RULES}:
+        assert status[rule_id] == ("skipped", "the descriptor is unusable")
+    for rule_id in ("BD-LAY-002", "BD-LAY-009", "BD-TAB-001", "BD-TAB-002", "BD-TAB-003"):
+        assert status[rule_id] == ("pass", None)
+    assert report.funnel is None
+
+
+def test_without_the_declared_columns_neither_metadata_nor_rows_are_judged(tmp_path: Path) -> None:
+    draft = new_draft()
+    draft.map_table("controls", lambda rows: rows.drop_columns("active"), folder=SHARD_1)
+    status = _statuses(report_of(draft, tmp_path))
+    assert status["BD-TAB-003"] == ("skipped", "precondition BD-TAB-002 failed")
+    assert status["BD-CTL-008"] == ("skipped", f"{SHARD_1} has tables with undeclared columns or types")
+
+
+def test_documents_and_files_are_counted(base: dict[str, Tally]) -> None:
+    for rule_id in ("BD-LAY-001", "BD-DOC-001", "BD-DOC-002", "BD-DOC-003", "BD-DOC-004", "BD-ENC-001"):
+        assert base[rule_id].examined == base[rule_id].total == 1, rule_id
+    assert base["BD-TAB-002"].examined == base["BD-TAB-003"].examined == 10
+    assert base["BD-LAY-006"].examined == base["BD-LAY-009"].examined == 12 + 3  # files and folders
+    assert base["BD-LAY-008"].examined == 2

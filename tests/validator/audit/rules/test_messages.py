@@ -26,7 +26,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-VAL-003", "unknown_source", "one of ['online_expert', 'intervention']", "'autopilot'"),
         (
             "BD-VAL-005", "route_with_fewer_x_than_y",
-            "two or more distinct vertices with x and y", "80 x and 81 y values",
+            "2 .. 10000 vertices, neighbours apart", "80 x and 81 y values",
         ),
         ("BD-NUL-002", "value_missing_under_its_mask", "a value (`separation_available` is on)", "null"),
         ("BD-NUL-002", "zero_stands_for_absence", "null (`nearest_pedestrian_available` is off)", "0.0"),

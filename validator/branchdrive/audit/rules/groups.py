@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import Mask, SubjectCheck, group_rule
+from branchdrive.audit.check import Mask, SubjectCheck, group_rule, rollout_rule
 from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.selection import Selection
 from branchdrive.audit.view import ShardView, TableView
@@ -84,8 +84,40 @@ def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Su
     return check
 
 
-same_route = group_rule("BD-GRP-001")(_shared(("route_id", "route_x_m", "route_y_m")))
-same_town = group_rule("BD-GRP-002")(_shared(("town",)))
-same_seed = group_rule("BD-GRP-003")(_shared(("seed", "repetition")))
-same_branch_tick = group_rule("BD-GRP-004")(_shared(("branch_tick", "branch_frame")))
-same_scenario = group_rule("BD-GRP-005")(_shared(("scenario_type", "environment")))
+_ROUTE = ("route_id", "route_x_m", "route_y_m")
+_TOWN = ("town",)
+_SEED = ("seed", "repetition")
+_BRANCH = (
+    "branch_tick",
+    "branch_frame",
+    "trigger_definition",
+    "trigger_tick",
+    "trigger_signal",
+    "trigger_value",
+    "trigger_threshold",
+    "trigger_confidence",
+)
+_SCENARIO = ("scenario_type", "environment", "ego_length_m", "ego_width_m", "ego_height_m")
+
+same_route = group_rule("BD-GRP-001")(_shared(_ROUTE))
+same_town = group_rule("BD-GRP-002")(_shared(_TOWN))
+same_seed = group_rule("BD-GRP-003")(_shared(_SEED))
+same_branch = group_rule("BD-GRP-004")(_shared(_BRANCH))
+same_scenario = group_rule("BD-GRP-005")(_shared(_SCENARIO))
+
+
+@rollout_rule("BD-GRP-006")
+def replays_share_their_context(view: ShardView, subjects: Mask) -> SubjectCheck:
+    """A nominal replay agrees with its nominal in everything that candidates share."""
+    subjects = subjects & view.role("nominal_replay") & (view.nominal >= 0)
+    columns = (*_ROUTE, *_TOWN, *_SEED, *_BRANCH, *_SCENARIO)
+    codes = np.stack([_codes(view.rollouts, column) for column in columns])
+    differs = codes != codes[:, view.nominal]  # [columns, rollouts]
+
+    def describe(i: int) -> Sighting:
+        column = columns[int(np.argmax(differs[:, i]))]
+        values, valid = view.rollouts[column], view.rollouts.valid(column)
+        wanted, found = (quote(values[k]) if valid[k] else "null" for k in (view.nominal[i], i))
+        return Sighting(f"{wanted} as in the nominal", found, {"table": "rollouts", "column": column})
+
+    return SubjectCheck(subjects, subjects & differs.any(axis=0), describe)

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.check import RowCheck, shard_rule
+from branchdrive.audit.check import RowCheck, SurveyCheck, shard_rule, survey_rule
 from branchdrive.audit.finding import quote
+from branchdrive.audit.survey import Survey
 from branchdrive.audit.view import ShardView
 
 
@@ -22,4 +23,35 @@ def cameras_are_declared(view: ShardView) -> Iterator[RowCheck]:
         yield RowCheck(
             "frames", "camera", len(frames), np.flatnonzero(unknown[codes]),
             lambda row: (f"one of {sorted(declared)}", quote(frames["camera"][row])),
+        )  # fmt: skip
+
+
+@survey_rule("BD-FRM-002")
+def images_are_where_the_index_says(survey: Survey) -> SurveyCheck:
+    """File, offset, size and checksum of every indexed image; a condemned file is not blamed twice."""
+    found = [
+        sighting
+        for shard in survey.shards
+        for sighting in shard.media_sightings
+        if not survey.is_condemned(str(sighting.location["file"]))
+    ]
+    return SurveyCheck(sum(shard.num_images for shard in survey.shards), tuple(found))
+
+
+@shard_rule("BD-FRM-003")
+def images_belong_to_observations(view: ShardView) -> Iterator[RowCheck]:
+    """One image per camera and saved observation."""
+    if "frames" in view:
+        frames = view.stream("frames")
+        known = frames.rollout >= 0
+        orphan = known & (view.observations.find(frames.rollout, frames.tick) < 0)
+        codes, _ = frames.words("camera")
+        order = np.lexsort((codes, frames.tick, frames.rollout))
+        columns = [values[order] for values in (frames.rollout, frames.tick, codes)]
+        same = np.logical_and.reduce([values[1:] == values[:-1] for values in columns])
+        repeated = np.zeros(len(frames), bool)
+        repeated[order[1:][same]] = True
+        yield RowCheck(
+            "frames", None, len(frames), np.flatnonzero(orphan | (repeated & known)),
+            lambda row: ("one image per camera, at an observation", "none" if orphan[row] else "a second image"),
         )  # fmt: skip

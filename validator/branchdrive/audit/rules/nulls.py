@@ -11,9 +11,10 @@ from branchdrive.audit.check import RowCheck, shard_rule
 from branchdrive.audit.finding import quote
 from branchdrive.audit.view import ShardView, TableView
 from branchdrive.contract.columns import TABLES, Availability, Column
+from branchdrive.derive.risk import MIN_CLOSING_MPS, RANGE_M
 
-IMPOSSIBLE_TTC_S = 500.0
-"""50 m of range at 0.1 m/s of closing speed: no recorded time to collision can reach beyond."""
+IMPOSSIBLE_TTC_S = RANGE_M / MIN_CLOSING_MPS
+"""500 s, all the range at the slowest closing speed: no time to collision can lie beyond."""
 
 Mask = NDArray[np.bool_]
 

@@ -16,7 +16,8 @@ def tables_decode(survey: Survey) -> SurveyCheck:
         for path, reason in shard.undecodable.items()
         if not survey.is_damaged(path)
     ]
-    return SurveyCheck(sum(shard.num_tables for shard in survey.shards), tuple(found))
+    num_damaged = sum(survey.is_damaged(path) for shard in survey.shards for path in shard.undecodable)
+    return SurveyCheck(sum(shard.num_tables for shard in survey.shards) - num_damaged, tuple(found))
 
 
 @survey_rule("BD-TAB-002")

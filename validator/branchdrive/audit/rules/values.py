@@ -13,6 +13,7 @@ from branchdrive.audit.check import RowCheck, shard_rule
 from branchdrive.audit.finding import quote
 from branchdrive.audit.view import ShardView, TableView
 from branchdrive.contract.columns import PATTERNS, TABLES, Column
+from branchdrive.contract.limits import spec_limits
 
 MAX_EXTENT_M = 100.0
 
@@ -113,18 +114,19 @@ def text_matches_pattern(view: ShardView) -> Iterator[RowCheck]:
 
 @shard_rule("BD-VAL-005")
 def routes_are_polylines(view: ShardView) -> Iterator[RowCheck]:
-    """Route x and y have the same length, at least two vertices, and no vertex twice in a row."""
+    """Route x and y have the same length, two to `max_route_vertices` vertices, and no vertex twice in a row."""
     xs, ys = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
+    limit = spec_limits().max_route_vertices
 
     @cache  # attempts of a group share their route
     def broken(x_bytes: bytes, y_bytes: bytes) -> bool:
         x, y = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
-        return len(x) != len(y) or len(x) < 2 or bool(((np.diff(x) == 0) & (np.diff(y) == 0)).any())
+        return len(x) != len(y) or not 2 <= len(x) <= limit or bool(((np.diff(x) == 0) & (np.diff(y) == 0)).any())
 
     bad = np.flatnonzero([broken(x.tobytes(), y.tobytes()) for x, y in zip(xs, ys, strict=True)])
     yield RowCheck(
         "rollouts", "route_x_m", len(xs), bad,
-        lambda row: ("two or more distinct vertices with x and y", f"{len(xs[row])} x and {len(ys[row])} y values"),
+        lambda row: (f"2 .. {limit} vertices, neighbours apart", f"{len(xs[row])} x and {len(ys[row])} y values"),
     )  # fmt: skip
 
 

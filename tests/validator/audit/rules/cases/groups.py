@@ -74,9 +74,8 @@ def another_town(d: Draft) -> None:
 
 
 @boundary("BD-GRP-002", "BD-GRP-005")
-def replays_and_unchosen_attempts_may_differ(d: Draft) -> None:
+def unchosen_attempts_may_differ(d: Draft) -> None:
     d.copy_attempt(BRAKE, "g0.brake_0.50.a2", attempt=2, town="Town13", environment="Night")
-    d.set("rollouts", "town", "Town13", rollout_id=REPLAY)
 
 
 @mutant("BD-GRP-003", at=_differs("seed"))
@@ -118,3 +117,28 @@ def another_scenario(d: Draft) -> None:
 @mutant("BD-GRP-005", at=_differs("environment"))
 def another_weather(d: Draft) -> None:
     d.set("rollouts", "environment", "Night", rollout_id=STEER_LEFT)
+
+
+@mutant("BD-GRP-004", at=_differs("trigger_signal"))
+def another_trigger_signal(d: Draft) -> None:
+    d.set("rollouts", "trigger_signal", "lane_shift", rollout_id=STEER_LEFT)
+
+
+@mutant("BD-GRP-005", at=_differs("ego_height_m"))
+def another_ego(d: Draft) -> None:
+    d.set("rollouts", "ego_height_m", 3.5, rollout_id=STEER_LEFT)
+
+
+@mutant("BD-GRP-006", at={"rollout_id": REPLAY, "column": "town"}, lost=0)
+def replay_in_another_town(d: Draft) -> None:
+    d.set("rollouts", "town", "Town13", rollout_id=REPLAY)
+
+
+@mutant("BD-GRP-006", at={"rollout_id": REPLAY, "column": "seed"}, lost=0)
+def replay_with_another_seed(d: Draft) -> None:
+    d.set("rollouts", "seed", 1, rollout_id=REPLAY)
+
+
+@boundary("BD-GRP-006")
+def replay_of_another_collector_version(d: Draft) -> None:
+    d.set("rollouts", "collector_version", "other 2", rollout_id=REPLAY)

@@ -85,7 +85,7 @@ def manifest_lists_itself(d: Draft) -> None:
 
 @boundary("BD-LAY-001", "BD-LAY-005", base="media")
 def path_in_another_script(d: Draft) -> None:
-    d.before_seal(lambda root: (root / SHARD_1 / MEDIA_FILE).rename(root / SHARD_1 / "вид спереди..1.bin"))
+    d.before_seal(lambda root: (root / SHARD_1 / "вид спереди..1.bin").write_bytes(b"more"))
 
 
 # BD-LAY-002
@@ -122,7 +122,7 @@ def descriptor_edited(d: Draft) -> None:
 
 @boundary("BD-LAY-002", "BD-LAY-003", base="media")
 def empty_file(d: Draft) -> None:
-    d.before_seal(lambda root: (root / MEDIA).write_bytes(b""))
+    d.before_seal(lambda root: (root / SHARD_1 / "empty.bin").write_bytes(b""))
 
 
 # BD-LAY-003
