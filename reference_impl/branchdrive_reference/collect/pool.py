@@ -22,6 +22,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.collect.group import GroupReport, collect_group
+from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.plan import GroupPlan
 
 __all__ = ["execute_groups"]
@@ -42,10 +43,12 @@ def execute_groups(
         KeyboardInterrupt: The user interrupted; all finished rollouts are kept.
     """
     if jobs == 1 or len(plans) <= 1:
-        for plan in plans:
-            with GroupWriter(root, descriptor, plan.group_id, plan.index) as writer:
-                report = collect_group(writer, descriptor, plan)
-            yield report
+        with deferred_interrupt() as raise_if_noted:
+            for plan in plans:
+                with GroupWriter(root, descriptor, plan.group_id, plan.index) as writer:
+                    report = collect_group(writer, descriptor, plan, between=raise_if_noted)
+                yield report
+                raise_if_noted()
     else:
         yield from _in_workers(root, descriptor, plans, jobs)
 
