@@ -14,6 +14,7 @@ from branchdrive.audit.check import Mask, SubjectCheck, group_rule, rollout_rule
 from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.selection import Selection
 from branchdrive.audit.view import ShardView, TableView
+from branchdrive.contract.columns import TABLES
 
 
 @group_rule("BD-BNK-001")
@@ -47,15 +48,28 @@ def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects:
     return SubjectCheck(subjects, subjects & foreign.any(axis=1), describe)
 
 
-def _codes(table: TableView, column: str) -> NDArray[np.int64]:
-    """Equal codes for equal values of a column; null is a value of its own, zeros have no sign."""
-    values, valid = table[column], table.valid(column)
-    seen: dict[object, int] = {}
-    keys = ((value + 0.0).tobytes() if isinstance(value, np.ndarray) else value for value in values)
-    return np.array(
-        [seen.setdefault(key if ok else None, len(seen)) for key, ok in zip(keys, valid, strict=True)],
-        np.int64,
-    )
+def _column_codes(table: TableView, column: str) -> NDArray[np.int64]:
+    values = table[column]
+    if TABLES["rollouts"][column].type == "string":
+        codes, words = table.words(column)
+        first = {word: words.index(word) for word in set(words)}
+        return np.array([*(first[word] for word in words), -1], np.int64)[codes]
+    if values.dtype == object:
+        seen: dict[bytes, int] = {}
+        return np.array([seen.setdefault((cell + 0.0).tobytes(), len(seen)) for cell in values], np.int64)
+    return np.unique(values, return_inverse=True)[1].astype(np.int64)
+
+
+def _known_codes(_view: ShardView) -> dict[str, NDArray[np.int64]]:
+    return {}
+
+
+def _codes(view: ShardView, column: str) -> NDArray[np.int64]:
+    """Equal codes for equal values of a rollouts column; null is a value of its own, zeros have no sign."""
+    known = view.once(_known_codes)
+    if column not in known:
+        known[column] = np.where(view.rollouts.valid(column), _column_codes(view.rollouts, column), -1)
+    return known[column]
 
 
 def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], SubjectCheck]:
@@ -63,7 +77,7 @@ def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Su
         subjects = subjects & (selection.nominal >= 0)
         own = selection.nominal[:, None]
         chosen = np.where(selection.chosen >= 0, selection.chosen, own)
-        codes = np.stack([_codes(view.rollouts, column) for column in columns])
+        codes = np.stack([_codes(view, column) for column in columns])
         differs = codes[:, chosen] != codes[:, own]  # [columns, groups, policies]
 
         def describe(g: int) -> Sighting:
@@ -111,7 +125,7 @@ def replays_share_their_context(view: ShardView, subjects: Mask) -> SubjectCheck
     """A nominal replay agrees with its nominal in everything that candidates share."""
     subjects = subjects & view.role("nominal_replay") & (view.nominal >= 0)
     columns = (*_ROUTE, *_TOWN, *_SEED, *_BRANCH, *_SCENARIO)
-    codes = np.stack([_codes(view.rollouts, column) for column in columns])
+    codes = np.stack([_codes(view, column) for column in columns])
     differs = codes != codes[:, view.nominal]  # [columns, rollouts]
 
     def describe(i: int) -> Sighting:
