@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from tests.synthetic import base_tables, descriptor, seal_dataset, write_dataset
 
-from branchdrive import validate
+from branchdrive import open_dataset, validate
 
 FOLDER = "raw/shard-00000"
 
@@ -48,6 +48,21 @@ def test_any_dictionary_index_reads_as_text(tmp_path: Path, index_type: pa.DataT
     pq.write_table(table, path)
     seal_dataset(root)
     assert failed(root) == set()
+
+
+@pytest.mark.parametrize("kind", [pa.large_string(), pa.string_view()], ids=str)
+def test_text_and_lists_of_other_writers_read_alike(tmp_path: Path, kind: pa.DataType) -> None:
+    root = tmp_path / "dataset"
+    write_dataset(root, base_tables(), descriptor())
+    path = root / FOLDER / "rollouts.parquet"
+    table = pq.read_table(path)
+    lists = pa.large_list(pa.field("item", pa.float64(), nullable=False))
+    types = {pa.string(): kind, pa.list_(pa.float64()): lists}
+    table = table.cast(pa.schema([field.with_type(types.get(field.type, field.type)) for field in table.schema]))
+    pq.write_table(table, path)
+    seal_dataset(root)
+    assert failed(root) == set()
+    assert open_dataset(root).groups
 
 
 def test_a_shard_of_too_many_rollouts_is_over_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

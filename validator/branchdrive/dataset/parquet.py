@@ -118,7 +118,26 @@ def _decode(content: bytes | memoryview, label: str, limits: Limits) -> pa.Table
         batches.append(batch)
     if num_rows != num_rows_promised:
         raise DecodeError(f"{label} promises {num_rows_promised} rows in its footer and holds {num_rows}")
-    return pa.Table.from_batches(batches, schema=file.schema_arrow).unify_dictionaries()
+    return _canonical(pa.Table.from_batches(batches, schema=file.schema_arrow).unify_dictionaries())
+
+
+def _canonical(table: pa.Table) -> pa.Table:
+    """The table with one Arrow type for each Parquet type, whatever Arrow types its writer used.
+
+    Parquet has one type of text and one of lists; large, view and non-null variants are Arrow's.
+    """
+    import pyarrow as pa
+
+    fields = []
+    for field in table.schema:
+        kind = field.type
+        if pa.types.is_large_string(kind) or pa.types.is_string_view(kind):
+            kind = pa.string()
+        elif pa.types.is_list(kind) or pa.types.is_large_list(kind):
+            kind = pa.list_(kind.value_type)
+        fields.append(field.with_type(kind))
+    schema = pa.schema(fields, table.schema.metadata)
+    return table if schema.equals(table.schema) else table.cast(schema)
 
 
 def _open(content: bytes | memoryview, strings: list[str], limits: Limits) -> pq.ParquetFile:
