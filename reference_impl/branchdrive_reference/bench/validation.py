@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import resource
+import re
 import statistics
 import time
 from collections.abc import Callable
@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.audit.engine import validate
+from branchdrive.audit.shard import ShardTask, audit_shard
+from branchdrive.audit.survey import take_survey
 from branchdrive.audit.worker import isolated
+from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.dataset.layout import RAW_DIR
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.errors import BranchDriveError
@@ -27,7 +30,7 @@ class ValidationTiming:
         floor_s: Read + SHA-256 + decode of every table.
         validation_s: The whole validation.
         num_control_rows: Size of the dataset.
-        peak_bytes: Largest resident memory of any worker so far.
+        peak_bytes: Largest resident memory of a worker that audits every shard in turn.
     """
 
     jobs: int
@@ -50,6 +53,24 @@ def _floor(folder: Path) -> int:
         table = decode_table(content, path.stem)
         num_rows += table.num_rows if path.stem == "controls" else 0
     return num_rows
+
+
+def _tasks(root: Path) -> list[ShardTask]:
+    survey = take_survey(root)
+    return [
+        ShardTask(root, folder, tuple(file.path for file in files), survey.descriptor, frozenset(CATALOGUE), True)
+        for folder, files in survey.shard_folders.items()
+    ]
+
+
+def _peak_bytes(task: ShardTask) -> int:
+    """Largest resident memory of this process after auditing a shard.
+
+    Read from `/proc`: resource usage would count what the parent held when it started the process.
+    """
+    audit_shard(task)
+    peak = re.search(r"VmHWM:\s+([0-9]+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
+    return int(peak[1]) * 1024 if peak else 0
 
 
 def _seconds(action: Callable[[], object]) -> float:
@@ -80,5 +101,5 @@ def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTim
     for _ in range(repeats):
         floor_s.append(_seconds(floor))
         validation_s.append(_seconds(whole))
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
-    return ValidationTiming(jobs, statistics.median(floor_s), statistics.median(validation_s), num_rows, peak)
+    peaks = [peak for _, peak in isolated(1)(_peak_bytes, _tasks(root)) if isinstance(peak, int)]
+    return ValidationTiming(jobs, statistics.median(floor_s), statistics.median(validation_s), num_rows, max(peaks))
