@@ -6,7 +6,7 @@ to describe one of them; the engine counts, caps, locates, words and decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -133,8 +133,3 @@ def group_rule(rule_id: str) -> Callable[[GroupRule], GroupRule]:
         return function
 
     return bind
-
-
-def row_checks(checks: Iterator[RowCheck]) -> list[RowCheck]:
-    """Row checks that found something or examined anything."""
-    return [check for check in checks if check.examined]

@@ -69,7 +69,6 @@ class ShardResult:
 
     folder: str
     num_tables: int = 0
-    num_bytes: int = 0
     digests: dict[str, str] = field(default_factory=dict)
     unreadable: dict[str, str] = field(default_factory=dict)
     undecodable: dict[str, str] = field(default_factory=dict)
@@ -136,7 +135,6 @@ def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> p
     except (DatasetError, OSError) as error:
         result.undecodable[path] = str(error)
         return None
-    result.num_bytes += len(content)
     if task.is_hashed and len(content) <= max_bytes:
         result.digests[path] = hashlib.sha256(content).hexdigest()
     try:

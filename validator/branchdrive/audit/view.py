@@ -216,6 +216,17 @@ class StreamView(TableView):
         """Rows that repeat the previous row's rollout and tick."""
         return np.concatenate(([False], self._key[1:] == self._key[:-1])) if len(self._key) else np.zeros(0, bool)
 
+    def repeats_with(self, part: NDArray[Any]) -> Mask:
+        """Rows that repeat another row's rollout, tick and `part`, a further part of the table's key ``[rows]``."""
+        repeated = np.zeros(len(self), bool)
+        if not (self.repeats[1:] & (part[1:] <= part[:-1])).any():
+            return repeated  # parts ascend within every moment
+        order = np.lexsort((part, self.tick, self.rollout))
+        columns = [values[order] for values in (self.rollout, self.tick, part)]
+        same = np.logical_and.reduce([values[1:] == values[:-1] for values in columns])
+        repeated[order[1:][same]] = True
+        return repeated
+
     def distinct_ticks(self, rollout: Index, low: Index, high: Index) -> Index:
         """Number of distinct ticks of each rollout in ``low <= tick <= high``."""
         base = np.asarray(rollout, np.int64) * _TICK_SPAN

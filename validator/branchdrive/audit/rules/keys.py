@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.check import Mask, RowCheck, SurveyCheck, shard_rule, survey_rule
+from branchdrive.audit.check import RowCheck, SurveyCheck, shard_rule, survey_rule
 from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.survey import Survey
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import ShardView
 
 ATTEMPT_KEY = ("group_id", "role", "action_key", "protocol_variant", "attempt")
 
@@ -87,19 +87,6 @@ def nominal_references_resolve(view: ShardView) -> Iterator[RowCheck]:
     )  # fmt: skip
 
 
-def _repeated_actors(stream: StreamView) -> Mask:
-    """Rows that repeat another row's rollout, tick and actor."""
-    repeated = np.zeros(len(stream), bool)
-    actor_id = stream["actor_id"]
-    if not (stream.repeats[1:] & (actor_id[1:] <= actor_id[:-1])).any():
-        return repeated  # ids ascend within every moment
-    order = np.lexsort((actor_id, stream.tick, stream.rollout))
-    columns = [values[order] for values in (stream.rollout, stream.tick, actor_id)]
-    same = np.logical_and.reduce([values[1:] == values[:-1] for values in columns])
-    repeated[order[1:][same]] = True
-    return repeated
-
-
 @shard_rule("BD-KEY-006")
 def evidence_belongs_to_observations(view: ShardView) -> Iterator[RowCheck]:
     """Evidence and actor rows are unique under their key and sit on a saved observation."""
@@ -110,7 +97,7 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[RowCheck]:
         stream = view.stream(name)
         known = stream.rollout >= 0
         orphan = known & (observations.rows_of(stream) < 0)
-        repeated = (stream.repeats if name == "evidence" else _repeated_actors(stream)) & known
+        repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & known
         yield RowCheck(
             name, None, len(stream), np.flatnonzero(orphan | repeated),
             lambda row, o=orphan: ("one row per key and observation", "no observation" if o[row] else "a second row"),  # type: ignore[misc]

@@ -23,10 +23,6 @@ from branchdrive.dataset.manifest import Manifest
 TABLE_FILES = {table.file_name for table in TABLES.values()}
 
 
-def _sightings(found: list[Sighting]) -> tuple[Sighting, ...]:
-    return tuple(found)
-
-
 @survey_rule("BD-LAY-001")
 def manifest_is_well_formed(survey: Survey) -> SurveyCheck:
     """`MANIFEST.sha256` is there and its text parses."""
@@ -35,7 +31,7 @@ def manifest_is_well_formed(survey: Survey) -> SurveyCheck:
     found = [Sighting("a well-formed manifest", f"line {p.line} {p.message}", place) for p in problems]
     if survey.manifest is None and not problems:
         found.append(Sighting("MANIFEST.sha256, written last", "no manifest: writing never finished", place))
-    return SurveyCheck(1, _sightings(found))
+    return SurveyCheck(1, tuple(found))
 
 
 @survey_rule("BD-LAY-002")
@@ -53,7 +49,7 @@ def digests_match(survey: Survey) -> SurveyCheck:
         for path, reason in sorted(survey.unreadable.items())
         if path in stated
     ]
-    return SurveyCheck(len(read), _sightings(found))
+    return SurveyCheck(len(read), tuple(found))
 
 
 @survey_rule("BD-LAY-003")
@@ -62,7 +58,7 @@ def listed_files_exist(survey: Survey) -> SurveyCheck:
     stated = survey.manifest.files if survey.manifest else {}
     there = {entry.path for entry in survey.entries if entry.kind != "folder"}
     found = [Sighting("the listed file", "no such file", {"file": path}) for path in stated if path not in there]
-    return SurveyCheck(len(stated), _sightings(found))
+    return SurveyCheck(len(stated), tuple(found))
 
 
 @survey_rule("BD-LAY-004")
@@ -75,7 +71,7 @@ def existing_files_are_listed(survey: Survey) -> SurveyCheck:
     ]
     if any(entry.path == STAGING_DIR for entry in survey.entries):
         found.append(Sighting("a finished dataset", "a writer's working area", {"file": STAGING_DIR}))
-    return SurveyCheck(len(files), _sightings(found))
+    return SurveyCheck(len(files), tuple(found))
 
 
 @survey_rule("BD-LAY-005")
@@ -91,7 +87,7 @@ def paths_are_safe(survey: Survey) -> SurveyCheck:
         if reason is not None and "longer" not in reason and "deeper" not in reason:
             found.append(Sighting("a safe relative path", f"{quote(entry.path)} {reason}", {"file": entry.path}))
     stated = len(survey.manifest.files) if survey.manifest else 0
-    return SurveyCheck(stated + len(survey.entries), _sightings(found))
+    return SurveyCheck(stated + len(survey.entries), tuple(found))
 
 
 @survey_rule("BD-LAY-006")
@@ -101,7 +97,7 @@ def only_files_and_folders(survey: Survey) -> SurveyCheck:
     found = [
         Sighting("a regular file or folder", words[e.kind], {"file": e.path}) for e in survey.entries if e.kind in words
     ]
-    return SurveyCheck(len(survey.entries), _sightings(found))
+    return SurveyCheck(len(survey.entries), tuple(found))
 
 
 @survey_rule("BD-LAY-007")
@@ -119,7 +115,7 @@ def limits_hold(survey: Survey) -> SurveyCheck:
         found += [
             Sighting("a table within the limits", reason, {"file": path}) for path, reason in shard.over_limit.items()
         ]
-    return SurveyCheck(len(survey.entries), _sightings(found))
+    return SurveyCheck(len(survey.entries), tuple(found))
 
 
 @survey_rule("BD-LAY-008")
@@ -140,7 +136,7 @@ def derived_digests_recompute(survey: Survey) -> SurveyCheck:
         found.append(
             Sighting(derived.identity, survey.manifest.identity, {"file": MANIFEST_FILE, "pointer": "dataset"})
         )
-    return SurveyCheck(len(derived.layers) + 1, _sightings(found))
+    return SurveyCheck(len(derived.layers) + 1, tuple(found))
 
 
 def _has_place(entry: Entry) -> bool:
@@ -177,4 +173,4 @@ def files_have_a_place(survey: Survey) -> SurveyCheck:
                     found.append(
                         Sighting("tables of claimed streams", "a file that no claim covers", {"file": entry.path})
                     )
-    return SurveyCheck(len(plain), _sightings(found))
+    return SurveyCheck(len(plain), tuple(found))

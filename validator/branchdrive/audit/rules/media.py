@@ -45,13 +45,9 @@ def images_belong_to_observations(view: ShardView) -> Iterator[RowCheck]:
         frames = view.stream("frames")
         known = frames.rollout >= 0
         orphan = known & (view.observations.find(frames.rollout, frames.tick) < 0)
-        codes, _ = frames.words("camera")
-        order = np.lexsort((codes, frames.tick, frames.rollout))
-        columns = [values[order] for values in (frames.rollout, frames.tick, codes)]
-        same = np.logical_and.reduce([values[1:] == values[:-1] for values in columns])
-        repeated = np.zeros(len(frames), bool)
-        repeated[order[1:][same]] = True
+        camera = np.unique(frames["camera"], return_inverse=True)[1]
+        repeated = frames.repeats_with(camera) & known
         yield RowCheck(
-            "frames", None, len(frames), np.flatnonzero(orphan | (repeated & known)),
+            "frames", None, len(frames), np.flatnonzero(orphan | repeated),
             lambda row: ("one image per camera, at an observation", "none" if orphan[row] else "a second image"),
         )  # fmt: skip

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
 from branchdrive.audit.check import SurveyCheck, survey_rule
 from branchdrive.audit.finding import Sighting
 from branchdrive.audit.survey import Survey
+
+if TYPE_CHECKING:
+    from branchdrive.audit.shard import ColumnProblem
 
 
 @survey_rule("BD-TAB-001")
@@ -20,28 +26,27 @@ def tables_decode(survey: Survey) -> SurveyCheck:
     return SurveyCheck(sum(shard.num_tables for shard in survey.shards) - num_damaged, tuple(found))
 
 
-@survey_rule("BD-TAB-002")
-def tables_have_declared_columns(survey: Survey) -> SurveyCheck:
-    """Names and types of the columns are those of columns.json."""
+def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[ColumnProblem]]]) -> SurveyCheck:
+    """Problems of columns by file and shard; every decoded table was examined."""
     found = [
         Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
-        for shard in survey.shards
-        for path, problems in shard.type_problems.items()
+        for files in shards
+        for path, problems in files.items()
         for problem in problems
     ]
     return SurveyCheck(sum(len(shard.rows) for shard in survey.shards), tuple(found))
+
+
+@survey_rule("BD-TAB-002")
+def tables_have_declared_columns(survey: Survey) -> SurveyCheck:
+    """Names and types of the columns are those of columns.json."""
+    return _columns(survey, [shard.type_problems for shard in survey.shards])
 
 
 @survey_rule("BD-TAB-003")
 def columns_carry_metadata(survey: Survey) -> SurveyCheck:
     """Unit, frame, shape and track of every column are recorded as declared."""
-    found = [
-        Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
-        for shard in survey.shards
-        for path, problems in shard.metadata_problems.items()
-        for problem in problems
-    ]
-    return SurveyCheck(sum(len(shard.rows) for shard in survey.shards), tuple(found))
+    return _columns(survey, [shard.metadata_problems for shard in survey.shards])
 
 
 @survey_rule("BD-TAB-004")
