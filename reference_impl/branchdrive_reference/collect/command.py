@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.progress import progress_bar
 from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
@@ -62,10 +61,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     def note(groups: int, ticks: int) -> None:
         nonlocal finished
         finished = groups
-        show(groups, ticks)
+        show(groups, args.groups, f"{ticks:,} ticks")
 
     try:
-        with _progress(stderr, args.groups) as show:
+        with progress_bar(stderr, "collecting groups") as show:
             report = collect(args.out, num_groups=args.groups, seed=args.seed, jobs=args.jobs, watch=note)
     except KeyboardInterrupt:
         stderr.write(_interruption(args, finished))
@@ -95,32 +94,3 @@ def _summary(args: argparse.Namespace, report: CampaignReport) -> str:
         f"next      branchdrive-validate {args.out}",
     ]
     return "\n".join(lines) + "\n"
-
-
-@contextmanager
-def _progress(stderr: TextIO, num_groups: int) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar with an ETA on a terminal, nothing elsewhere; takes finished groups and executed ticks."""
-    if not stderr.isatty():
-        yield lambda _groups, _ticks: None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("collecting groups"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[ticks]:,} ticks"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(file=stderr), transient=True) as bar:
-        task = bar.add_task("groups", total=num_groups, ticks=0)
-        yield lambda groups, ticks: bar.update(task, completed=groups, ticks=ticks)

@@ -5,15 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
+from branchdrive.cli.progress import progress_bar
 from branchdrive.errors import UsageError
-
-if TYPE_CHECKING:
-    from branchdrive.audit.engine import Progress
 
 SUMMARY = "check a dataset against the specification"
 
@@ -50,7 +47,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     _check_output(args.output)
     waivers = load_waivers(args.waivers) if args.waivers else ()
-    with _progress(stderr) as progress:
+    with progress_bar(stderr, "validating shards") as progress:
         report = validate(
             args.dataset,
             select=args.select,
@@ -93,31 +90,3 @@ def _replace(path: Path, text: str) -> None:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-
-
-@contextmanager
-def _progress(stderr: TextIO) -> Iterator[Progress | None]:
-    """A progress bar with an ETA on a terminal, nothing elsewhere."""
-    if not stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("validating shards"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(file=stderr), transient=True) as bar:
-        task = bar.add_task("shards")
-        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,45 @@
+"""Progress of long work on a terminal: a bar with counts, elapsed time and an ETA."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol, TextIO
+
+__all__ = ["Update", "progress_bar"]
+
+
+class Update(Protocol):
+    """Shows how far the work is; `note` stands beside the count."""
+
+    def __call__(self, done: int, total: int, note: str = "") -> None:
+        """Show `done` of `total`."""
+
+
+@contextmanager
+def progress_bar(stderr: TextIO, title: str) -> Iterator[Update]:
+    """A progress bar on `stderr` if that is a terminal, nothing elsewhere; gone when the work is over."""
+    if not stderr.isatty():
+        yield lambda done, total, note="": None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn(title),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(file=stderr), transient=True) as bar:
+        task = bar.add_task(title, total=None, note="")
+        yield lambda done, total, note="": bar.update(task, completed=done, total=total, note=note)
