@@ -16,11 +16,15 @@ class Update(Protocol):
         """Show `done` of `total`."""
 
 
+def _unseen(done: int, total: int, note: str = "") -> None:
+    """Nobody watches."""
+
+
 @contextmanager
 def progress_bar(stderr: TextIO, title: str) -> Iterator[Update]:
     """A progress bar on `stderr` if that is a terminal, nothing elsewhere; gone when the work is over."""
     if not stderr.isatty():
-        yield lambda done, total, note="": None
+        yield _unseen
         return
     from rich.console import Console
     from rich.progress import (
