@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -63,9 +64,9 @@ class FileLock:
     def release(self) -> None:
         """Give the lock back; nothing happens if it is not held."""
         if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
+            descriptor, self._descriptor = self._descriptor, None
             _held.discard(self)
+            os.close(descriptor)
 
     def __enter__(self) -> Self:
         self.acquire(blocking=True)
@@ -83,7 +84,8 @@ _held: set[FileLock] = set()
 def _forget_locks_of_parent() -> None:
     # Closing the child's copy of a descriptor leaves the parent's lock in place.
     for lock in list(_held):
-        lock.release()
+        with suppress(OSError):  # one descriptor that is gone must not leave the child with the others
+            lock.release()
 
 
 os.register_at_fork(after_in_child=_forget_locks_of_parent)
