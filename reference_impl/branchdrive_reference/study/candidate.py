@@ -1,0 +1,44 @@
+"""Candidates of every branch group: one good attempt per policy.
+
+Good is an attempt that is complete, holds every canonical window and intervenes exactly as long as
+its policy says. Of several the lowest attempt number counts, ties by rollout id; the nominal is
+chosen first, and an intervention must name it and share its branch tick. No outcome is read, and no
+command is compared: that is the validator's work.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.view import ShardView
+from branchdrive_reference.study.window import active_as_declared, windows_are_whole
+
+__all__ = ["choose_candidates", "good_attempts"]
+
+Index = NDArray[np.int64]
+
+
+def good_attempts(view: ShardView) -> NDArray[np.bool_]:
+    """Attempts of any role that can stand for their policy, ``[rollouts]``."""
+    return view.complete & windows_are_whole(view) & active_as_declared(view)
+
+
+def choose_candidates(view: ShardView, good: NDArray[np.bool_]) -> Index:
+    """Chosen attempt of every group and policy ``[groups, policies]``, index into the rollouts; -1 if none."""
+    bank = view.descriptor.action_bank
+    nominal_policy = bank.keys.index(bank.nominal.key)
+    chosen = np.full((len(view.group_ids), len(bank.policies)), -1, np.int64)
+    attempt, names = view.rollouts["attempt"], view.rollout_ids
+    is_nominal = view.role("nominal") & (view.policy == nominal_policy)
+    is_intervention = view.role("intervention") & (view.policy >= 0) & (view.policy != nominal_policy)
+    for role in (is_nominal, is_intervention):
+        for i in sorted(np.flatnonzero(good & role), key=lambda i: (attempt[i], names[i])):
+            group, policy = view.group[i], view.policy[i]
+            nominal = chosen[group, nominal_policy]
+            belongs = is_nominal[i] or (
+                nominal >= 0 and view.nominal[i] == nominal and view.branch_tick[i] == view.branch_tick[nominal]
+            )
+            if belongs and chosen[group, policy] < 0:
+                chosen[group, policy] = i
+    return chosen

@@ -1,0 +1,56 @@
+"""`branchdrive study`: print what a collected dataset contains."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import TextIO
+
+from branchdrive.cli.progress import progress_bar
+from branchdrive.errors import UsageError
+
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "show what a dataset contains: population, outcomes, replay fidelity"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("dataset", metavar="DATASET", type=Path, help="folder of a finished dataset")
+    parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
+    parser.add_argument("--output", metavar="FILE", type=Path, help="write the study there instead of to the terminal")
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Study the dataset and print the result.
+
+    Raises:
+        UsageError: The folder holds no finished, readable dataset, or the output cannot be written.
+    """
+    import json
+
+    from branchdrive.dataset.durable import replace_file
+    from branchdrive_reference.study.survey import study_dataset
+    from branchdrive_reference.study.text import render_study
+
+    _check_output(args.output)
+    with progress_bar(stderr, "reading shards") as progress:
+        study = study_dataset(args.dataset, progress)
+    if args.format == "json":
+        text = json.dumps(study.to_json(), indent=2, allow_nan=False) + "\n"
+    else:
+        text = render_study(study, stdout, is_file=args.output is not None)
+    if args.output is not None:
+        replace_file(args.output, text.encode())
+    else:
+        stdout.write(text)
+    return 0
+
+
+def _check_output(path: Path | None) -> None:
+    """Refuse a file that cannot be written before the dataset is read, not after."""
+    if path is None:
+        return
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise UsageError(f"--output: {str(path)!r} cannot be written; name a file in a writable folder")

@@ -1,0 +1,191 @@
+"""What one shard contributes to a study: small arrays, so that a dataset of any size is read in bounded memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.view import ShardView
+from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
+from branchdrive.derive.target import TARGETS
+from branchdrive_reference.study.candidate import choose_candidates, good_attempts
+from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
+from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results, targets_of
+
+__all__ = ["Banks", "Facts", "Fidelity", "Groups", "shard_facts"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Branch groups, each field ``[groups]`` first.
+
+    Attributes:
+        scenario_type: Of the nominal, else of any attempt.
+        town: Likewise.
+        polyline: Route ``[groups, 32, 2]``, resampled; NaN where the record holds no polyline.
+        has_nominal: Whether a good nominal was found.
+        is_complete: Whether every policy has a good attempt.
+    """
+
+    scenario_type: NDArray[np.str_]
+    town: NDArray[np.str_]
+    polyline: Array
+    has_nominal: Mask
+    is_complete: Mask
+
+
+@dataclass(frozen=True)
+class Banks:
+    """Groups with complete banks, ``[banks]`` first; a policy is a position in the action bank.
+
+    Attributes:
+        scenario_type: Of the group.
+        targets: Scalar targets ``[banks, policies, 6]``, NaN where unavailable.
+        collided: Whether the ego ever touched anything ``[banks, policies]``; NaN where no evidence is claimed.
+        collided_in_window: The same within 2.5 s of the branch.
+        completed: Whether the nominal completed its route.
+        results: Collisions and infractions of the nominal ``[banks, 6]``, NaN where not monitored.
+    """
+
+    scenario_type: NDArray[np.str_]
+    targets: Array
+    collided: Array
+    collided_in_window: Array
+    completed: Mask
+    results: Array
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """Attempts against the nominals they name.
+
+    Attributes:
+        interventions: Discrepancies of good interventions ``[n, 11]``.
+        replays: Discrepancies of good nominal replays ``[n, 11]``.
+        equal: Whether complete nominal replays hold the bits of their complete nominals, by table
+            ``[n, tables]`` in the order of `COMPARED_TABLES`; true for a table that is not claimed.
+        num_alone: Nominal replays that are not complete or whose nominal is not ``[shards]``.
+    """
+
+    interventions: Array
+    replays: Array
+    equal: Mask
+    num_alone: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Contribution of a shard, or of several."""
+
+    groups: Groups
+    banks: Banks
+    fidelity: Fidelity
+    statuses: Counter[str]
+    num_ticks: int
+
+    @staticmethod
+    def merged(parts: Sequence[Facts]) -> Facts:
+        """Contribution of all `parts`, at least one."""
+
+        def joined(kind: type[Any], sides: Sequence[Any]) -> Any:
+            return kind(**{f.name: np.concatenate([getattr(side, f.name) for side in sides]) for f in fields(kind)})
+
+        return Facts(
+            joined(Groups, [part.groups for part in parts]),
+            joined(Banks, [part.banks for part in parts]),
+            joined(Fidelity, [part.fidelity for part in parts]),
+            sum((part.statuses for part in parts), Counter()),
+            sum(part.num_ticks for part in parts),
+        )
+
+
+def shard_facts(view: ShardView) -> Facts:
+    """What a shard contributes."""
+    good = good_attempts(view)
+    chosen = choose_candidates(view, good)
+    return Facts(
+        _groups(view, chosen),
+        _banks(view, chosen),
+        _fidelity(view, good),
+        Counter(view.rollouts["status"]),
+        len(view.controls),
+    )
+
+
+def _nominal_policy(view: ShardView) -> int:
+    bank = view.descriptor.action_bank
+    return bank.keys.index(bank.nominal.key)
+
+
+def _representatives(view: ShardView, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The attempt that describes each group: its chosen nominal, else any nominal, else its first attempt."""
+    nominal = view.role("nominal")
+    shown = chosen[:, _nominal_policy(view)].copy()
+    for rows in (np.flatnonzero(nominal), np.arange(view.num_rollouts)):
+        for i in rows:
+            if shown[view.group[i]] < 0:
+                shown[view.group[i]] = i
+    return shown
+
+
+def _groups(view: ShardView, chosen: NDArray[np.int64]) -> Groups:
+    shown = _representatives(view, chosen)
+    records = view.rollouts
+    routes = [_polyline(records["route_x_m"][i], records["route_y_m"][i]) for i in shown]
+    return Groups(
+        records["scenario_type"][shown].astype(np.str_),
+        records["town"][shown].astype(np.str_),
+        np.reshape(routes, (len(shown), CLUSTER_POINTS, 2)),
+        chosen[:, _nominal_policy(view)] >= 0,
+        np.asarray((chosen >= 0).all(axis=1)),
+    )
+
+
+def _polyline(x_m: Array, y_m: Array) -> Array:
+    if len(x_m) != len(y_m) or not len(x_m) or not np.isfinite([x_m, y_m]).all():
+        return np.full((CLUSTER_POINTS, 2), np.nan)
+    return resample_polyline(x_m, y_m)
+
+
+def _banks(view: ShardView, chosen: NDArray[np.int64]) -> Banks:
+    banks = chosen[(chosen >= 0).all(axis=1)]
+    nominals = banks[:, _nominal_policy(view)]
+    touched = collisions(view, banks.ravel())
+    results = nominal_results(view, nominals)
+    unknown = np.full(banks.shape, np.nan)
+    return Banks(
+        view.rollouts["scenario_type"][nominals].astype(np.str_),
+        targets_of(view, banks.ravel()).values.reshape(*banks.shape, len(TARGETS)),
+        unknown if touched is None else touched.ever.reshape(banks.shape).astype(np.float64),
+        unknown if touched is None else touched.in_window.reshape(banks.shape).astype(np.float64),
+        results.completed,
+        results.counts.reshape(len(banks), len(RESULTS)),
+    )
+
+
+def _fidelity(view: ShardView, good: Mask) -> Fidelity:
+    nominal = view.nominal
+    has_nominal = (nominal >= 0) & view.role("nominal")[nominal]
+    is_replay = view.role("nominal_replay")
+
+    def pairs(subjects: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        rows = np.flatnonzero(subjects)
+        return rows, nominal[rows]
+
+    compared = has_nominal & good & good[nominal]
+    whole = is_replay & has_nominal & view.complete & view.complete[nominal]
+    equal = equal_records(view, *pairs(whole))
+    return Fidelity(
+        discrepancies(view, *pairs(compared & view.role("intervention"))),
+        discrepancies(view, *pairs(compared & is_replay)),
+        np.stack([equal.get(table, np.ones(whole.sum(), bool)) for table in COMPARED_TABLES], axis=1),
+        np.array([(is_replay & ~whole).sum()]),
+    )

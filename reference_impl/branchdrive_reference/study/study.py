@@ -1,0 +1,144 @@
+"""The numbers that a study prints, as data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+__all__ = ["Equality", "Population", "Rate", "Scenario", "Spread", "Study"]
+
+Rate = float | None
+"""A share in ``[0, 1]``; ``None`` where there is nothing to take a share of."""
+
+
+@dataclass(frozen=True)
+class Population:
+    """What was collected.
+
+    Attributes:
+        num_groups: Branch groups.
+        num_complete_banks: Groups with a good attempt of every policy.
+        num_without_nominal: Groups without a good nominal.
+        scenario_types: Groups by scenario type.
+        towns: Groups by town.
+        num_route_clusters: Clusters of route geometry.
+        num_ticks: Control rows.
+        attempts: Attempts by status.
+    """
+
+    num_groups: int
+    num_complete_banks: int
+    num_without_nominal: int
+    scenario_types: dict[str, int]
+    towns: dict[str, int]
+    num_route_clusters: int
+    num_ticks: int
+    attempts: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Outcomes of the groups with complete banks of one scenario type, or of all.
+
+    Attributes:
+        scenario_type: Its name, ``all`` for all.
+        num_groups: Groups with complete banks.
+        completed: Share of nominals that completed their route.
+        clean: Share that also had no collision and no infraction among those monitored.
+        collided: Share of candidates of each family that ever touched anything.
+        collided_in_window: The same within 2.5 s of the branch.
+        num_ranked: Groups in which every candidate has a utility.
+        best: Share of these groups whose best candidate is of each family.
+        worst: The same for the worst candidate.
+    """
+
+    scenario_type: str
+    num_groups: int
+    completed: Rate
+    clean: Rate
+    collided: dict[str, Rate]
+    collided_in_window: dict[str, Rate]
+    num_ranked: int
+    best: dict[str, Rate]
+    worst: dict[str, Rate]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Distribution of one discrepancy; a quantile is a value that occurs, ``None`` where it is infinite.
+
+    Attributes:
+        variable: Its name.
+        unit: Its unit, empty where it has none.
+        extended: Whether it is one of the extended variables.
+        num: Pairs.
+        median: Quantile 0.5.
+        q90: Quantile 0.9.
+        q99: Quantile 0.99.
+        max: Largest value.
+        zero: Share that is exactly 0.
+        num_infinite: Pairs in which a value is missing on one side only.
+    """
+
+    variable: str
+    unit: str
+    extended: bool
+    num: int
+    median: float | None
+    q90: float | None
+    q99: float | None
+    max: float | None
+    zero: Rate
+    num_infinite: int
+
+
+@dataclass(frozen=True)
+class Equality:
+    """Nominal replays against their nominals, bit by bit.
+
+    Attributes:
+        num_replays: Nominal replays.
+        num_compared: Complete ones whose nominal is complete too.
+        num_equal: Those that are equal in every table.
+        differing: Those that differ, by compared table.
+    """
+
+    num_replays: int
+    num_compared: int
+    num_equal: int
+    differing: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that `branchdrive study` prints.
+
+    Attributes:
+        dataset_id: Of the descriptor.
+        dataset_version: Of the descriptor.
+        population: What was collected.
+        profile: Profile of the ranking.
+        not_monitored: Results that some nominal of a complete bank does not monitor, in words.
+        has_evidence: Whether the dataset claims risk evidence: without it nothing is known of collisions and ranks.
+        scenarios: One row for each scenario type.
+        overall: All scenario types together.
+        interventions: Discrepancies of interventions.
+        nominal_replays: Discrepancies of nominal replays.
+        equality: Whether nominal replays repeat their nominals.
+    """
+
+    dataset_id: str
+    dataset_version: str
+    population: Population
+    profile: str
+    not_monitored: tuple[str, ...]
+    has_evidence: bool
+    scenarios: tuple[Scenario, ...]
+    overall: Scenario
+    interventions: tuple[Spread, ...]
+    nominal_replays: tuple[Spread, ...]
+    equality: Equality
+
+    def to_json(self) -> dict[str, Any]:
+        """The study as a JSON document."""
+        return asdict(self)

@@ -1,0 +1,120 @@
+"""`branchdrive study` at its edges: what it prints, where it writes, and how it refuses."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+from pathlib import Path
+
+import pytest
+from tests.reference_impl.study import samples
+from tests.synthetic import bare_descriptor, group_name
+
+from branchdrive.errors import UsageError
+from branchdrive_reference.study import command
+
+Result = tuple[int, str, str]
+
+
+def study(*arguments: object) -> Result:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    stdout, stderr = io.StringIO(), io.StringIO()
+    code = command.run(parser.parse_args([str(argument) for argument in arguments]), stdout, stderr)
+    return code, stdout.getvalue(), stderr.getvalue()
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return samples.written(tmp_path_factory.mktemp("study") / "dataset")
+
+
+def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
+    code, out, err = study(root)
+    assert (code, err) == (0, "")
+    for title in (
+        "Population",
+        "Nominal drives",
+        "Drives with a collision",
+        "Family of the best",
+        "Family of the worst",
+    ):
+        assert title in out
+    assert "branch groups   3, 3 with a complete bank\n" in out
+    assert "37 interventions" in out
+    assert "6 nominal replays" in out
+    assert "6 of 6 compared nominal replays differ from their nominals: controls 6, observations 6" in out
+    lines = out.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert all(line == line.rstrip() for line in lines)
+    assert "\x1b" not in out
+    tables = [line.split()[0] for line in lines if line.startswith(("CutIn", "all"))]
+    assert tables == ["CutIn", "all"] * 4
+
+
+def test_json_holds_the_numbers_of_the_text(root: Path) -> None:
+    code, out, _ = study(root, "--format", "json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["population"]["num_groups"] == 3
+    assert document["scenarios"][0]["scenario_type"] == "CutIn"
+    assert document["overall"]["scenario_type"] == "all"
+    assert len(document["interventions"]) == len(document["nominal_replays"]) == 11
+    assert document["equality"]["num_compared"] == 6
+
+
+@pytest.mark.parametrize("form", ["text", "json"])
+def test_a_file_holds_what_would_have_been_printed(tmp_path: Path, root: Path, form: str) -> None:
+    _, printed, _ = study(root, "--format", form)
+    assert study(root, "--format", form, "--output", tmp_path / "out") == (0, "", "")
+    assert (tmp_path / "out").read_text("utf-8") == printed
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_skipped_groups_are_named_as_such(tmp_path: Path) -> None:
+    nominal = f"{group_name(0)}.nominal.a1"
+    samples.written(tmp_path / "d", {"rollouts": samples.replaced("status", {nominal: "partial"})})
+    _, out, _ = study(tmp_path / "d")
+    assert "3, 2 with a complete bank; 1 skipped below, 1 of them for want of a good nominal" in out
+    assert "4 compared nominal replays differ" in out
+    assert "2 more lack a complete nominal or are not complete." in " ".join(out.split())
+
+
+def test_without_evidence_the_text_says_what_is_unknown(tmp_path: Path) -> None:
+    samples.written(tmp_path / "d", document=bare_descriptor())
+    _, out, _ = study(tmp_path / "d")
+    assert "Collisions and ranks are unknown: the dataset claims no risk evidence" in out
+    assert "Family of" not in out
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("nowhere", "holds no finished dataset: there is no 'branchdrive.json'"),
+        ("", "holds no finished dataset: there is no 'branchdrive.json'"),
+        ("dataset/raw", "holds no finished dataset: there is no 'branchdrive.json'"),
+        ("dataset/branchdrive.json", "holds no finished dataset: there is no 'branchdrive.json'"),
+        ("unsealed", "holds no finished dataset: there is no 'MANIFEST.sha256'"),
+        ("no descriptor", "is no descriptor"),
+        ("empty", "holds no branch group"),
+        ("damaged", "does not decode"),
+    ],
+)
+def test_a_wrong_folder_is_one_clear_line(tmp_path: Path, place: str, message: str) -> None:
+    for name in ("dataset", "unsealed", "no descriptor", "empty", "damaged"):
+        samples.written(tmp_path / name)
+    (tmp_path / "no descriptor" / "branchdrive.json").write_text("{}")
+    (tmp_path / "unsealed" / "MANIFEST.sha256").unlink()
+    for path in sorted((tmp_path / "empty" / "raw").rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+    (tmp_path / "damaged" / samples.FIRST / "controls.parquet").write_bytes(b"PAR1")
+    with pytest.raises(UsageError, match=message) as caught:
+        study(tmp_path / place)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("target", ["", "nowhere/out"])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_read(tmp_path: Path, target: str) -> None:
+    with pytest.raises(UsageError, match=r"--output: .* cannot be written; name a file in a writable folder"):
+        study(tmp_path / "no dataset", "--output", tmp_path / target)
