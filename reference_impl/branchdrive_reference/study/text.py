@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from io import StringIO
-from typing import TextIO
+from operator import attrgetter
+from typing import TextIO, TypeAlias
 
 from rich.console import Console
 from rich.table import Table
@@ -17,6 +18,14 @@ __all__ = ["render_study"]
 
 _PLAIN_WIDTH = 100
 _NOTHING = "-"
+Shares: TypeAlias = Callable[[Scenario], Mapping[str, Rate]]
+_COLLIDED: Shares = attrgetter("collided")
+_IN_WINDOW: Shares = attrgetter("collided_in_window")
+_BEST: Shares = attrgetter("best")
+_WORST: Shares = attrgetter("worst")
+_NUM_GROUPS: Callable[[Scenario], int] = attrgetter("num_groups")
+_NUM_RANKED: Callable[[Scenario], int] = attrgetter("num_ranked")
+
 _WINDOW = f"{ACTIVE_TICKS * TICK_S:g} s"
 
 
@@ -102,20 +111,21 @@ def _print_outcomes(console: Console, study: Study) -> None:
     if not study.has_evidence:
         _title(console, "Collisions and ranks are unknown: the dataset claims no risk evidence")
         return
-    _title(console, "Drives with a collision, % of each family", f"ever / within {_WINDOW} of the branch")
+    headings = [family.replace("_", "\n") for family in families]
+    groups = "groups with a complete bank"
+    ranked = f"utility profile {study.profile}; groups in which every candidate has a separation; ties are shared"
+    for title, note, shares, num_groups in (
+        ("Drives with a collision, % of each family", groups, _COLLIDED, _NUM_GROUPS),
+        (f"Drives with a collision within {_WINDOW} of the branch, % of each family", "", _IN_WINDOW, _NUM_GROUPS),
+        ("Family of the best candidate, % of ranked groups", ranked, _BEST, _NUM_RANKED),
+        ("Family of the worst candidate, % of ranked groups", "", _WORST, _NUM_RANKED),
+    ):
+        _title(console, title, note)
 
-    def collided(s: Scenario) -> list[str]:
-        return [f"{_percent(s.collided[f])} / {_percent(s.collided_in_window[f])}" for f in families]
+        def cells(scenario: Scenario, shares: Shares = shares) -> list[str]:
+            return [_percent(shares(scenario)[family]) for family in families]
 
-    _print_rows(console, rows, families, collided, lambda s: s.num_groups)
-    note = f"utility profile {study.profile}; groups in which every candidate has a separation; ties are shared"
-    for extreme in ("best", "worst"):
-        _title(console, f"Family of the {extreme} candidate, % of ranked groups", note if extreme == "best" else "")
-
-        def shares(s: Scenario, extreme: str = extreme) -> list[str]:
-            return [_percent(getattr(s, extreme)[family]) for family in families]
-
-        _print_rows(console, rows, families, shares, lambda s: s.num_ranked)
+        _print_rows(console, rows, headings, cells, num_groups)
 
 
 def _print_rows(

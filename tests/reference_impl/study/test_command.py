@@ -50,7 +50,7 @@ def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
     assert all(line == line.rstrip() for line in lines)
     assert "\x1b" not in out
     tables = [line.split()[0] for line in lines if line.startswith(("CutIn", "all"))]
-    assert tables == ["CutIn", "all"] * 4
+    assert tables == ["CutIn", "all"] * 5
 
 
 def test_json_holds_the_numbers_of_the_text(root: Path) -> None:
