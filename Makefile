@@ -1,11 +1,11 @@
-# Few verbs: setup, demo, test, check, bench.
+# Few verbs: setup, demo, test, check, bench, bench-paper.
 PYTHON ?= python3
 JOBS ?= 2
-GROUPS ?= 12
+GROUPS ?= 29
 BIN := .venv/bin
 DEMO := build/demo
 
-.PHONY: setup demo test check bench
+.PHONY: setup demo test check bench bench-paper
 
 setup: .venv/.installed
 
@@ -13,14 +13,15 @@ setup: .venv/.installed
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[sim,dev]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[sim,plots,dev]"
 	@touch $@
 
-## collect a small dataset in the reference world, validate it, show the result
+## collect one group of every scenario type in the reference world, validate them, draw them
 demo: setup
 	@rm -rf $(DEMO) && mkdir -p $(DEMO)
-	$(BIN)/branchdrive collect $(DEMO)/dataset --groups $(GROUPS) --seed 7 --jobs $(JOBS)
+	$(BIN)/branchdrive collect $(DEMO)/dataset --preset demo --groups $(GROUPS) --seed 1 --jobs $(JOBS)
 	$(BIN)/branchdrive-validate $(DEMO)/dataset --jobs $(JOBS) --require-groups $(GROUPS)
+	$(BIN)/branchdrive draw $(DEMO)/dataset --output $(DEMO)/pictures
 
 ## the whole test suite
 test: setup
@@ -34,6 +35,13 @@ check: setup
 	$(BIN)/lint-imports
 	$(BIN)/python -m branchdrive.contract.generate --check
 
-## simulator ticks/s, and validation against read + hash + decode of the same bytes
+## simulator ticks/s, alone and against highway-env, and validation against read + hash + decode of the same bytes
 bench: setup
+	@$(BIN)/python -c 'import highway_env' 2>/dev/null || \
+		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]" || \
+		echo "highway-env cannot be installed; the table goes without it" >&2
 	$(BIN)/python -m branchdrive_reference.bench
+
+## collect and validate a dataset of the paper's size: time, memory, funnel
+bench-paper: setup
+	$(BIN)/python -m branchdrive_reference.bench --paper

@@ -181,6 +181,13 @@ def encoding_documents() -> SearchStrategy[Document]:
 
 
 @cache
+def _collection_documents() -> SearchStrategy[Document]:
+    """What a collector switched on; scenario types do not repeat."""
+    declared = load_resource("descriptor.schema.json")["properties"]["collection"]
+    return conforming(declared, scenario_types=st.lists(named_text("name"), unique=True, max_size=4))
+
+
+@cache
 def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
     """Descriptors that claim no stream and have no camera yet."""
     return conforming(
@@ -189,6 +196,7 @@ def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
         cameras=st.just([]),
         action_bank=bank_documents(max_policies=3),
         action_encoding=st.none() | encoding_documents(),
+        collection=_collection_documents(),
     )
 
 

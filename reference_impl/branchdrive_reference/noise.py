@@ -8,13 +8,14 @@ generators", OOPSLA 2014); the upper 53 bits of the result are the mantissa of a
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum, unique
 
 import numpy as np
 
 from branchdrive_reference.kernel import kernel
 
-__all__ = ["Purpose", "choice", "integer", "uniform", "uniform_between"]
+__all__ = ["Purpose", "choice", "integer", "normal", "uniform", "uniform_between"]
 
 _INCREMENT = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -46,6 +47,32 @@ class Purpose(IntEnum):
     WALKER_PLACE = 30
     WALKER_SPEED = 31
     FURNITURE_PLACE = 32
+    WALKER_HEADING = 35
+    PARKED_PRESENCE = 33
+    PARKED_PLACE = 34
+    SIGNAL_OFFSET = 40
+    REPLAY_TRAFFIC = 50
+    REPLAY_EGO = 51
+    REPLAY_CONTROL = 52
+    REPLAY_SENSOR = 53
+    REPLAY_SCALE = 54
+    REPLAY_KEY = 55
+    FAULT_PARTIAL = 100
+    FAULT_QUARANTINED = 101
+    FAULT_UNRETRIED = 102
+    FAULT_DUPLICATE = 103
+    FAULT_ABANDONED = 104
+    FAULT_SEED_DISAGREEMENT = 105
+    FAULT_ONLINE_STEERING = 106
+    FAULT_WRONG_DURATION = 107
+    FAULT_EARLY_BRANCH = 108
+    FAULT_LATE_BRANCH = 109
+    FAULT_TRUNCATED_LOG = 110
+    FAULT_DROPPED_FRAME = 111
+    FAULT_EXTENT = 112
+    FAULT_POLICIES_BEGUN = 113
+    FAULT_OTHER_SEED = 114
+    FAULT_SEED_POLICY = 115
 
 
 @kernel
@@ -74,6 +101,12 @@ def uniform_between(low: float, high: float, seed: int, purpose: Purpose, actor:
 def choice(count: int, seed: int, purpose: Purpose, actor: int = 0) -> int:
     """Uniform index in ``0 .. count - 1`` of the key."""
     return min(int(count * uniform(seed, int(purpose), actor)), count - 1)
+
+
+def normal(seed: int, purpose: Purpose, actor: int = 0, tick: int = 0) -> float:
+    """Standard normal number of the key: Box and Muller's transform of two uniform numbers, at most 8.6."""
+    radius = math.sqrt(-2.0 * math.log(1.0 - uniform(seed, int(purpose), 2 * actor, tick)))
+    return radius * math.cos(2.0 * math.pi * uniform(seed, int(purpose), 2 * actor + 1, tick))
 
 
 def integer(seed: int, purpose: Purpose, actor: int = 0) -> int:

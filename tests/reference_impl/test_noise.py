@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
-from branchdrive_reference.noise import Purpose, choice, integer, uniform, uniform_between
+from branchdrive_reference.noise import Purpose, choice, integer, normal, uniform, uniform_between
 
 SEED = st.integers(0, 2**63 - 1)
 
@@ -58,3 +61,24 @@ def test_derived_draws_stay_in_range(seed: int) -> None:
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_every_choice_occurs(count: int) -> None:
     assert {choice(count, seed, Purpose.SITE) for seed in range(100)} == set(range(count))
+
+
+@given(SEED, st.integers(0, 1000), st.integers(0, 1000))
+def test_normal_numbers_are_box_and_mullers(seed: int, actor: int, tick: int) -> None:
+    first, second = (oracle(seed, int(Purpose.REPLAY_EGO), 2 * actor + part, tick) for part in (0, 1))
+    truth = math.sqrt(-2.0 * math.log(1.0 - first)) * math.cos(2.0 * math.pi * second)
+    assert normal(seed, Purpose.REPLAY_EGO, actor, tick) == pytest.approx(truth, abs=1e-12)
+
+
+@pytest.mark.parametrize("part", ["seed", "actor", "tick"])
+def test_normal_numbers_are_standard_along_every_part_of_the_key(part: str) -> None:
+    """By Kolmogorov and Smirnov, the key being fixed."""
+    key = {"seed": 7, "actor": 0, "tick": 0}
+    draws = [normal(purpose=Purpose.REPLAY_CONTROL, **{**key, part: index}) for index in range(4000)]
+    assert stats.kstest(draws, "norm").pvalue > 0.01
+    assert np.abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 0.05
+
+
+def test_normal_numbers_of_neighbouring_actors_share_nothing() -> None:
+    draws = np.array([[normal(seed, Purpose.REPLAY_TRAFFIC, actor) for seed in range(2000)] for actor in range(4)])
+    assert np.abs(np.corrcoef(draws) - np.eye(4)).max() < 0.08

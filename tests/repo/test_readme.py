@@ -70,3 +70,16 @@ def test_make_verbs_of_the_readme_exist() -> None:
     verbs = set(re.findall(r"^make ([a-z]+)", README, re.M))
     targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M))
     assert verbs and verbs <= targets
+
+
+def test_the_help_tells_what_every_command_does(capsys: pytest.CaptureFixture[str]) -> None:
+    import io
+    from importlib import import_module
+    from importlib.metadata import entry_points
+
+    try:
+        run(["--help"], io.StringIO(), io.StringIO())
+    except SystemExit:
+        printed = " ".join(capsys.readouterr().out.split())
+    for command in entry_points(group="branchdrive.commands"):
+        assert f"{command.name} {import_module(command.value).SUMMARY}" in printed

@@ -5,31 +5,49 @@ from __future__ import annotations
 import numpy as np
 
 from branchdrive_reference.expert.forecast import crossing_gap_m, nearest_conflict
-from branchdrive_reference.expert.lane_shift import OBSTACLE_SIGHT_M, is_obstacle, update_lane_shift
+from branchdrive_reference.expert.lane_shift import update_lane_shift
+from branchdrive_reference.expert.obstacle import is_obstacle, obstacle_sight_m
 from branchdrive_reference.expert.pedal import pedals
 from branchdrive_reference.expert.plan import Cause, reference_offset_m
 from branchdrive_reference.expert.steering import pursuit_curvature_1pm, sight_m, steer_command
 from branchdrive_reference.geometry.path import locate
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.track import EGO_TRACK
-from branchdrive_reference.world.body import EGO, Kind
+from branchdrive_reference.world.body import EGO, Heed, Kind
 from branchdrive_reference.world.corridor import NOBODY
 from branchdrive_reference.world.idm import HARDEST_BRAKE_MPS2, desired_gap_m, idm_accel_mps2
+from branchdrive_reference.world.priority import halt_gap_m, zipper_leader
 
 __all__ = ["decide"]
 
-_CRUISE, _LEADER, _PEDESTRIAN, _CONFLICT = (int(cause) for cause in Cause)
+_CRUISE, _LEADER, _PEDESTRIAN, _CONFLICT, _SIGNAL, _PRIORITY = (int(cause) for cause in Cause)
 _WALKER = int(Kind.PEDESTRIAN)
+_HEEDS_ALL = int(Heed.ALL)
 
-_ACCEL_MPS2, _BRAKE_MPS2, _HEADWAY_S = 2.0, 3.0, 1.2
-_LEADER_STANDSTILL_M, _PEDESTRIAN_STANDSTILL_M, _OBSTACLE_STANDSTILL_M = 3.0, 4.0, 11.0
+_ACCEL_MPS2 = 2.0
+_FOLLOW_MPS2, _BRAKE_MPS2, _HEADWAY_S = 8.0, 4.0, 0.5
+"""The driver model towards whatever stands ahead: late and firm, as PDM-Lite's."""
+
+_MOVING_HEADWAY_S, _MOVING_MPS = 0.6, 5.0
+"""Headway kept in addition to whoever moves, in full from this speed on."""
+
+_LEADER_STANDSTILL_M, _PEDESTRIAN_STANDSTILL_M, _OBSTACLE_STANDSTILL_M = 4.0, 6.0, 11.0
 """Gaps at standstill; before an obstacle there stays room to pull out."""
+
+_LINE_STANDSTILL_M = 0.8
+_PRIORITY_S = 1.2
+"""Time kept to who has priority."""
+
+_STOPPED_MPS, _AT_LINE_M = 0.15, 4.0
+"""What counts as having stopped at a stop sign."""
 
 _SIDE_MARGIN_M = 0.25
 _SIGHT_M = 70.0
 _CRUISE_LAG_S, _CRUISE_BRAKE_MPS2 = 0.8, 3.5
 _TARGET_S = 0.5
-_SHIFT_SPEED_MPS = 11.0
+_SHIFT_SPEED_MPS, _SHIFT_SHARE = 12.0, 0.85
+"""Speed of a lane shift: the first, or this share of the advisory speed where that is more."""
+
 _ASTRAY_M, _ASTRAY_MAX_MPS, _ASTRAY_MIN_MPS, _ASTRAY_SLOPE_1PS = 0.8, 12.0, 4.0, 4.0
 """Beyond this distance from the reference path the speed is capped, the lower the further away."""
 
@@ -41,7 +59,7 @@ def _cruise_speed_mps(plan: Records, path: Records, arc_m: float, offset_m: floa
     """Advisory speed of the route, lower on a lane shift and the further the ego is astray."""
     speed = path[locate(path, arc_m)].advisory_speed_mps
     if plan.shift_m != 0.0 and arc_m + sight_m(speed) > plan.begin_m:
-        speed = min(speed, _SHIFT_SPEED_MPS)
+        speed = min(speed, max(_SHIFT_SPEED_MPS, _SHIFT_SHARE * speed))
     astray_m = abs(offset_m - reference_offset_m(plan, arc_m)) - _ASTRAY_M
     if astray_m > 0.0:
         speed = min(speed, max(_ASTRAY_MIN_MPS, _ASTRAY_MAX_MPS - _ASTRAY_SLOPE_1PS * astray_m))
@@ -57,7 +75,7 @@ def _leader(plan: Records, bodies: Records, feet: Records) -> tuple[int, float]:
     for index in range(EGO + 1, feet.shape[0]):
         foot = feet[index]
         gap_m = foot.arc_m - foot.half_length_m - ego.arc_m - ego.half_length_m
-        sight_m = OBSTACLE_SIGHT_M if is_obstacle(bodies[index]) else _SIGHT_M
+        sight_m = obstacle_sight_m(ego.speed_mps) if is_obstacle(bodies[index]) else _SIGHT_M
         if foot.arc_m <= ego.arc_m or foot.arc_m - ego.arc_m > sight_m or gap_m >= nearest_m:
             continue
         if abs(foot.offset_m - reference_offset_m(plan, foot.arc_m)) < half_width_m + foot.half_width_m:
@@ -68,8 +86,21 @@ def _leader(plan: Records, bodies: Records, feet: Records) -> tuple[int, float]:
 @kernel
 def _follow(speed_mps: float, lead_speed_mps: float, gap_m: float, standstill_m: float) -> float:
     """Interaction part of the driver model; the cruising speed is a hazard of its own."""
-    wanted_m = desired_gap_m(speed_mps, lead_speed_mps, _HEADWAY_S, standstill_m, _ACCEL_MPS2, _BRAKE_MPS2)
-    return idm_accel_mps2(speed_mps, np.inf, gap_m, wanted_m, _ACCEL_MPS2)
+    headway_s = _HEADWAY_S + _MOVING_HEADWAY_S * min(max(lead_speed_mps / _MOVING_MPS, 0.0), 1.0)
+    wanted_m = desired_gap_m(speed_mps, lead_speed_mps, headway_s, standstill_m, _FOLLOW_MPS2, _BRAKE_MPS2)
+    return idm_accel_mps2(speed_mps, np.inf, gap_m, wanted_m, _FOLLOW_MPS2)
+
+
+@kernel
+def _stop_sign_gap_m(plan: Records, foot: Records, track: Records) -> float:
+    """Way to the line of a stop sign at which the ego has not stopped yet, infinite otherwise."""
+    gap_m = track.stop_m - foot.arc_m - foot.half_length_m
+    if not track.stop_sign or plan.stopped or gap_m < -_AT_LINE_M:
+        return np.inf
+    if foot.speed_mps < _STOPPED_MPS and gap_m < _AT_LINE_M:
+        plan.stopped = 1
+        return np.inf
+    return float(gap_m)
 
 
 @kernel
@@ -78,7 +109,10 @@ def _cause_of(body: Records, otherwise: int) -> int:
 
 
 @kernel
-def decide(plan: Records, bodies: Records, feet: Records, vertices: Records, tracks: Records) -> None:
+def decide(
+    plan: Records, bodies: Records, feet: Records, vertices: Records, tracks: Records, conflicts: Records,
+    lights: Records,
+) -> None:  # fmt: skip
     """Set the target speed, cause and commands of `plan` (a `PLAN` row) for the present state.
 
     Args:
@@ -87,6 +121,8 @@ def decide(plan: Records, bodies: Records, feet: Records, vertices: Records, tra
         feet: `FOOT` rows ``[tracks, bodies]``, up to date.
         vertices: `VERTEX` rows of all tracks.
         tracks: `TRACK` rows.
+        conflicts: `CONFLICT` rows.
+        lights: `Light` of each signal group ``[2]``.
     """
     path, row = vertices[tracks[EGO_TRACK].first : tracks[EGO_TRACK].end], feet[EGO_TRACK]
     ego, foot = bodies[EGO], row[EGO]
@@ -102,6 +138,19 @@ def decide(plan: Records, bodies: Records, feet: Records, vertices: Records, tra
         candidate = _follow(speed, row[leader].speed_mps, gap_m, standstill_m)
         if candidate < accel:
             accel, plan.cause = candidate, _cause_of(bodies[leader], _LEADER)
+    halt_m, by_signal = halt_gap_m(bodies, feet, tracks, conflicts, lights, EGO_TRACK, EGO, _HEEDS_ALL, _PRIORITY_S)
+    sign_m = _stop_sign_gap_m(plan, foot, tracks[EGO_TRACK])
+    by_signal = by_signal or sign_m < halt_m
+    halt_m = min(halt_m, sign_m)
+    if halt_m < np.inf:
+        candidate = _follow(speed, 0.0, halt_m, _LINE_STANDSTILL_M)
+        if candidate < accel:
+            accel, plan.cause = candidate, _SIGNAL if by_signal else _PRIORITY
+    rival, gap_m = zipper_leader(bodies, feet, conflicts, EGO_TRACK, EGO)
+    if rival != NOBODY:
+        candidate = max(_follow(speed, bodies[rival].speed_mps, gap_m, _LEADER_STANDSTILL_M), -_CRUISE_BRAKE_MPS2)
+        if candidate < accel:
+            accel, plan.cause = candidate, _PRIORITY
     crossing_m = crossing_gap_m(plan, bodies, row)
     if crossing_m < np.inf:
         candidate = _follow(speed, 0.0, crossing_m, _PEDESTRIAN_STANDSTILL_M)

@@ -1,7 +1,7 @@
 """Short kinematic forecasts of what the ego would hit if it kept its speed.
 
-* A pedestrian that walks is a hazard while it will be in the ego's band of the road during the time
-  in which the ego passes its place (both at constant velocity).
+* A pedestrian, or a cyclist who crosses the road, is a hazard while it will be in the ego's band of the road
+  during the time in which the ego passes its place (both at constant velocity).
 * Any other body conflicts when its forecast box (along its track, or straight on if it has none)
   meets the ego's, which follows its reference path.
 """
@@ -20,10 +20,12 @@ from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO, Behaviour, Kind
 from branchdrive_reference.world.corridor import NOBODY
+from branchdrive_reference.world.vehicle import slip
 
 __all__ = ["crossing_gap_m", "nearest_conflict"]
 
-_PEDESTRIAN, _FOLLOWING = int(Kind.PEDESTRIAN), int(Behaviour.FOLLOWING)
+_PEDESTRIAN = int(Kind.PEDESTRIAN)
+_FOLLOWING, _WALKING = int(Behaviour.FOLLOWING), int(Behaviour.WALKING)
 
 _PEDESTRIAN_MARGIN_M = 0.7
 _PEDESTRIAN_MARGIN_S = 0.6
@@ -50,6 +52,11 @@ def _band_interval_s(offset_m: float, drift_mps: float, half_band_m: float) -> t
 
 
 @kernel
+def _on_foot(body: Records) -> bool:
+    return bool(body.kind == _PEDESTRIAN or body.behaviour == _WALKING)
+
+
+@kernel
 def crossing_gap_m(plan: Records, bodies: Records, feet: Records) -> float:
     """Gap to the nearest pedestrian that the ego would meet, metres; infinite if there is none."""
     nearest_m = np.inf
@@ -58,7 +65,7 @@ def crossing_gap_m(plan: Records, bodies: Records, feet: Records) -> float:
     for index in range(EGO + 1, bodies.shape[0]):
         foot = feet[index]
         gap_m = foot.arc_m - foot.half_length_m - ego.arc_m - ego.half_length_m
-        if bodies[index].kind != _PEDESTRIAN or gap_m > _SIGHT_M or gap_m < -2.0 * ego.half_length_m:
+        if not _on_foot(bodies[index]) or gap_m > _SIGHT_M or gap_m < -2.0 * ego.half_length_m:
             continue
         half_band_m = 0.5 * bodies[EGO].width_m + foot.half_width_m + _PEDESTRIAN_MARGIN_M
         offset_m = foot.offset_m - reference_offset_m(plan, foot.arc_m)
@@ -76,7 +83,9 @@ def crossing_gap_m(plan: Records, bodies: Records, feet: Records) -> float:
 def _forecast_pose(body: Records, vertices: Records, tracks: Records, ahead_s: float) -> tuple[float, float, float]:
     if body.behaviour == _FOLLOWING:
         path = vertices[tracks[body.track].first : tracks[body.track].end]
-        return interpolate(path, body.arc_m + body.speed_mps * ahead_s, body.offset_m)
+        halt_m = max(body.arc_m, body.halt_m - 0.5 * body.length_m)
+        arc_m = min(body.arc_m + body.speed_mps * ahead_s, halt_m)
+        return interpolate(path, arc_m, slip(body.offset_m, body.goal_offset_m, body.lateral_mps * ahead_s))
     x, y = body.x_m + body.vel_x_mps * ahead_s, body.y_m + body.vel_y_mps * ahead_s
     return x, y, body.yaw_rad
 

@@ -1,60 +1,36 @@
-"""Passing a standing obstacle: a lane shift, taken when the neighbour lane is free.
+"""Leaving the lane for a while: around obstacles, and to make way for a siren.
 
-A shift is planned around the nearest standing body in the ego's lane. It is dropped again as long
-as the ego has not left its lane and the neighbour lane does not stay free, and it ends when the ego
-is back on its route behind the obstacle.
+A shift is planned around the next obstacles in the ego's lane, or into the next lane where somebody with a siren
+comes from behind. It is dropped again as long as the ego has not left its lane and the neighbour lane does not stay
+free, and it ends when the ego is back on its route behind the obstacle, or when the siren has passed.
 """
 
 from __future__ import annotations
 
+from branchdrive_reference.expert.obstacle import blocked_stretch, is_obstacle, next_obstacle, obstacle_sight_m
 from branchdrive_reference.geometry.path import locate
 from branchdrive_reference.kernel import Records, kernel
-from branchdrive_reference.town.lane import LaneSide
-from branchdrive_reference.town.road import LANE_WIDTH_M
-from branchdrive_reference.world.body import EGO, Behaviour
+from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide
+from branchdrive_reference.world.body import EGO
 from branchdrive_reference.world.corridor import NOBODY
 
-__all__ = ["OBSTACLE_SIGHT_M", "is_obstacle", "update_lane_shift"]
-
-OBSTACLE_SIGHT_M = 50.0
-"""Standing obstacles are noticed from here on, centre to centre."""
+__all__ = ["update_lane_shift"]
 
 _SAME_DIRECTION, _ONCOMING = int(LaneSide.SAME_DIRECTION), int(LaneSide.ONCOMING)
-_STANDING, _FREE = int(Behaviour.STANDING), int(Behaviour.FREE)
 
 _STANDSTILL_MPS = 0.2
-_CLEARANCE_M, _LANE_MARGIN_M, _IN_LANE_M = 0.8, 0.4, 0.6
+_CLEARANCE_M, _LANE_MARGIN_M, _IN_LANE_M = 1.0, 0.4, 0.6
 """Lateral distances: kept to the obstacle, to users of the other lane, and from the route while in the own lane."""
 
 _LONGITUDINAL_CLEARANCE_M = 2.0
-_SHIFT_S, _SHIFT_MIN_M, _SHIFT_SHORTEST_M = 2.2, 12.0, 5.0
+_SHIFT_S, _SHIFT_MIN_M, _SHIFT_SHORTEST_M = 1.9, 12.0, 5.0
 _PASSING_MPS = 4.0
 _MARGIN_S = 1.0
 _SIDE_GAP_M, _SIDE_HEADWAY_S = 6.0, 2.0
+_SLOW_EGO_MPS = 1.0
 
-
-@kernel
-def is_obstacle(body: Records) -> bool:
-    """Whether a body stands for good: parked, or left standing by a collision."""
-    if body.behaviour == _STANDING:
-        return True
-    stands = abs(body.vel_x_mps) + abs(body.vel_y_mps) < _STANDSTILL_MPS
-    return bool(body.behaviour == _FREE and stands)
-
-
-@kernel
-def _next_obstacle(bodies: Records, feet: Records) -> int:
-    """Row of the nearest standing body in the ego's lane that the ego has not passed, or `NOBODY`."""
-    found, nearest_m = NOBODY, OBSTACLE_SIGHT_M
-    ego = feet[EGO]
-    for index in range(EGO + 1, bodies.shape[0]):
-        foot = feet[index]
-        ahead_m = foot.arc_m - ego.arc_m
-        passed = ahead_m + foot.half_length_m + ego.half_length_m < 0.0
-        in_lane = abs(foot.offset_m) < 0.5 * LANE_WIDTH_M + foot.half_width_m
-        if not passed and in_lane and ahead_m < nearest_m and is_obstacle(bodies[index]):
-            found, nearest_m = index, ahead_m
-    return found
+_SIREN_HEARD_M, _SIREN_PASSED_M = 38.0, 8.0
+_FAR_M = 1e6
 
 
 @kernel
@@ -82,13 +58,23 @@ def _is_free(bodies: Records, feet: Records, obstacle: int, shift_m: float, end_
 
 
 @kernel
+def _meeting_m(ego: Records, arc_m: float, drift_mps: float) -> float:
+    """Arc length at which the ego reaches a place that moves along the route, `arc_m` now."""
+    closing = max(ego.speed_mps - drift_mps, _SLOW_EGO_MPS)
+    return float(arc_m + drift_mps * max(arc_m - ego.arc_m, 0.0) / closing)
+
+
+@kernel
 def _try_side(plan: Records, bodies: Records, feet: Records, obstacle: int, side: int) -> bool:
     """Plan the shift to one side, +1 left or -1 right, if the ego is there already or the lane there is free."""
-    ego, foot = feet[EGO], feet[obstacle]
-    reach_m = foot.half_length_m + ego.half_length_m + _LONGITUDINAL_CLEARANCE_M
-    full_m, hold_m = foot.arc_m - reach_m, foot.arc_m + reach_m
+    ego = feet[EGO]
+    drift = max(feet[obstacle].speed_mps, 0.0)
+    begin_m, end_m, right_m, left_m = blocked_stretch(bodies, feet, obstacle)
+    reach_m = ego.half_length_m + _LONGITUDINAL_CLEARANCE_M
+    full_m, hold_m = _meeting_m(ego, begin_m - reach_m, drift), _meeting_m(ego, end_m + reach_m, drift)
     length_m = max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps)
-    shift_m = foot.offset_m + side * (foot.half_width_m + 0.5 * bodies[EGO].width_m + _CLEARANCE_M)
+    edge_m = left_m if side > 0 else right_m
+    shift_m = edge_m + side * (0.5 * bodies[EGO].width_m + _CLEARANCE_M)
     beside = side * (ego.offset_m - shift_m) > -0.5 * _CLEARANCE_M
     in_time = full_m - ego.arc_m > _SHIFT_SHORTEST_M
     if not beside and not (in_time and _is_free(bodies, feet, obstacle, shift_m, hold_m + length_m)):
@@ -111,16 +97,75 @@ def _plan_shift(plan: Records, bodies: Records, feet: Records, path: Records, ob
 
 
 @kernel
+def _siren(bodies: Records, feet: Records) -> int:
+    """Row of the nearest body with a siren that comes from behind in the ego's lane, or `NOBODY`."""
+    found, nearest_m = NOBODY, _SIREN_HEARD_M
+    for index in range(EGO + 1, bodies.shape[0]):
+        behind_m = feet[EGO].arc_m - feet[index].arc_m
+        in_lane = abs(feet[index].offset_m) < 0.5 * LANE_WIDTH_M
+        if bodies[index].siren and in_lane and -_SIREN_PASSED_M < behind_m < nearest_m:
+            found, nearest_m = index, behind_m
+    return found
+
+
+@kernel
+def _make_way(plan: Records, bodies: Records, feet: Records, path: Records, siren: int) -> None:
+    """Plan a shift into a lane of the own direction, the right one first, until the siren has passed."""
+    ego = feet[EGO]
+    vertex = path[locate(path, ego.arc_m)]
+    length_m = max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps)
+    for side in (-1, 1):
+        beside = vertex.left_lane if side > 0 else vertex.right_lane
+        if beside == _SAME_DIRECTION and _is_free(bodies, feet, siren, side * LANE_WIDTH_M, ego.arc_m + length_m):
+            plan.shift_m, plan.obstacle = side * LANE_WIDTH_M, siren
+            plan.begin_m, plan.full_m = ego.arc_m, ego.arc_m + length_m
+            plan.hold_m, plan.end_m = _FAR_M, 2.0 * _FAR_M
+            return
+
+
+@kernel
+def _keep_siren(plan: Records, ego: Records, siren: Records) -> None:
+    """End the shift once the siren has passed."""
+    passed = siren.arc_m - siren.half_length_m > ego.arc_m + ego.half_length_m + _SIREN_PASSED_M
+    if passed and plan.hold_m >= _FAR_M:
+        plan.hold_m = ego.arc_m
+        plan.end_m = ego.arc_m + max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps)
+    if ego.arc_m > plan.end_m:
+        plan.shift_m = 0.0
+
+
+@kernel
+def _keep_obstacle(plan: Records, bodies: Records, feet: Records) -> None:
+    """Follow a moving obstacle, and end or drop the shift."""
+    ego, foot = feet[EGO], feet[plan.obstacle]
+    committed = abs(ego.offset_m) >= _IN_LANE_M or ego.arc_m >= plan.full_m
+    if foot.speed_mps > _STANDSTILL_MPS and ego.arc_m < plan.hold_m:
+        _, end_m, _, _ = blocked_stretch(bodies, feet, plan.obstacle)
+        length_m = plan.end_m - plan.hold_m
+        plan.hold_m = _meeting_m(ego, end_m + ego.half_length_m + _LONGITUDINAL_CLEARANCE_M, foot.speed_mps)
+        plan.end_m = plan.hold_m + length_m
+    useful = is_obstacle(bodies[plan.obstacle])
+    possible = _is_free(bodies, feet, plan.obstacle, plan.shift_m, plan.end_m)
+    # where a moving obstacle is met depends on the ego's speed, so a shift that has not begun is planned anew
+    outdated = foot.speed_mps > _STANDSTILL_MPS and ego.arc_m < plan.begin_m
+    if ego.arc_m > plan.end_m or outdated or not (committed or (useful and possible)):
+        plan.shift_m = 0.0
+
+
+@kernel
 def update_lane_shift(plan: Records, bodies: Records, feet: Records, path: Records) -> None:
     """Keep, drop or make the lane shift of `plan`; `feet` and `path` are those of the ego's track."""
     ego = feet[EGO]
     if plan.shift_m != 0.0:
-        committed = abs(ego.offset_m) >= _IN_LANE_M or ego.arc_m >= plan.full_m
-        useful = is_obstacle(bodies[plan.obstacle])
-        possible = _is_free(bodies, feet, plan.obstacle, plan.shift_m, plan.end_m)
-        if ego.arc_m > plan.end_m or not (committed or (useful and possible)):
-            plan.shift_m = 0.0
+        if bodies[plan.obstacle].siren:
+            _keep_siren(plan, ego, feet[plan.obstacle])
+        else:
+            _keep_obstacle(plan, bodies, feet)
     if plan.shift_m == 0.0:
-        obstacle = _next_obstacle(bodies, feet)
+        obstacle = next_obstacle(bodies, feet, obstacle_sight_m(ego.speed_mps))
         if obstacle != NOBODY:
             _plan_shift(plan, bodies, feet, path, obstacle)
+    if plan.shift_m == 0.0:
+        siren = _siren(bodies, feet)
+        if siren != NOBODY:
+            _make_way(plan, bodies, feet, path, siren)

@@ -27,6 +27,8 @@ class Cause(IntEnum):
     LEADER = 1
     PEDESTRIAN = 2
     CONFLICT = 3
+    SIGNAL = 4
+    PRIORITY = 5
 
 
 PLAN = np.dtype(
@@ -36,7 +38,8 @@ PLAN = np.dtype(
         ("full_m", np.float64),
         ("hold_m", np.float64),
         ("end_m", np.float64),
-        ("obstacle", np.int64),  # row of the body that is passed
+        ("obstacle", np.int64),  # row of the body that is passed, or that the ego makes way for
+        ("stopped", np.int64),  # whether the ego has stopped at the stop sign of its route
         ("target_speed_mps", np.float64),
         ("sighted_offset_m", np.float64),  # reference offset at the point the steering looks at
         ("cause", np.int64),  # `Cause`

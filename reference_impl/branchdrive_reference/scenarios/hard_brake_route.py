@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from branchdrive.contract.timing import TICK_S
-from branchdrive_reference.noise import Purpose, choice, uniform_between
-from branchdrive_reference.scenarios.population import CAR, VAN
-from branchdrive_reference.scenarios.scenario import FIRST_ROW, Scene
+from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
+from branchdrive_reference.scenarios.sizes import CAR, VAN
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import Signal, Trigger
-from branchdrive_reference.town.route import START_M
+from branchdrive_reference.scenarios.trigger import brake_trigger
+from branchdrive_reference.town.crossroads import Crossroads
+from branchdrive_reference.town.route import START_M, Place, Route
 from branchdrive_reference.world.body import Body
 
 __all__ = ["HardBrakeRoute"]
@@ -25,29 +25,33 @@ def _brake_m(stage: Stage) -> float:
     return stage.site_m - (0.0 if stage.tables.route.early else _BEFORE_SITE_M)
 
 
-class HardBrakeRoute:
+class HardBrakeRoute(Scenario):
     """See the module; the hazard is active once the leader brakes."""
 
     name = "HardBrakeRoute"
-    traffic_ahead = False
-    trigger = Trigger("hard-brake-onset 1", (Signal("throttle_release", 0.02), Signal("brake", 0.05)))
+    trigger = brake_trigger("hard-brake-onset 1")
+    ambient = Ambient(ahead=False)
+
+    def fits(self, route: Route, _crossroads: Crossroads | None) -> bool:
+        """Any stretch of road or motorway."""
+        return route.place in (Place.ROAD, Place.MOTORWAY)
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The leader, a short headway before the ego."""
         speed = stage.advisory_mps(START_M)
-        headway_s = uniform_between(1.5, 2.0, stage.seed, Purpose.SCENARIO_PLACE)
+        headway_s = stage.draw(1.5, 2.0, Purpose.SCENARIO_PLACE)
         size = _LEADERS[choice(len(_LEADERS), stage.seed, Purpose.SCENARIO_VARIANT)]
         arc_m = START_M + size.length_m + headway_s * speed
         return [stage.vehicle(size, arc_m, eagerness=0.96, headway_s=1.4)]
 
     def update(self, scene: Scene, tick: int) -> bool:
         """Brake near the site for 2.6 to 4 s, standstill included."""
-        seed = scene.stage.seed
+        stage = scene.stage
         if scene.hazard_tick < 0:
-            if scene.bodies["arc_m"][FIRST_ROW] < _brake_m(scene.stage):
+            if scene.bodies["arc_m"][FIRST_ROW] < _brake_m(stage):
                 return False
-            decel = uniform_between(5.0, 7.5, seed, Purpose.SCENARIO_STRENGTH)
+            decel = stage.draw(5.0, 7.5, Purpose.SCENARIO_STRENGTH)
             scene.bodies["commanded_accel_mps2"][FIRST_ROW] = -decel
-        elif (tick - scene.hazard_tick) * TICK_S > uniform_between(2.6, 4.0, seed, Purpose.SCENARIO_TIMING):
+        elif scene.since_hazard_s(tick) > stage.draw(2.6, 4.0, Purpose.SCENARIO_TIMING):
             scene.bodies["commanded_accel_mps2"][FIRST_ROW] = math.nan
         return True

@@ -1,39 +1,35 @@
-"""ParkedObstacle: a vehicle or container stands in the ego's lane; the expert passes it or waits behind it."""
+"""ParkedObstacle: a vehicle or container stands in the ego's lane."""
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice, uniform_between
-from branchdrive_reference.scenarios.population import CAR, VAN
-from branchdrive_reference.scenarios.scenario import Scene
+from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.scenarios.sizes import CAR, CONTAINER, VAN
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import Signal, Trigger
-from branchdrive_reference.town.track import EGO_TRACK
-from branchdrive_reference.world.body import EGO, Body, Kind, Size
+from branchdrive_reference.scenarios.standing_obstacle import StandingObstacle, obstacle_trigger
+from branchdrive_reference.world.body import Body, Kind
 
-__all__ = ["ParkedObstacle"]
+__all__ = ["ParkedObstacle", "ParkedObstacleTwoWays"]
 
-CONTAINER = Size(4.0, 1.8, 1.6, 6000.0)
 _OBSTACLES = ((Kind.VEHICLE, CAR), (Kind.VEHICLE, VAN), (Kind.STATIC, CONTAINER))
-_SIGHT_M = 60.0
 
 
-class ParkedObstacle:
-    """See the module; the hazard is active once the obstacle is in sight."""
+class ParkedObstacle(StandingObstacle):
+    """Passed on another lane of the ego's direction."""
 
     name = "ParkedObstacle"
-    traffic_ahead = True
-    trigger = Trigger(
-        "parked-obstacle-onset 1",
-        (Signal("lane_shift", 0.10), Signal("throttle_release", 0.02), Signal("brake", 0.05)),
-    )
+    trigger = obstacle_trigger("parked-obstacle-onset 1")
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The obstacle, a little to the right of the lane's centre and slightly askew."""
         kind, size = _OBSTACLES[choice(len(_OBSTACLES), stage.seed, Purpose.SCENARIO_VARIANT)]
-        offset_m = uniform_between(-0.7, -0.1, stage.seed, Purpose.SCENARIO_PLACE)
-        turn_rad = uniform_between(-0.06, 0.06, stage.seed, Purpose.SCENARIO_STRENGTH)
+        offset_m = stage.draw(-0.7, -0.1, Purpose.SCENARIO_PLACE)
+        turn_rad = stage.draw(-0.06, 0.06, Purpose.SCENARIO_STRENGTH)
         return [stage.standing(kind, size, stage.site_m, offset_m, turn_rad=turn_rad)]
 
-    def update(self, scene: Scene, _tick: int) -> bool:
-        """Nothing moves."""
-        return bool(scene.stage.site_m - scene.feet["arc_m"][EGO_TRACK, EGO] < _SIGHT_M)
+
+class ParkedObstacleTwoWays(ParkedObstacle):
+    """Passed on the oncoming lane."""
+
+    name = "ParkedObstacleTwoWays"
+    two_ways = True
+    trigger = obstacle_trigger("parked-obstacle-two-ways-onset 1")

@@ -1,21 +1,52 @@
-"""What a scenario type is: who is on stage, what they do, and which manoeuvre the expert must show."""
+"""What a scenario type is: where it fits, who is on stage, what they do, and which manoeuvre the expert must show."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.timing import TICK_S
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import Trigger
-from branchdrive_reference.world.body import Body
+from branchdrive_reference.town.crossroads import Crossroads
+from branchdrive_reference.town.route import Route
+from branchdrive_reference.town.signal import NO_GROUP, green_begins
+from branchdrive_reference.town.track import EGO_TRACK
+from branchdrive_reference.world.body import EGO, Body
 
-__all__ = ["FIRST_ROW", "Scenario", "Scene"]
+__all__ = ["FIRST_ROW", "Ambient", "Scenario", "Scene", "green_on_arrival"]
 
 FIRST_ROW = 1
 """Row of a scenario's first body; the ego is row 0."""
+
+
+_GREEN_EARLY_S = (0.5, 4.0)
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """Which ambient traffic a scenario leaves room for.
+
+    Attributes:
+        behind: A follower in the ego's lane.
+        ahead: A vehicle in the ego's lane beyond the site.
+        oncoming: Vehicles that come towards the ego on its own road.
+        beside: Vehicles in the other lanes of the ego's direction.
+        crossing: Vehicles from the sides of the route's junction.
+        parked: Vehicles on the parking strip.
+    """
+
+    behind: bool = True
+    ahead: bool = True
+    oncoming: bool = True
+    beside: bool = True
+    crossing: bool = True
+    parked: bool = True
 
 
 @dataclass(eq=False)
@@ -34,24 +65,52 @@ class Scene:
     feet: NDArray[np.void]
     hazard_tick: int = -1
 
+    def way_to_m(self, arc_m: float) -> float:
+        """Way of the ego's front to an arc length of its route."""
+        ego = self.feet[EGO_TRACK, EGO]
+        return float(arc_m - ego["arc_m"] - ego["half_length_m"])
 
-class Scenario(Protocol):
-    """A scenario type, for any route of the town. Instances hold no state; what happens is in the scene."""
+    def time_to_s(self, arc_m: float) -> float:
+        """Time of the ego's front to an arc length of its route, at its present speed."""
+        return self.way_to_m(arc_m) / max(float(self.feet[EGO_TRACK, EGO]["speed_mps"]), 1.0)
 
-    @property
-    def name(self) -> str:
-        """Recorded scenario type, after CARLA Leaderboard names."""
+    def since_hazard_s(self, tick: int) -> float:
+        """Time since the hazard became active."""
+        return (tick - self.hazard_tick) * TICK_S
 
-    @property
-    def trigger(self) -> Trigger:
-        """Finds the expert's manoeuvre."""
 
-    @property
-    def traffic_ahead(self) -> bool:
-        """Whether ambient traffic may drive in the ego's lane beyond the site."""
+class Scenario(ABC):
+    """A scenario type, for every route that it fits. Instances hold no state; what happens is in the scene."""
 
+    name: ClassVar[str]
+    """Recorded scenario type, after CARLA Leaderboard names."""
+
+    trigger: ClassVar[Trigger]
+    """Finds the expert's manoeuvre."""
+
+    ambient: ClassVar[Ambient] = Ambient()
+
+    @abstractmethod
+    def fits(self, route: Route, crossroads: Crossroads | None) -> bool:
+        """Whether the scenario can be staged on a route; `crossroads` is the junction that it crosses."""
+
+    @abstractmethod
     def bodies(self, stage: Stage) -> list[Body]:
         """The scenario's bodies, from row `FIRST_ROW` on."""
 
+    @abstractmethod
     def update(self, scene: Scene, tick: int) -> bool:
         """Command the scenario's bodies for this tick; true once the hazard is active."""
+
+    def signal_offset(self, stage: Stage) -> int:
+        """Where in their cycle the signals begin: the ego comes at green, unless a scenario needs something else."""
+        return green_on_arrival(stage, stage.draw(*_GREEN_EARLY_S, Purpose.SIGNAL_OFFSET))
+
+
+def green_on_arrival(stage: Stage, early_s: float) -> int:
+    """Signal offset with which the ego's green begins `early_s` before the ego is at its line."""
+    track = stage.tables.tracks[EGO_TRACK]
+    if track["group"] == NO_GROUP:
+        return 0
+    tick = round((stage.ego_arrival_s(float(track["stop_m"])) - early_s) / TICK_S)
+    return green_begins(int(track["group"]), tick)

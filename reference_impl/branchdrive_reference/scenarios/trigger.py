@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.timing import ACTIVE_TICKS, CONTROL_HISTORY_TICKS, OBSERVATION_STRIDE_TICKS
 
-__all__ = ["MARGIN_TICKS", "Branch", "ExpertTrace", "Signal", "SignalName", "Trigger"]
+__all__ = ["MARGIN_TICKS", "Branch", "ExpertTrace", "Signal", "SignalName", "Trigger", "brake_trigger"]
 
 SignalName: TypeAlias = Literal["brake", "throttle_release", "lane_shift"]
 
@@ -38,12 +38,14 @@ class ExpertTrace:
         throttle: Commanded throttle.
         brake: Commanded brake.
         lane_shift_m: Planned offset from the route at the point the steering looks at.
+        reacting: Whether somebody or something on the road, not the road itself, sets its speed.
         hazard_tick: Tick at which the scenario's hazard became active; -1 if it never did.
     """
 
     throttle: NDArray[np.float32]
     brake: NDArray[np.float32]
     lane_shift_m: NDArray[np.float64]
+    reacting: NDArray[np.bool_]
     hazard_tick: int
 
 
@@ -93,9 +95,12 @@ class Signal:
                 return np.abs(trace.lane_shift_m)
 
     def passes(self, trace: ExpertTrace) -> NDArray[np.bool_]:
-        """Whether the signal passes its threshold ``[ticks]``."""
+        """Whether the signal passes its threshold ``[ticks]``; pedals count only where the expert reacts."""
         values = self.values(trace)
-        return values <= self.threshold if self.name == "throttle_release" else values > self.threshold
+        if self.name == "lane_shift":
+            return values > self.threshold
+        pressed = values <= self.threshold if self.name == "throttle_release" else values > self.threshold
+        return pressed & trace.reacting
 
     def begins_manoeuvre(self, trace: ExpertTrace, tick: int) -> bool:
         """Whether an onset at `tick` starts a manoeuvre: a release must follow driving and precede braking."""
@@ -140,3 +145,8 @@ class Trigger:
                     confidence=confidence,
                 )
         return None
+
+
+def brake_trigger(definition: str) -> Trigger:
+    """A trigger that finds where the expert leaves the throttle to brake, or brakes."""
+    return Trigger(definition, (Signal("throttle_release", 0.02), Signal("brake", 0.05)))

@@ -21,7 +21,7 @@ __all__ = ["Completion", "Ending", "EndingRule"]
 Completion: TypeAlias = Literal["completed", "timeout", "blocked", "deviated"]
 
 _RECOVERY_TICKS = 100
-_BLOCKED_TICKS = 240
+_BLOCKED_TICKS = 400
 _STANDSTILL_MPS = 0.05
 _DEVIATED_M = 30.0
 

@@ -17,9 +17,11 @@ from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.derive.risk import risk_evidence
 from branchdrive_reference.expert.plan import Cause
+from branchdrive_reference.simulation.infraction import NO_LIGHT
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.simulation.route_state import route_columns
-from branchdrive_reference.town.reference_town import TOWN_NAME, reference_town
+from branchdrive_reference.town.registry import town
+from branchdrive_reference.town.signal import Light
 from branchdrive_reference.town.surface import town_surface
 from branchdrive_reference.town.track import RouteTracks, route_tracks
 from branchdrive_reference.world.body import EGO, Kind
@@ -34,6 +36,8 @@ Columns = dict[str, NDArray[Any]]
 """Columns of one table by name, without ``rollout_id``; masked where null."""
 
 _CLASSES = np.array([kind.name.lower() for kind in Kind])
+_LIGHTS = np.array([*(light.name.lower() for light in Light), None], object)
+"""Recorded values by `Light`; `NO_LIGHT` is the last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +61,7 @@ class Record:
 
 def record(run: Run) -> Record:
     """The recorded columns of a rollout."""
-    tables = route_tracks(run.spec.route_id)
+    tables = route_tracks(run.spec.town, run.spec.route_id)
     observations = _observations(run, tables)
     actors = _actors(run)
     evidence = _evidence(run, tables, observations, actors)
@@ -109,9 +113,9 @@ def _observations(run: Run, tables: RouteTracks) -> Columns:
         "yaw_rate_radps": vehicle["yaw_rate_radps"],
         **route_columns(tables, x, y, yaw),
         "target_speed_mps": plan["target_speed_mps"],
-        "vehicle_hazard": braking & np.isin(plan["cause"], (Cause.LEADER, Cause.CONFLICT)),
+        "vehicle_hazard": braking & np.isin(plan["cause"], (Cause.LEADER, Cause.CONFLICT, Cause.PRIORITY)),
         "pedestrian_hazard": braking & (plan["cause"] == Cause.PEDESTRIAN),
-        "traffic_light_hazard": np.zeros(len(ego), np.bool_),
+        "traffic_light_hazard": braking & (plan["cause"] == Cause.SIGNAL),
     }
     doubles = ("x_m", "y_m")
     return {
@@ -138,12 +142,11 @@ def _actors(run: Run) -> Columns:
 
 
 def _evidence(run: Run, tables: RouteTracks, observations: Columns, actors: Columns) -> Columns:
-    count, line = len(observations["tick"]), tables.route.polyline
-    surface = town_surface(reference_town())
+    line = tables.route.polyline
+    surface = town_surface(town(run.spec.town))
     x, y = observations["x_m"], observations["y_m"]
-    lanes = surface.lanes_under(x, y)
-    on_lane = np.array([lane is not None for lane in lanes], np.bool_)
-    no_signal = np.zeros(count, np.bool_)
+    lanes, on_road = surface.under(x, y)
+    governed = run.log.light != NO_LIGHT
     return {
         "tick": observations["tick"],
         **risk_evidence(
@@ -154,10 +157,10 @@ def _evidence(run: Run, tables: RouteTracks, observations: Columns, actors: Colu
             route_x_m=line.x_m,
             route_y_m=line.y_m,
         ),
-        "traffic_light_available": no_signal,
-        "traffic_light": np.full(count, None),
+        "traffic_light_available": governed,
+        "traffic_light": _LIGHTS[run.log.light],
         "lane_id": np.array(lanes, object),
-        "on_road": on_lane | surface.in_junction(x, y),
+        "on_road": on_road,
         "collision": run.log.touched,
     }
 
@@ -170,7 +173,7 @@ def _fields(run: Run, tables: RouteTracks, observations: Columns, evidence: Colu
     on_road = evidence["on_road"]
     return {
         "scenario_type": spec.scenario_type,
-        "town": TOWN_NAME,
+        "town": spec.town,
         "route_id": spec.route_id,
         "route_x_m": line.x_m.tolist(),
         "route_y_m": line.y_m.tolist(),
@@ -188,7 +191,7 @@ def _fields(run: Run, tables: RouteTracks, observations: Columns, evidence: Colu
         "result_num_vehicle_collisions": int(np.isin(kinds, (Kind.VEHICLE, Kind.CYCLE)).sum()),
         "result_num_pedestrian_collisions": int((kinds == Kind.PEDESTRIAN).sum()),
         "result_num_static_collisions": int((kinds == Kind.STATIC).sum()),
-        "result_num_red_light_infractions": None,
-        "result_num_stop_sign_infractions": None,
+        "result_num_red_light_infractions": run.log.num_red_lights_run,
+        "result_num_stop_sign_infractions": run.log.num_stop_signs_run,
         "result_num_off_road_infractions": int((~on_road & np.concatenate([[True], on_road[:-1]])).sum()),
     }

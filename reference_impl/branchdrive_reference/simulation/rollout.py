@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import Command, Policy
 from branchdrive.errors import UsageError
+from branchdrive_reference.expert.plan import Cause
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace
 from branchdrive_reference.simulation.ending import Ending, EndingRule
@@ -107,6 +108,7 @@ def run(
 
 def find_branch(nominal: Run) -> Branch | None:
     """Where the scenario's trigger places the branch in a completed nominal rollout."""
-    expert = nominal.log.expert
-    trace = ExpertTrace(expert[:, 1], expert[:, 2], nominal.log.lane_shift_m, nominal.hazard_tick)
+    log = nominal.log
+    reacting = log.cause != Cause.CRUISE
+    trace = ExpertTrace(log.expert[:, 1], log.expert[:, 2], log.lane_shift_m, reacting, nominal.hazard_tick)
     return SCENARIOS[nominal.spec.scenario_type].trigger.evaluate(trace)

@@ -15,9 +15,11 @@ from branchdrive_reference.scenarios.population import populate
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.scenario import Scene
 from branchdrive_reference.scenarios.stage import Stage
+from branchdrive_reference.simulation.replay_noise import ReplayNoise
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.environment import ENVIRONMENTS
 from branchdrive_reference.town.route import START_M
+from branchdrive_reference.town.signal import light_of
 from branchdrive_reference.town.track import EGO_TRACK, RouteTracks, route_tracks
 from branchdrive_reference.world.body import EGO, Behaviour, Body, Kind, body_table
 from branchdrive_reference.world.contact import ContactSpace
@@ -41,40 +43,53 @@ class World:
         plan: `PLAN` row: the expert's memory and its decision after `think`.
         feet: `FOOT` rows ``[tracks, bodies]``.
         scene: What the scenario sees.
+        noise: What makes a replay differ.
+        lights: `Light` of each signal group ``[2]``.
         contacts: The physics.
     """
 
     def __init__(self, spec: WorldSpec) -> None:
         self.spec = spec
-        self.tables: RouteTracks = route_tracks(spec.route_id)
+        self.tables: RouteTracks = route_tracks(spec.town, spec.route_id)
         self.tick = 0
         self.scenario = SCENARIOS[spec.scenario_type]
         self._grip = ENVIRONMENTS[spec.environment].grip
         stage = Stage(self.tables, spec.seed)
-        ambient = populate(stage, ahead=self.scenario.traffic_ahead)
+        ambient = populate(stage, self.scenario.ambient)
         self.bodies = body_table([_ego(stage), *self.scenario.bodies(stage), *ambient])
+        self.noise = ReplayNoise.of(spec)
+        self.noise.disturb_start(self.bodies, self.tables)
         self.vehicle = np.zeros(1, VEHICLE)
         self.vehicle["forward_mps"] = self.bodies["speed_mps"][EGO]
         self.plan = np.zeros(1, PLAN)
         self.feet = np.zeros((len(self.tables.tracks), len(self.bodies)), FOOT)
         find_feet(self.feet, self.bodies, self.tables.vertices, self.tables.tracks)
         self.scene = Scene(stage, self.bodies, self.feet)
+        self.lights = np.zeros(2, np.int64)
+        self._signal_offset = self.scenario.signal_offset(stage)
         self._goals = np.zeros((len(self.bodies), 3))
         self.contacts = ContactSpace(self.bodies)
 
     def think(self) -> None:
         """Let the scenario and the expert decide on the present state."""
-        update_feet(self.feet, self.bodies, self.tables.vertices, self.tables.tracks)
+        tables = self.tables
+        for group in range(len(self.lights)):
+            self.lights[group] = light_of(group, self.tick, self._signal_offset)
+        update_feet(self.feet, self.bodies, tables.vertices, tables.tracks)
         if self.scenario.update(self.scene, self.tick) and self.scene.hazard_tick < 0:
             self.scene.hazard_tick = self.tick
-        decide(self.plan[0], self.bodies, self.feet, self.tables.vertices, self.tables.tracks)
+        decide(
+            self.plan[0], self.bodies, self.feet, tables.vertices, tables.tracks, tables.conflicts, self.lights
+        )  # fmt: skip
+        self.noise.disturb_command(self.plan[0], self.tick)
 
     def act(self, steer: float, throttle: float, brake: float) -> None:
         """Drive the ego with a command, steering positive to the right, for one tick."""
-        contacts = self.contacts
+        contacts, tables = self.contacts, self.tables
         advance_traffic(
-            self.bodies, self.feet, self.tables.vertices, self.tables.tracks, self._goals, self.spec.seed, self.tick
-        )
+            self.bodies, self.feet, tables.vertices, tables.tracks, tables.conflicts, self.lights,
+            self._goals, self.spec.seed, self.tick,
+        )  # fmt: skip
         planned = plan_motion(self.bodies, self.vehicle[0], contacts.motion, steer, throttle, brake, self._grip)
         contacts.step()
         finish_motion(self.bodies, self.vehicle[0], contacts.motion, self._goals, contacts.hit, *planned)

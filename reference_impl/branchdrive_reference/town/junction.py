@@ -13,7 +13,7 @@ import numpy as np
 from branchdrive_reference.geometry.angle import wrap
 from branchdrive_reference.geometry.polyline import Polyline, bezier
 from branchdrive_reference.town.lane import Lane, LaneSide, Turn
-from branchdrive_reference.town.road import JUNCTION_RADIUS_M, Carriageway
+from branchdrive_reference.town.road import Carriageway
 
 __all__ = ["Connector", "connectors"]
 
@@ -55,8 +55,8 @@ def _lane_pairs(arriving: Carriageway, leaving: Carriageway, turn: Turn) -> list
             return list(zip(arriving.lanes, leaving.lanes, strict=False))
 
 
-def connectors(arriving: Carriageway, leaving: Carriageway) -> list[Connector]:
-    """Connectors between two carriageways that meet at a junction; none for a U-turn."""
+def connectors(arriving: Carriageway, leaving: Carriageway, radius_m: float) -> list[Connector]:
+    """Connectors between two carriageways that meet at a junction of a radius; none for a U-turn."""
     if arriving.start == leaving.end:
         return []
     heading = arriving.lanes[0].centre.tangent_rad[-1]
@@ -70,11 +70,13 @@ def connectors(arriving: Carriageway, leaving: Carriageway) -> list[Connector]:
                 centre=_curve(lane_in.centre, lane_out.centre),
                 width_m=lane_in.width_m,
                 speed_limit_mps=min(lane_in.speed_limit_mps, lane_out.speed_limit_mps),
+                road_class=lane_in.road_class,
                 turn=turn,
                 left=LaneSide.NOTHING,
                 right=LaneSide.NOTHING,
-                left_edge_m=JUNCTION_RADIUS_M,
-                right_edge_m=JUNCTION_RADIUS_M,
+                left_edge_m=radius_m,
+                right_edge_m=radius_m,
+                junction=arriving.end,
             ),
             lane_out.lane_id,
         )

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.junction import connectors
-from branchdrive_reference.town.lane import Lane, Turn
+from branchdrive_reference.town.lane import Lane, LaneSide, Turn
+from branchdrive_reference.town.motorway import Motorway, motorway_lanes
 from branchdrive_reference.town.road import Carriageway, Road, carriageways
 
 __all__ = ["RoadNetwork", "build_network"]
@@ -20,7 +22,7 @@ class RoadNetwork:
 
     Attributes:
         name: Recorded town name.
-        junctions: Centre of every junction ``(x, y)``, metres.
+        junctions: Every junction by name.
         lanes: Every lane by id, in declared order.
         successors: Lanes that begin where a lane ends, straightest first.
         predecessors: Lanes that end where a lane begins, straightest first.
@@ -28,7 +30,7 @@ class RoadNetwork:
     """
 
     name: str
-    junctions: Mapping[str, tuple[float, float]]
+    junctions: Mapping[str, Crossroads]
     lanes: Mapping[str, Lane]
     successors: Mapping[str, tuple[Lane, ...]]
     predecessors: Mapping[str, tuple[Lane, ...]]
@@ -50,23 +52,37 @@ class RoadNetwork:
             behind_m -= first.centre.length_m
         return back[::-1] + front
 
+    def neighbour(self, lane: Lane, step: int) -> Lane | None:
+        """The lane of the same direction `step` places further outwards, ``None`` where there is none."""
+        if (lane.right if step > 0 else lane.left) is not LaneSide.SAME_DIRECTION:
+            return None
+        stem, _, index = lane.lane_id.rpartition(":")
+        return self.lanes[f"{stem}:{int(index) + step}"]
 
-def build_network(name: str, junctions: dict[str, tuple[float, float]], roads: tuple[Road, ...]) -> RoadNetwork:
-    """The network of declared junctions and roads."""
+
+def build_network(
+    name: str, junctions: Mapping[str, Crossroads], roads: tuple[Road, ...], motorways: tuple[Motorway, ...] = ()
+) -> RoadNetwork:
+    """The network of declared junctions, roads and motorways."""
     ways = [way for road in roads for way in carriageways(road, junctions)]
     lanes = {lane.lane_id: lane for way in ways for lane in way.lanes}
-    following: dict[str, list[Lane]] = {lane_id: [] for lane_id in lanes}
-    preceding: dict[str, list[Lane]] = {lane_id: [] for lane_id in lanes}
+    links: list[tuple[str, str]] = []
     for arriving in ways:
         for leaving in ways:
             if arriving.end != leaving.start:
                 continue
-            for lane_in, connector, lane_out in connectors(arriving, leaving):
+            for lane_in, connector, lane_out in connectors(arriving, leaving, junctions[arriving.end].radius_m):
                 lanes[connector.lane_id] = connector
-                following[lane_in].append(connector)
-                following[connector.lane_id] = [lanes[lane_out]]
-                preceding[lane_out].append(connector)
-                preceding[connector.lane_id] = [lanes[lane_in]]
+                links += [(lane_in, connector.lane_id), (connector.lane_id, lane_out)]
+    for motorway in motorways:
+        built = motorway_lanes(motorway)
+        lanes.update({lane.lane_id: lane for lane in built.lanes})
+        links += built.links
+    following: dict[str, list[Lane]] = {lane_id: [] for lane_id in lanes}
+    preceding: dict[str, list[Lane]] = {lane_id: [] for lane_id in lanes}
+    for lane_in, lane_out in links:
+        following[lane_in].append(lanes[lane_out])
+        preceding[lane_out].append(lanes[lane_in])
 
     def straightest_first(neighbours: dict[str, list[Lane]]) -> dict[str, tuple[Lane, ...]]:
         return {

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from branchdrive_reference.geometry.polyline import Polyline, bezier
-from branchdrive_reference.town.lane import Lane, LaneSide, Turn
+from branchdrive_reference.town.crossroads import Crossroads
+from branchdrive_reference.town.lane import LANE_WIDTH_M, PARKING_WIDTH_M, Lane, LaneSide, RoadClass, Turn
 
-__all__ = ["JUNCTION_RADIUS_M", "LANE_WIDTH_M", "Carriageway", "Road", "carriageways"]
-
-LANE_WIDTH_M = 3.5
-JUNCTION_RADIUS_M = 16.0
-"""Roads end this far from the centre of a junction."""
+__all__ = ["Carriageway", "Road", "carriageways"]
 
 _SAMPLE_STEP_M = 1.0
 
@@ -29,6 +27,8 @@ class Road:
         limit_kmh: Speed limit, kilometres per hour.
         bend_m: How far the control points at one and two thirds lie to the left of the chord:
             equal signs bend, opposite signs wind.
+        parking: Whether a parking strip lies beyond the outermost lane of each direction.
+        road_class: Street or rural road.
     """
 
     start: str
@@ -36,6 +36,8 @@ class Road:
     lanes: int
     limit_kmh: float
     bend_m: tuple[float, float] = (0.0, 0.0)
+    parking: bool = False
+    road_class: RoadClass = RoadClass.STREET
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +49,9 @@ class Carriageway:
     lanes: tuple[Lane, ...]
 
 
-def _centre_line(road: Road, junctions: dict[str, tuple[float, float]]) -> Polyline:
-    (x0, y0), (x3, y3) = junctions[road.start], junctions[road.end]
+def _centre_line(road: Road, junctions: Mapping[str, Crossroads]) -> Polyline:
+    begin, end = junctions[road.start], junctions[road.end]
+    (x0, y0), (x3, y3) = (begin.x_m, begin.y_m), (end.x_m, end.y_m)
     chord_x, chord_y = x3 - x0, y3 - y0
     chord = float(np.hypot(chord_x, chord_y))
     normal_x, normal_y = -chord_y / chord, chord_x / chord
@@ -58,28 +61,31 @@ def _centre_line(road: Road, junctions: dict[str, tuple[float, float]]) -> Polyl
         np.array([y0, y0 + chord_y / 3 + bend_1 * normal_y, y0 + 2 * chord_y / 3 + bend_2 * normal_y, y3]),
         count=2 * round(chord),
     )
-    return curve.cut(JUNCTION_RADIUS_M, curve.length_m - JUNCTION_RADIUS_M)
+    return curve.cut(begin.radius_m, curve.length_m - end.radius_m)
 
 
 def _lane(road: Road, start: str, end: str, index: int, centre: Polyline) -> Lane:
     """Lane `index` of one direction, whose road centre line runs the same way."""
     outwards_m = (index + 0.5) * LANE_WIDTH_M
-    carriageway_m = road.lanes * LANE_WIDTH_M
+    paved_m = road.lanes * LANE_WIDTH_M + (PARKING_WIDTH_M if road.parking else 0.0)
+    beside = LaneSide.PARKING if road.parking else LaneSide.NOTHING
     return Lane(
         lane_id=f"{start}-{end}:{index}",
         way=(start, end),
         centre=centre.shifted(-outwards_m).resampled(_SAMPLE_STEP_M),
         width_m=LANE_WIDTH_M,
         speed_limit_mps=road.limit_kmh / 3.6,
+        road_class=road.road_class,
         turn=Turn.FOLLOW,
         left=LaneSide.ONCOMING if index == 0 else LaneSide.SAME_DIRECTION,
-        right=LaneSide.NOTHING if index == road.lanes - 1 else LaneSide.SAME_DIRECTION,
-        left_edge_m=carriageway_m + outwards_m,
-        right_edge_m=carriageway_m - outwards_m,
+        right=beside if index == road.lanes - 1 else LaneSide.SAME_DIRECTION,
+        left_edge_m=paved_m + outwards_m,
+        right_edge_m=paved_m - outwards_m,
+        junction=end,
     )
 
 
-def carriageways(road: Road, junctions: dict[str, tuple[float, float]]) -> tuple[Carriageway, Carriageway]:
+def carriageways(road: Road, junctions: Mapping[str, Crossroads]) -> tuple[Carriageway, Carriageway]:
     """Both directions of a road."""
     centre = _centre_line(road, junctions)
     directions = ((road.start, road.end, centre), (road.end, road.start, centre.reversed()))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.road import JUNCTION_RADIUS_M
 
 __all__ = ["Surface", "town_surface"]
 
@@ -20,6 +19,7 @@ _LANE = np.dtype(
         ("first", np.int64),  # segment range in the segment table
         ("end", np.int64),
         ("half_width_m", np.float64),
+        ("right_m", np.float64),  # paved to the right of the centre line
         ("min_x_m", np.float64),
         ("max_x_m", np.float64),
         ("min_y_m", np.float64),
@@ -31,9 +31,10 @@ _LANE = np.dtype(
 
 @kernel
 def _lanes_under(
-    lanes: Records, vertex_x: Array, vertex_y: Array, x_m: Array, y_m: Array, found: NDArray[np.int64]
-) -> None:
-    """Lane with the nearest centre line among those that hold each point, -1 where none does."""
+    lanes: Records, vertex_x: Array, vertex_y: Array, x_m: Array, y_m: Array,
+    found: NDArray[np.int64], paved: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Lane with the nearest centre line among those that hold each point, -1 for none, and whether it is paved."""
     for point in range(x_m.shape[0]):
         x, y = x_m[point], y_m[point]
         nearest = np.inf
@@ -47,6 +48,8 @@ def _lanes_under(
                 px, py = x - vertex_x[segment], y - vertex_y[segment]
                 share = min(max((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
                 square = (px - share * ex) ** 2 + (py - share * ey) ** 2
+                if square <= lane.right_m**2 and ex * py - ey * px <= 0.0:
+                    paved[point] = True
                 if square < nearest and square <= lane.half_width_m**2:
                     nearest = square
                     found[point] = index
@@ -60,19 +63,22 @@ class Surface:
     _lanes: NDArray[np.void]
     _vertex_x: Array
     _vertex_y: Array
-    _junction_x: Array
-    _junction_y: Array
+    _junctions: Array
 
-    def lanes_under(self, x_m: Array, y_m: Array) -> list[str | None]:
-        """Lane id under each point, ``None`` off the lanes."""
-        found = np.empty(len(x_m), np.int64)
-        _lanes_under(self._lanes, self._vertex_x, self._vertex_y, x_m, y_m, found)
-        return [self.lane_id[index] if index >= 0 else None for index in found.tolist()]
+    def under(self, x_m: Array, y_m: Array) -> tuple[list[str | None], NDArray[np.bool_]]:
+        """Lane id under each point, ``None`` off the lanes, and whether the point is drivable.
 
-    def in_junction(self, x_m: Array, y_m: Array) -> NDArray[np.bool_]:
-        """Whether each point lies on the paved disc of a junction."""
-        dx, dy = x_m[:, None] - self._junction_x, y_m[:, None] - self._junction_y
-        return np.asarray((dx * dx + dy * dy <= JUNCTION_RADIUS_M**2).any(axis=1))
+        Drivable are lanes, parking strips, shoulders and the paved discs of junctions.
+        """
+        found, paved = np.empty(len(x_m), np.int64), np.zeros(len(x_m), np.bool_)
+        _lanes_under(self._lanes, self._vertex_x, self._vertex_y, x_m, y_m, found, paved)
+        lanes = [self.lane_id[index] if index >= 0 else None for index in found.tolist()]
+        return lanes, paved | (found >= 0) | self._in_junction(x_m, y_m)
+
+    def _in_junction(self, x_m: Array, y_m: Array) -> NDArray[np.bool_]:
+        x, y, radius = self._junctions
+        dx, dy = x_m[:, None] - x, y_m[:, None] - y
+        return np.asarray((dx * dx + dy * dy <= radius * radius).any(axis=1))
 
 
 @lru_cache(maxsize=4)
@@ -82,15 +88,15 @@ def town_surface(town: RoadNetwork) -> Surface:
     first = 0
     for lane in town.lanes.values():
         x, y, half = lane.centre.x_m, lane.centre.y_m, lane.width_m / 2
-        bounds = (x.min() - half, x.max() + half, y.min() - half, y.max() + half)
-        rows.append((first, first + len(x) - 1, half, *bounds))
+        right_m = half if lane.turn.value != "follow" else max(half, min(lane.right_edge_m, 1.5 * lane.width_m))
+        bounds = (x.min() - right_m, x.max() + right_m, y.min() - right_m, y.max() + right_m)
+        rows.append((first, first + len(x) - 1, half, right_m, *bounds))
         first += len(x)
-    centres = np.array(list(town.junctions.values()), np.float64)
+    junctions = [(junction.x_m, junction.y_m, junction.radius_m) for junction in town.junctions.values()]
     return Surface(
         tuple(town.lanes),
         np.array(rows, _LANE),
         np.concatenate([lane.centre.x_m for lane in town.lanes.values()]),
         np.concatenate([lane.centre.y_m for lane in town.lanes.values()]),
-        centres[:, 0].copy(),
-        centres[:, 1].copy(),
+        np.array(junctions, np.float64).reshape(-1, 3).T.copy(),
     )

@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BODY", "EGO", "Behaviour", "Body", "Kind", "Size", "body_table"]
+__all__ = ["BODY", "EGO", "Behaviour", "Body", "Heed", "Kind", "Size", "body_table"]
 
 EGO = 0
 """Row of the ego."""
@@ -38,6 +38,15 @@ class Behaviour(IntEnum):
     FREE = 4  # contacts and friction only: it was hit
 
 
+class Heed(IntFlag):
+    """Which rules of the road a driver follows."""
+
+    NOTHING = 0
+    SIGNALS = 1
+    PRIORITY = 2
+    ALL = 3
+
+
 BODY = np.dtype(
     [
         ("x_m", np.float64),
@@ -60,6 +69,11 @@ BODY = np.dtype(
         ("headway_s", np.float64),
         ("commanded_accel_mps2", np.float64),  # replaces the driver model; NaN where it is free
         ("travel_m", np.float64),
+        ("goal_offset_m", np.float64),  # offset that it moves over to
+        ("lateral_mps", np.float64),  # how fast it moves over
+        ("heeds", np.int64),  # `Heed` flags
+        ("siren", np.int64),  # whether others make way for it
+        ("halt_m", np.float64),  # arc length where its front means to stop; infinite if it does not
     ],
     align=True,
 )
@@ -78,7 +92,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Body:
-    """A body before the first tick; the fields are those of `BODY`."""
+    """A body before the first tick; the fields are those of `BODY`, and it keeps its offset unless told otherwise."""
 
     kind: Kind
     behaviour: Behaviour
@@ -93,6 +107,10 @@ class Body:
     eagerness: float = 1.0
     headway_s: float = 1.2
     travel_m: float = 0.0
+    goal_offset_m: float | None = None
+    lateral_mps: float = 1.2
+    heeds: Heed = Heed.ALL
+    siren: bool = False
 
 
 def body_table(bodies: Sequence[Body]) -> NDArray[np.void]:
@@ -101,9 +119,11 @@ def body_table(bodies: Sequence[Body]) -> NDArray[np.void]:
     for row, body in zip(table, bodies, strict=True):
         for part in (body, body.size):
             for field in fields(part):
-                if field.name != "size":
+                if field.name not in ("size", "goal_offset_m"):
                     row[field.name] = getattr(part, field.name)
+        row["goal_offset_m"] = body.offset_m if body.goal_offset_m is None else body.goal_offset_m
         row["vel_x_mps"] = body.speed_mps * math.cos(body.yaw_rad)
         row["vel_y_mps"] = body.speed_mps * math.sin(body.yaw_rad)
         row["commanded_accel_mps2"] = math.nan
+        row["halt_m"] = math.inf
     return table

@@ -11,38 +11,73 @@ from branchdrive_reference.geometry.angle import wrap
 from branchdrive_reference.geometry.path import interpolate, locate
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.noise import Purpose, uniform
-from branchdrive_reference.world.body import EGO, Behaviour
+from branchdrive_reference.world.body import EGO, Behaviour, Heed
 from branchdrive_reference.world.corridor import NOBODY, nearest_ahead
 from branchdrive_reference.world.idm import desired_gap_m, idm_accel_mps2
+from branchdrive_reference.world.priority import halt_gap_m, zipper_leader
 from branchdrive_reference.world.vehicle import GRAVITY_MPS2, slip
 
 __all__ = ["advance_traffic", "following_accel_mps2"]
 
 _FOLLOWING, _WALKING, _FREE = int(Behaviour.FOLLOWING), int(Behaviour.WALKING), int(Behaviour.FREE)
+_PRIORITY = int(Heed.PRIORITY)
 _MOOD = int(Purpose.TRAFFIC_MOOD)
 _MOOD_TICKS = 40
 _MOOD_SHARE = 0.06
 """Drivers change their desired speed every 2 s by up to this share."""
 
 _ACCEL_MPS2, _BRAKE_MPS2, _STANDSTILL_M = 1.5, 2.0, 2.0
+_LINE_STANDSTILL_M = 0.6
+_PRIORITY_S = 0.8
+_ZIPPER_BRAKE_MPS2 = 2.5
+"""Nobody brakes harder than this to let somebody in."""
+
 _SIDE_MARGIN_M = 0.3
+_MOST_ASIDE = 0.5
+"""Sideways per way ahead, at most, while moving over."""
+
+_MAX_TURN_RAD = 1.2 * TICK_S
 _SLIDING_FRICTION = 0.6
 _SPIN_DECEL_RADPS2 = 4.0
 
 
 @kernel
-def following_accel_mps2(bodies: Records, feet: Records, path: Records, index: int, seed: int, tick: int) -> float:
-    """Driver-model acceleration of body `index` on its track, reacting to whatever is ahead."""
-    body = bodies[index]
+def _behind(body: Records, lead_speed_mps: float, gap_m: float, standstill_m: float, free_mps2: float) -> float:
+    """Acceleration behind somebody or something, at most that of the free road."""
+    wanted_m = desired_gap_m(body.speed_mps, lead_speed_mps, body.headway_s, standstill_m, _ACCEL_MPS2, _BRAKE_MPS2)
+    return min(free_mps2, idm_accel_mps2(body.speed_mps, np.inf, gap_m, wanted_m, _ACCEL_MPS2))
+
+
+@kernel
+def following_accel_mps2(
+    bodies: Records, feet: Records, vertices: Records, tracks: Records, conflicts: Records, lights: Records,
+    index: int, seed: int, tick: int,
+) -> float:  # fmt: skip
+    """Driver-model acceleration of body `index` on its track; notes where it means to halt.
+
+    It reacts to whatever is ahead, to signals, and to who has priority, as far as it heeds them.
+    """
+    body, row = bodies[index], feet[bodies[index].track]
+    path = vertices[tracks[body.track].first : tracks[body.track].end]
     mood = 1.0 + _MOOD_SHARE * (2.0 * uniform(seed, _MOOD, index, tick // _MOOD_TICKS) - 1.0)
     advisory = path[locate(path, body.arc_m)].advisory_speed_mps
-    lead, gap_m = nearest_ahead(feet, index, body.offset_m, 0.5 * body.width_m + _SIDE_MARGIN_M)
-    wanted_m = 0.0
+    accel = idm_accel_mps2(body.speed_mps, body.eagerness * mood * advisory, np.inf, 0.0, _ACCEL_MPS2)
+    lead, gap_m = nearest_ahead(row, index, body.offset_m, 0.5 * body.width_m + _SIDE_MARGIN_M)
     if lead != NOBODY:
-        wanted_m = desired_gap_m(
-            body.speed_mps, feet[lead].speed_mps, body.headway_s, _STANDSTILL_M, _ACCEL_MPS2, _BRAKE_MPS2
-        )
-    return idm_accel_mps2(body.speed_mps, body.eagerness * mood * advisory, gap_m, wanted_m, _ACCEL_MPS2)
+        accel = _behind(body, row[lead].speed_mps, gap_m, _STANDSTILL_M, accel)
+    body.halt_m = np.inf
+    if conflicts.shape[0] == 0 and tracks[body.track].group < 0:
+        return accel
+    halt_m, _ = halt_gap_m(bodies, feet, tracks, conflicts, lights, body.track, index, body.heeds, _PRIORITY_S)
+    if halt_m < np.inf:
+        accel = _behind(body, 0.0, halt_m, _LINE_STANDSTILL_M, accel)
+        body.halt_m = row[index].arc_m + row[index].half_length_m + halt_m
+    if body.heeds & _PRIORITY:
+        rival, gap_m = zipper_leader(bodies, feet, conflicts, body.track, index)
+        if rival != NOBODY:
+            let_in = _behind(body, bodies[rival].speed_mps, gap_m, _STANDSTILL_M, accel)
+            accel = min(accel, max(let_in, -_ZIPPER_BRAKE_MPS2))
+    return accel
 
 
 @kernel
@@ -57,10 +92,12 @@ def _slide(body: Records) -> None:
 
 @kernel
 def advance_traffic(
-    bodies: Records, feet: Records, vertices: Records, tracks: Records, goals: Records, seed: int, tick: int
-) -> None:
+    bodies: Records, feet: Records, vertices: Records, tracks: Records, conflicts: Records, lights: Records,
+    goals: Records, seed: int, tick: int,
+) -> None:  # fmt: skip
     """Choose velocities for the coming tick and the poses they lead to.
 
+    The tables are those of `RouteTracks`, `lights` is the `Light` of each signal group ``[2]``.
     Writes ``goals[bodies, 3]`` (x, y, yaw at the end of the tick) and the speeds and velocities of
     `bodies`; free bodies have no goal, and the ego is left alone.
     """
@@ -70,8 +107,9 @@ def advance_traffic(
         if body.behaviour == _FOLLOWING:
             accel[index] = body.commanded_accel_mps2
             if math.isnan(accel[index]):
-                path = vertices[tracks[body.track].first : tracks[body.track].end]
-                accel[index] = following_accel_mps2(bodies, feet[body.track], path, index, seed, tick)
+                accel[index] = following_accel_mps2(
+                    bodies, feet, vertices, tracks, conflicts, lights, index, seed, tick
+                )
     for index in range(EGO + 1, bodies.shape[0]):
         body = bodies[index]
         if body.behaviour == _FREE:
@@ -81,10 +119,15 @@ def advance_traffic(
         if body.behaviour == _FOLLOWING:
             before = body.speed_mps
             body.speed_mps = max(0.0, before + accel[index] * TICK_S)
-            body.arc_m += 0.5 * (before + body.speed_mps) * TICK_S
+            way_m = 0.5 * (before + body.speed_mps) * TICK_S
+            body.arc_m += way_m
+            aside_m = slip(body.offset_m, body.goal_offset_m, min(body.lateral_mps * TICK_S, _MOST_ASIDE * way_m))
             path = vertices[tracks[body.track].first : tracks[body.track].end]
-            x, y, tangent = interpolate(path, body.arc_m, body.offset_m)
-            yaw += wrap(tangent - yaw)
+            x, y, tangent = interpolate(path, body.arc_m, aside_m)
+            if aside_m != body.offset_m:
+                tangent += math.atan2(aside_m - body.offset_m, way_m)
+            yaw += slip(0.0, wrap(tangent - yaw), _MAX_TURN_RAD)
+            body.offset_m = aside_m
         elif body.behaviour == _WALKING:
             step_m = min(body.speed_mps * TICK_S, body.travel_m)
             body.travel_m -= step_m

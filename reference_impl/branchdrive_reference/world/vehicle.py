@@ -9,7 +9,7 @@ rate ``w`` of the box centre, which lies ``l_r`` before the rear axle. With stee
 and the tyres pull ``v`` and ``w`` towards ``v*`` and ``w*`` no faster than grip allows; in normal
 driving they are equal, after a collision the slip dies out. Longitudinally
 
-    du/dt = drive - sign(u) (brake + c_0 + c_2 u^2),    drive <= min(a_max, P / u)
+    du/dt = drive - sign(u) (brake + c_0 + c_1 |u| + c_2 u^2),    drive <= min(a_max, P / u)
 
 with ``drive`` and ``brake`` following throttle and brake pedals as first-order lags, averaged over the tick.
 Resistance stops the vehicle and never reverses it. Steering commands are positive to the right, so ``d`` is
@@ -49,8 +49,9 @@ MAX_STEER_RAD = 0.6
 MAX_DRIVE_MPS2 = 4.0
 MAX_POWER_WPKG = 55.0
 MAX_BRAKE_MPS2 = 8.0
-ROLLING_MPS2 = 0.15
-DRAG_1PM = 0.0004
+ROLLING_MPS2 = 0.30
+ENGINE_BRAKE_1PS = 0.06
+DRAG_1PM = 0.0005
 MAX_YAW_ACCEL_RADPS2 = 20.0
 STEER_LAG_S = 0.12
 DRIVE_LAG_S = 0.25
@@ -78,8 +79,8 @@ VEHICLE = np.dtype(
 
 @kernel
 def resistance_mps2(forward_mps: float) -> float:
-    """Deceleration by rolling and air: ``c_0 + c_2 u^2``."""
-    return ROLLING_MPS2 + DRAG_1PM * forward_mps * forward_mps
+    """Deceleration by rolling, engine and air: ``c_0 + c_1 |u| + c_2 u^2``."""
+    return ROLLING_MPS2 + ENGINE_BRAKE_1PS * abs(forward_mps) + DRAG_1PM * forward_mps * forward_mps
 
 
 @kernel

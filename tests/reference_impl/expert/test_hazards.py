@@ -12,7 +12,9 @@ from tests.reference_impl.geometry.paths import ROAD
 from branchdrive_reference.expert.decision import decide
 from branchdrive_reference.expert.forecast import crossing_gap_m
 from branchdrive_reference.expert.plan import PLAN, Cause
+from branchdrive_reference.town.conflict import CONFLICT
 from branchdrive_reference.town.lane import LaneSide
+from branchdrive_reference.town.signal import NO_GROUP
 from branchdrive_reference.town.track import TRACK
 from branchdrive_reference.world.body import EGO, Behaviour, Body, Kind, Size, body_table
 from branchdrive_reference.world.corridor import FOOT, NOBODY, find_feet, nearest_ahead, update_feet
@@ -28,7 +30,9 @@ class Road:
         self.vertices = ROAD.copy()
         self.vertices["advisory_speed_mps"] = 10.0
         self.vertices["left_lane"] = LaneSide.ONCOMING
-        self.tracks = np.array([(0, len(ROAD))], TRACK)
+        self.tracks = np.array([(0, len(ROAD), math.inf, NO_GROUP, 0)], TRACK)
+        self.conflicts = np.zeros(0, CONFLICT)
+        self.lights = np.zeros(2, np.int64)
         ego = Body(Kind.VEHICLE, Behaviour.DRIVEN, EGO_SIZE, 0.0, offset_m, yaw_rad, speed_mps)
         self.bodies = body_table([ego, *others])
         self.feet = np.zeros((1, len(self.bodies)), FOOT)
@@ -38,7 +42,7 @@ class Road:
 
     def decide(self) -> np.void:
         """The expert's decision."""
-        decide(self.plan[0], self.bodies, self.feet, self.vertices, self.tracks)
+        decide(self.plan[0], self.bodies, self.feet, self.vertices, self.tracks, self.conflicts, self.lights)
         row: np.void = self.plan[0]
         return row
 
@@ -78,7 +82,7 @@ def test_pedestrians_in_the_way_are_hazards(body: Body, is_hazard: bool) -> None
 
 
 def test_the_expert_brakes_for_a_pedestrian_and_says_so() -> None:
-    plan = Road(9.0, walker(22.0, -3.0, 1.4)).decide()
+    plan = Road(9.0, walker(16.0, -3.0, 1.4)).decide()
     assert plan["cause"] == Cause.PEDESTRIAN
     assert plan["brake"] > 0.1
     assert plan["target_speed_mps"] < 9.0
@@ -113,7 +117,12 @@ def test_an_obstacle_is_passed_on_the_left() -> None:
 def test_an_obstacle_is_not_passed_while_the_other_lane_is_needed(body: Body) -> None:
     plan = Road(9.0, car(40.0, -0.2), body).decide()
     assert plan["shift_m"] == 0.0
+
+
+def test_the_expert_brakes_for_an_obstacle_that_it_cannot_pass_yet() -> None:
+    plan = Road(9.0, car(24.0, -0.2), car(50.0, 3.5, 9.0, yaw_rad=math.pi)).decide()
     assert plan["cause"] == Cause.LEADER
+    assert plan["brake"] > 0.1
 
 
 def test_a_planned_shift_is_dropped_when_the_lane_does_not_stay_free() -> None:

@@ -16,13 +16,14 @@ TICKS = 400
 
 def trace(
     *, brake_from: int | None = None, brake_to: int = TICKS, release_at: int = TICKS, shift_from: int = TICKS,
-    hazard_tick: int = 100, ticks: int = TICKS,
+    hazard_tick: int = 100, ticks: int = TICKS, reacts_from: int = 0,
 ) -> ExpertTrace:  # fmt: skip
     time = np.arange(ticks)
     throttle = np.where(time < release_at, 0.3, 0.0).astype(np.float32)
     braking = (time >= brake_from) & (time < brake_to) if brake_from is not None else np.zeros(ticks, bool)
     shift = np.where(time >= shift_from, -0.5, 0.0)
-    return ExpertTrace(throttle, np.where(braking, 0.4, 0.0).astype(np.float32), shift, hazard_tick)
+    brake = np.where(braking, 0.4, 0.0).astype(np.float32)
+    return ExpertTrace(throttle, brake, shift, time >= reacts_from, hazard_tick)
 
 
 def found(trigger: Trigger, expert: ExpertTrace) -> Branch:
@@ -51,6 +52,13 @@ def test_a_release_counts_only_before_braking() -> None:
 def test_the_earliest_signal_wins() -> None:
     assert found(SHIFT, trace(shift_from=180, brake_from=190)).signal == "lane_shift"
     assert found(SHIFT, trace(shift_from=180, brake_from=170)).signal == "brake"
+
+
+def test_pedals_count_only_where_the_expert_reacts() -> None:
+    assert found(BRAKE, trace(brake_from=150, reacts_from=170)).tick == 170
+    assert found(RELEASE, trace(release_at=140, brake_from=150, reacts_from=145)).tick == 145
+    assert BRAKE.evaluate(trace(brake_from=150, brake_to=200, reacts_from=200)) is None
+    assert found(SHIFT, trace(shift_from=180, reacts_from=TICKS)).tick == 180
 
 
 @pytest.mark.parametrize(

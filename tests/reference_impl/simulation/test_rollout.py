@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+import shapely
 from tests.reference_impl.simulation.worlds import (
     BANK,
     SCENARIO_NAMES,
@@ -19,13 +20,24 @@ from tests.reference_impl.simulation.worlds import (
     spec_of,
 )
 from tests.repo.checkout import ROOT
+from tests.validator.derive.oracle import boxes, polygons
 
 from branchdrive.contract.timing import ACTIVE_TICKS
 from branchdrive.errors import UsageError
 from branchdrive_reference.simulation.rollout import find_branch, run
+from branchdrive_reference.world.body import Behaviour
 
+ACTIONS = [policy.key for policy in BANK.interventions]
 each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
-each_intervention = pytest.mark.parametrize("action_key", [policy.key for policy in BANK.interventions])
+each_intervention = pytest.mark.parametrize(
+    ("scenario", "action_key"),
+    [
+        (name, ACTIONS[(3 * index + turn) % len(ACTIONS)])
+        for index, name in enumerate(SCENARIO_NAMES)
+        for turn in range(3)
+    ],
+)
+"""Three interventions of every scenario type, every action in turn."""
 
 
 @each_scenario
@@ -33,22 +45,34 @@ def test_a_nominal_replay_is_bit_equal(scenario: str) -> None:
     assert digest(run(spec_of(scenario), BANK.nominal)) == digest(nominal_of(scenario))
 
 
+def sample_digests() -> list[str]:
+    """Digests of some nominal rollouts, of a crash, and of a replay with noise."""
+    crash = intervention_of("HardBrakeRoute", "accelerate_0.80")
+    assert crash.log.collided.any()
+    noisy = run(dataclasses.replace(spec_of("HardBrakeRoute"), replay=1, replay_noise=1.0), BANK.nominal)
+    return [digest(rollout) for rollout in (*map(nominal_of, SCENARIO_NAMES[::4]), crash, noisy)]
+
+
 @pytest.mark.parametrize("hash_seed", ["0", "12345"])
 def test_other_processes_give_the_same_bytes(hash_seed: str) -> None:
-    code = (
-        "from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, digest, intervention_of, nominal_of\n"
-        "crash = intervention_of('HardBrakeRoute', 'accelerate_0.80')\n"
-        "print(*(digest(nominal_of(name)) for name in SCENARIO_NAMES), digest(crash))"
-    )
+    code = "from tests.reference_impl.simulation.test_rollout import sample_digests\nprint(*sample_digests())"
     environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=ROOT)
-    crash = intervention_of("HardBrakeRoute", "accelerate_0.80")
-    assert crash.log.collided.any()
-    assert found.stdout.split() == [*(digest(nominal_of(name)) for name in SCENARIO_NAMES), digest(crash)]
+    assert found.stdout.split() == sample_digests()
 
 
 @each_scenario
+def test_traffic_does_not_drive_through_traffic(scenario: str) -> None:
+    """Contacts between drivers are not resolved, so their right of way has to keep them apart."""
+    for bodies in nominal_of(scenario).log.bodies:
+        drivers = bodies[bodies["behaviour"] == Behaviour.FOLLOWING]
+        places = boxes(*drivers[["x_m", "y_m", "yaw_rad", "length_m", "width_m"]].tolist())
+        shapes = polygons(places)
+        touching = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+        assert (touching[0] == touching[1]).all()
+
+
 @each_intervention
 def test_interventions_share_the_nominal_past(scenario: str, action_key: str) -> None:
     nominal, rollout = nominal_of(scenario), intervention_of(scenario, action_key)
@@ -57,7 +81,6 @@ def test_interventions_share_the_nominal_past(scenario: str, action_key: str) ->
     assert rollout.log.bodies[: frame + 1].tobytes() == nominal.log.bodies[: frame + 1].tobytes()
 
 
-@each_scenario
 @each_intervention
 def test_policies_act_exactly_while_active(scenario: str, action_key: str) -> None:
     nominal, rollout = nominal_of(scenario), intervention_of(scenario, action_key)
@@ -70,7 +93,6 @@ def test_policies_act_exactly_while_active(scenario: str, action_key: str) -> No
         assert (log.applied[active, index] == rule.evaluate(log.expert[active, index], copied)).all()
 
 
-@each_scenario
 @each_intervention
 def test_every_attempt_outlives_its_intervention(scenario: str, action_key: str) -> None:
     rollout = intervention_of(scenario, action_key)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive_reference.collect.plan import plan_group
@@ -15,11 +17,40 @@ from branchdrive_reference.simulation.spec import WorldSpec
 BANK = load_action_bank()
 SEED = 20
 SCENARIO_NAMES = tuple(SCENARIOS)
+_MOST_DRAWN = 60
 
 
+@dataclass(frozen=True)
+class Drive:
+    """What is kept of the nominal rollout of a drawn world."""
+
+    spec: WorldSpec
+    clean: bool
+    """Whether the expert finished the route without an infraction."""
+
+    num_ticks: int
+    branch: Branch | None
+
+
+@cache
+def drive_of(scenario: str, number: int) -> Drive:
+    """Nominal rollout of the world `number` that a collection draws of a scenario type."""
+    spec = plan_group(SEED, SCENARIO_NAMES.index(scenario) + len(SCENARIO_NAMES) * number).spec
+    rollout = run(spec, BANK.nominal)
+    log = rollout.log
+    lawful = not log.collided.any() and log.num_red_lights_run == 0 and log.num_stop_signs_run == 0
+    return Drive(spec, rollout.ending.completion == "completed" and lawful, log.num_ticks, find_branch(rollout))
+
+
+@cache
 def spec_of(scenario: str, number: int = 0) -> WorldSpec:
-    """World `number` of a scenario type."""
-    return plan_group(SEED, SCENARIO_NAMES.index(scenario) + len(SCENARIO_NAMES) * number).spec
+    """World `number` of a scenario type, counting those that the expert masters and that branch."""
+    drives = (drive_of(scenario, drawn) for drawn in range(_MOST_DRAWN))
+    usable = (drive.spec for drive in drives if drive.clean and drive.branch is not None)
+    found = next(islice(usable, number, None), None)
+    if found is None:
+        raise AssertionError(f"{scenario} has no {number + 1} worlds that branch among {_MOST_DRAWN}")
+    return found
 
 
 @cache
@@ -36,15 +67,21 @@ def branch_of(scenario: str, number: int = 0) -> Branch:
     return branch
 
 
+def execute(scenario: str, action_key: str, number: int = 0) -> Run:
+    """Rollout of an intervention, executed now and not kept."""
+    nominal, branch = nominal_of(scenario, number), branch_of(scenario, number)
+    return run(nominal.spec, BANK[action_key], branch_tick=branch.branch_tick, nominal=nominal.log.applied)
+
+
 @cache
 def intervention_of(scenario: str, action_key: str, number: int = 0) -> Run:
     """Rollout of an intervention."""
-    nominal, branch = nominal_of(scenario, number), branch_of(scenario, number)
-    return run(nominal.spec, BANK[action_key], branch_tick=branch.branch_tick, nominal=nominal.log.applied)
+    return execute(scenario, action_key, number)
 
 
 def digest(rollout: Run) -> str:
     """Digest of everything that was logged."""
     log = rollout.log
-    arrays = (log.expert, log.applied, log.bodies, log.vehicle, log.plan, log.touched, log.collided)
+    decided = (log.expert, log.applied, log.lane_shift_m, log.plan)
+    arrays = (*decided, log.bodies, log.vehicle, log.touched, log.collided, log.light)
     return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()

@@ -71,3 +71,19 @@ def test_a_side_impact_turns_the_ego_and_tyres_stop_the_slide() -> None:
     assert abs(rows["yaw_rad"][-1]) > 0.05
     assert np.abs(rows[["vel_x_mps", "vel_y_mps"]][-1].tolist()).max() < 1e-6
     assert EGO == 0
+
+
+def test_actors_go_through_each_other_while_nobody_was_hit() -> None:
+    plane = Plane(0.0, standing(Kind.VEHICLE, CAR, 20.0), standing(Kind.VEHICLE, CAR, 22.0))
+    plane.drive(10)
+    assert not plane.contacts.hit.any()
+    assert plane.bodies["x_m"][1:].tolist() == [20.0, 22.0]
+
+
+def test_who_is_hit_by_a_loose_body_is_loose_as_well() -> None:
+    loose = Body(Kind.VEHICLE, Behaviour.FREE, CAR, 14.0, 0.0, 0.0, 10.0)
+    plane = Plane(0.0, loose, standing(Kind.VEHICLE, CAR, 20.0))
+    plane.drive(20)
+    assert plane.bodies["behaviour"][2] == Behaviour.FREE
+    assert plane.bodies["x_m"][2] > 20.5
+    assert not plane.contacts.touching.any()

@@ -131,7 +131,12 @@ def full_descriptor() -> dict[str, Any]:
         "action_bank": {"name": bank["name"], "policies": [bank["policies"][index] for index in (0, 1, 7)]},
         "action_encoding": {"name": "bd29", "width": 29, "sha256": "0" * 64},
         "tolerances": {"actuator": 0.0, "evidence": 1e-06},
-        "collection": {"seed": 7, "replay_noise": 0.0, "faults": {"late_control": 0.25}},
+        "collection": {
+            "seed": 7,
+            "replay_noise": 0.0,
+            "faults": {"late_control": 0.25},
+            "scenario_types": ["HardBrake", "ParkedObstacle"],
+        },
     }
 
 

@@ -116,6 +116,8 @@ _SUMMARIES = {
     "validate": "check a dataset against the specification",
     "rules": "list the rules, or explain one",
     "collect": "collect a dataset in the reference world",
+    "draw": "draw branch groups: the map, the actors and the futures of every candidate",
+    "study": "show what a dataset contains: population, outcomes, replay fidelity",
 }
 
 

@@ -76,13 +76,27 @@ class Tolerances(_Document):
 
 
 class Collection(_Document):
-    """What the collector switched on: seed, replay noise and injected faults with their rates."""
+    """What the collector switched on.
+
+    Attributes:
+        seed: Seed of the collection.
+        replay_noise: Strength of the noise of replays; 0 is off.
+        faults: Rates of injected faults by name.
+        scenario_types: Scenario types that the plan was restricted to; empty if it was not.
+    """
 
     seed: Annotated[Integer, Field(ge=0, le=9223372036854775807)]
     replay_noise: Annotated[float, Field(ge=0, le=100)] = 0.0
     faults: Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)] = Field(
         default_factory=dict
     )
+    scenario_types: Annotated[tuple[_Name, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
+
+    @model_validator(mode="after")
+    def _scenario_types_differ(self) -> Self:
+        if len(set(self.scenario_types)) != len(self.scenario_types):
+            raise ValueError("scenario_types must not repeat")
+        return self
 
 
 class Descriptor(_Document):

@@ -1,0 +1,81 @@
+"""Turns across or into a flow that has priority: the expert waits for a gap."""
+
+from __future__ import annotations
+
+from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.scenarios.flow import flow, rival_tracks
+from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene, green_on_arrival
+from branchdrive_reference.scenarios.stage import Stage
+from branchdrive_reference.scenarios.trigger import brake_trigger
+from branchdrive_reference.town.crossroads import Control, Crossroads
+from branchdrive_reference.town.lane import Turn
+from branchdrive_reference.town.route import Place, Route
+from branchdrive_reference.town.track import EGO_TRACK, route_tracks
+from branchdrive_reference.world.body import Body
+
+__all__ = ["NonSignalizedJunctionLeftTurn", "NonSignalizedJunctionRightTurn", "SignalizedJunctionLeftTurn"]
+
+_ACTIVE_M = 55.0
+_FLOW = (4, 7)
+_HEADWAY_S = (1.7, 2.8)
+_EARLY_S = (-4.0, -1.5)
+"""When the first vehicle is in the ego's way, after the ego would be at the line."""
+
+
+class JunctionTurn(Scenario):
+    """What these scenarios share; the hazard is active from some way before the junction."""
+
+    ambient = Ambient(ahead=False, crossing=False)
+    turn: Turn
+    signalized: bool
+
+    def fits(self, route: Route, crossroads: Crossroads | None) -> bool:
+        """A turn of the right kind at which the ego yields to somebody."""
+        if route.place is not Place.JUNCTION or route.turn is not self.turn or crossroads is None:
+            return False
+        if (crossroads.control is Control.SIGNAL) != self.signalized:
+            return False
+        conflicts = route_tracks(route.town, route.route_id).conflicts
+        return bool(((conflicts["track"] == EGO_TRACK) & (conflicts["yields"] == 1)).any())
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """One flow, from a side that has priority."""
+        rivals = rival_tracks(stage, ego_yields=True)
+        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_VARIANT)]
+        _, other_at_m = stage.meeting_m(track)
+        first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(*_EARLY_S, Purpose.SCENARIO_TIMING)
+        count = _FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_STRENGTH)
+        eagerness = stage.draw(0.9, 1.02, Purpose.SCENARIO_SPEED)
+        return flow(stage, track, other_at_m, max(first_s, 1.0), count, _HEADWAY_S, eagerness=eagerness)
+
+    def update(self, scene: Scene, _tick: int) -> bool:
+        """The flow drives by itself."""
+        return scene.way_to_m(scene.stage.site_m) < _ACTIVE_M
+
+    def signal_offset(self, stage: Stage) -> int:
+        """The ego comes at green."""
+        return green_on_arrival(stage, stage.draw(4.0, 6.0, Purpose.SIGNAL_OFFSET))
+
+
+class SignalizedJunctionLeftTurn(JunctionTurn):
+    """A left turn at green, across the opposite flow."""
+
+    name = "SignalizedJunctionLeftTurn"
+    trigger = brake_trigger("signalized-left-onset 1")
+    turn, signalized = Turn.LEFT, True
+
+
+class NonSignalizedJunctionLeftTurn(JunctionTurn):
+    """A left turn without signals."""
+
+    name = "NonSignalizedJunctionLeftTurn"
+    trigger = brake_trigger("non-signalized-left-onset 1")
+    turn, signalized = Turn.LEFT, False
+
+
+class NonSignalizedJunctionRightTurn(JunctionTurn):
+    """A right turn into a flow that has priority."""
+
+    name = "NonSignalizedJunctionRightTurn"
+    trigger = brake_trigger("non-signalized-right-onset 1")
+    turn, signalized = Turn.RIGHT, False

@@ -1,0 +1,66 @@
+"""VehicleTurningRoute: where the ego leaves a junction after a turn, a cyclist or pedestrian crosses its road."""
+
+from __future__ import annotations
+
+from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.scenarios.crossing import Crossing
+from branchdrive_reference.scenarios.scenario import Ambient, green_on_arrival
+from branchdrive_reference.scenarios.sizes import BICYCLE, PEDESTRIAN
+from branchdrive_reference.scenarios.stage import Stage
+from branchdrive_reference.scenarios.trigger import brake_trigger
+from branchdrive_reference.town.crossroads import Control, Crossroads
+from branchdrive_reference.town.lane import Lane, Turn
+from branchdrive_reference.town.route import Place, Route
+from branchdrive_reference.world.body import Kind
+
+__all__ = ["VehicleTurningRoute", "VehicleTurningRoutePedestrian"]
+
+_BEHIND_JUNCTION_M = 4.0
+_RUN_UP_S = 2.0
+
+
+class VehicleTurningRoute(Crossing):
+    """A cyclist crosses; the hazard is active once it sets out."""
+
+    name = "VehicleTurningRoute"
+    trigger = brake_trigger("turning-route-onset 1")
+    ambient = Ambient(ahead=False, crossing=False)
+    kind, size = Kind.CYCLE, BICYCLE
+    speed_mps = (2.6, 4.0)
+    meeting_m = (-1.2, 1.6)
+
+    def fits(self, route: Route, crossroads: Crossroads | None) -> bool:
+        """A turn at a junction where the ego need not stop."""
+        if route.place is not Place.JUNCTION or route.turn is Turn.STRAIGHT or crossroads is None:
+            return False
+        return crossroads.control is Control.SIGNAL or route.chain[0].way[0] in crossroads.major
+
+    def lane(self, stage: Stage) -> Lane:
+        """The lane behind the junction."""
+        return stage.tables.route.chain[-1]
+
+    def place_m(self, stage: Stage) -> float:
+        """Right behind the junction."""
+        return stage.tables.route.junction_m[1] + _BEHIND_JUNCTION_M
+
+    def start_offset_m(self, stage: Stage) -> float:
+        """Beside the road, on either side."""
+        lane = self.lane(stage)
+        from_left = choice(2, stage.seed, Purpose.SCENARIO_VARIANT) == 1
+        edge_m = lane.left_edge_m if from_left else lane.right_edge_m
+        distance_m = max(edge_m + 0.8, _RUN_UP_S * self.draw_speed_mps(stage))
+        return distance_m if from_left else -distance_m
+
+    def signal_offset(self, stage: Stage) -> int:
+        """The ego comes at green."""
+        return green_on_arrival(stage, 4.0)
+
+
+class VehicleTurningRoutePedestrian(VehicleTurningRoute):
+    """A pedestrian crosses."""
+
+    name = "VehicleTurningRoutePedestrian"
+    trigger = brake_trigger("turning-route-pedestrian-onset 1")
+    kind, size = Kind.PEDESTRIAN, PEDESTRIAN
+    speed_mps = (1.3, 2.0)
+    meeting_m = (-0.8, 1.0)

@@ -1,0 +1,68 @@
+"""The registry: names and trigger definitions are unique, and every accepted route can be staged."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from tests.reference_impl.simulation.worlds import SCENARIO_NAMES
+
+from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
+from branchdrive_reference.scenarios.scenario import Scenario
+from branchdrive_reference.simulation.spec import WorldSpec
+from branchdrive_reference.simulation.world import World
+from branchdrive_reference.town.registry import TOWN_NAMES
+from branchdrive_reference.world.body import Body
+
+MIN_ROUTES = 8
+each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+
+
+@each_scenario
+def test_a_type_is_registered_under_the_name_of_its_class(scenario: str) -> None:
+    assert SCENARIOS[scenario].name == type(SCENARIOS[scenario]).__name__ == scenario
+
+
+def test_names_are_unique_and_in_order() -> None:
+    assert len(SCENARIO_NAMES) >= 14
+    assert list(SCENARIO_NAMES) == sorted(set(SCENARIO_NAMES))
+
+
+def test_trigger_definitions_are_versioned_and_unique() -> None:
+    definitions = [scenario.trigger.definition for scenario in SCENARIOS.values()]
+    assert len(set(definitions)) == len(definitions)
+    assert all(re.fullmatch(r"[a-z][a-z-]* [1-9][0-9]*", definition) for definition in definitions)
+
+
+@each_scenario
+def test_a_type_fits_enough_routes(scenario: str) -> None:
+    routes = scenario_routes(scenario)
+    assert len(routes) >= MIN_ROUTES
+    assert len({(route.town, route.route_id) for route in routes}) == len(routes)
+
+
+def test_every_town_is_used() -> None:
+    assert {route.town for name in SCENARIO_NAMES for route in scenario_routes(name)} == set(TOWN_NAMES)
+
+
+@each_scenario
+def test_every_accepted_route_can_be_staged(scenario: str) -> None:
+    for seed, route in enumerate(scenario_routes(scenario)):
+        world = World(WorldSpec(scenario, route.town, route.route_id, "clear-noon", seed))
+        world.think()
+        poses = np.array([world.bodies[name] for name in ("x_m", "y_m", "yaw_rad", "speed_mps")])
+        assert np.isfinite(poses).all(), route.route_id
+
+
+@each_scenario
+def test_instances_hold_no_state(scenario: str) -> None:
+    route = scenario_routes(scenario)[0]
+
+    def staged() -> list[Body]:
+        world = World(WorldSpec(scenario, route.town, route.route_id, "clear-noon", 5))
+        return world.scenario.bodies(world.scene.stage)
+
+    assert staged() == staged()
+    assert vars(SCENARIOS[scenario]) == {}
+    assert isinstance(SCENARIOS[scenario], Scenario)
