@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from branchdrive.dataset.layout import DESCRIPTOR_FILE
 from branchdrive.dataset.writer import DatasetWriter
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.collection import collection_descriptor
+from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
 from branchdrive_reference.collect.group import GroupReport
 from branchdrive_reference.collect.plan import plan_group
 from branchdrive_reference.collect.pool import execute_groups
@@ -45,12 +47,22 @@ class CampaignReport:
         return self.num_ticks / self.seconds
 
 
-def _ignore(_finished: int, _ticks: int) -> None:
+def _ignore(*_: object) -> None:
     """Nobody watches."""
 
 
 def collect(
-    root: Path, *, num_groups: int, seed: int, jobs: int = 1, watch: Callable[[int, int], None] = _ignore
+    root: Path,
+    *,
+    num_groups: int,
+    seed: int,
+    replay_noise: float = 0.0,
+    faults: Mapping[str, float] | None = None,
+    scenario_types: Sequence[str] = (),
+    jobs: int = 1,
+    resume: bool = False,
+    foresee: Callable[[DiskNeed], None] = _ignore,
+    watch: Callable[[int, int], None] = _ignore,
 ) -> CampaignReport:
     """Collect a dataset at `root`, or go on with one that was interrupted.
 
@@ -58,19 +70,30 @@ def collect(
         root: Folder of the dataset.
         num_groups: Branch groups of the whole dataset.
         seed: Seed of the collection.
+        replay_noise: Strength of the noise of replays; 0 replays exactly.
+        faults: Rates of injected faults by name.
+        scenario_types: Scenario types to plan; all registered ones by default.
         jobs: Worker processes; 1 works in this process.
+        resume: Whether the folder must hold this collection already.
+        foresee: Called with the room that the groups still take, before the first of them.
         watch: Called with the number of finished groups and of ticks executed by this run, at the
             beginning and after every group.
 
     Raises:
-        UsageError: The folder holds something else, or another collector works on it, or the dataset
-            is finished with fewer groups: what is finished keeps its version.
+        UsageError: The folder holds something else or nothing to be resumed, another collector works
+            on it, the groups do not fit on the disk, a scenario type is unknown, or the dataset is
+            finished with fewer groups: what is finished keeps its version.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     begin_s = time.perf_counter()
-    descriptor = collection_descriptor(seed)
-    with DatasetWriter(root, descriptor) as writer:
-        plans = [plan_group(seed, index) for index in range(num_groups)]
+    descriptor = collection_descriptor(seed, replay_noise=replay_noise, faults=faults, scenario_types=scenario_types)
+    if not (root / DESCRIPTOR_FILE).exists():
+        if resume:
+            raise UsageError(f"{root}: holds no collection to resume; leave out --resume to begin one")
+        disk_need(root, num_groups, jobs=jobs).check(root)  # before anything is created
+    with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD) as writer:
+        selected = descriptor.collection.scenario_types
+        plans = [plan_group(seed, index, selected) for index in range(num_groups)]
         missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
         num_found = num_groups - len(missing)
         if writer.is_finished and missing:
@@ -78,12 +101,18 @@ def collect(
                 f"{root}: is a finished dataset of {num_found} groups, which stays as it is; "
                 f"choose another folder to collect {num_groups}"
             )
+        if missing:
+            need = disk_need(root, len(missing), jobs=jobs)
+            need.check(root)
+            foresee(need)
         reports: list[GroupReport] = []
-        watch(num_found, 0)
+        num_ticks = 0
+        watch(num_found, num_ticks)
         with closing(execute_groups(root, descriptor, missing, jobs=jobs)) as finished:
             for report in finished:
                 reports.append(report)
+                num_ticks += report.num_ticks
                 writer.commit()
-                watch(num_found + len(reports), sum(done.num_ticks for done in reports))
+                watch(num_found + len(reports), num_ticks)
         identity = writer.finalize()
     return CampaignReport(tuple(reports), num_found, time.perf_counter() - begin_s, identity)

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import math
+import shlex
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.cli.progress import progress_bar
+from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.errors import UsageError
+from branchdrive_reference.collect.fault import Fault, parse_faults
+from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
 
 if TYPE_CHECKING:
     from branchdrive_reference.collect.campaign import CampaignReport
+    from branchdrive_reference.collect.disk import DiskNeed
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -19,6 +26,8 @@ SUMMARY = "collect a dataset in the reference world"
 EXIT_INTERRUPTED = 130
 _MAX_SEED = 2**63 - 1
 _MAX_COUNT = 1_000_000
+_MAX_STRENGTH = 100.0
+_MAX_LISTED = 10
 
 
 def count(text: str) -> int:
@@ -37,60 +46,148 @@ def seed(text: str) -> int:
     return value
 
 
+def strength(text: str) -> float:
+    """The strength of replay noise; `argparse` names this function in its messages."""
+    value = float(text)
+    if not (math.isfinite(value) and 0 <= value <= _MAX_STRENGTH):
+        raise argparse.ArgumentTypeError(f"{value} is not in 0 .. {_MAX_STRENGTH:g}")
+    return value
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
+    presets = ", ".join(f"{name} ({preset.num_groups:,} groups)" for name, preset in PRESETS.items())
+    fault_presets = " or ".join(FAULT_PRESETS)
     parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
-    parser.add_argument("--groups", metavar="N", type=count, required=True, help="branch groups to collect")
+    parser.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
+    parser.add_argument(
+        "--preset", choices=PRESETS, help=f"defaults of groups, replay noise and faults: {presets}; options override it"
+    )
     parser.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
-    parser.add_argument("--jobs", metavar="J", type=count, default=1, help="worker processes (default: 1)")
+    parser.add_argument("--jobs", metavar="J", type=count, help="worker processes (default: 1)")
+    parser.add_argument(
+        "--scenario", metavar="NAME", action="append", help="collect this scenario type only; can be repeated"
+    )
+    parser.add_argument(
+        "--replay-noise", metavar="STRENGTH", type=strength, help="declared noise of replays; 0 replays exactly"
+    )
+    parser.add_argument(
+        "--faults",
+        metavar="SPEC",
+        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(Fault)}",
+    )
+    parser.add_argument(
+        "--no-media", action="store_true", help="structured streams only, which is all that this version records"
+    )
+    parser.add_argument("--resume", action="store_true", help="refuse to begin: OUT must hold this collection already")
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """Options that a preset gives defaults for."""
+
+    num_groups: int
+    replay_noise: float
+    faults: dict[str, float]
+
+
+def _choose(args: argparse.Namespace) -> _Choice:
+    preset = PRESETS.get(args.preset)
+    num_groups = args.groups or (preset and preset.num_groups)
+    if not num_groups:
+        raise UsageError(f"how many groups? give --groups N or --preset {'|'.join(PRESETS)}")
+    noise = args.replay_noise if args.replay_noise is not None else (preset.replay_noise if preset else 0.0)
+    text = args.faults if args.faults is not None else (args.preset if args.preset in FAULT_PRESETS else "none")
+    return _Choice(num_groups, noise, parse_faults(text, FAULT_PRESETS))
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Collect, finish the dataset and print a summary; 130 if interrupted.
 
     Raises:
-        UsageError: The folder cannot be used, or the extra is not installed.
+        UsageError: The options do not go together, the folder cannot be used, the dataset does not
+            fit on its disk, or the extra is not installed.
     """
+    chosen = _choose(args)
     try:
         from branchdrive_reference.collect.campaign import collect
     except ModuleNotFoundError as error:
         raise UsageError(f"`collect` needs the package {error.name!r}: pip install 'branchdrive[sim]'") from error
 
     finished = 0
+    show: Update | None = None
 
-    def note(groups: int, ticks: int) -> None:
-        nonlocal finished
-        finished = groups
-        show(groups, args.groups, f"{ticks:,} ticks")
+    def foresee(need: DiskNeed) -> None:
+        stdout.write(f"disk      {need}\n")
+        stdout.flush()
 
     try:
-        with progress_bar(stderr, "collecting groups") as show:
-            report = collect(args.out, num_groups=args.groups, seed=args.seed, jobs=args.jobs, watch=note)
+        with ExitStack() as stack:
+
+            def note(groups: int, ticks: int) -> None:
+                nonlocal finished, show
+                if show is None:  # the bar begins below the lines that come before it
+                    show = stack.enter_context(progress_bar(stderr, "collecting groups"))
+                finished = groups
+                show(groups, chosen.num_groups, f"{ticks:,} ticks")
+
+            report = collect(
+                args.out,
+                num_groups=chosen.num_groups,
+                seed=args.seed,
+                replay_noise=chosen.replay_noise,
+                faults=chosen.faults,
+                scenario_types=args.scenario or (),
+                jobs=args.jobs or 1,
+                resume=args.resume,
+                foresee=foresee,
+                watch=note,
+            )
     except KeyboardInterrupt:
-        stderr.write(_interruption(args, finished))
+        progress = f"{finished} of {chosen.num_groups} groups are finished"
+        stderr.write(f"interrupted; {progress}. To go on, run: {_command_line(args)}\n")
         return EXIT_INTERRUPTED
     stdout.write(_summary(args, report))
     return 0
 
 
-def _interruption(args: argparse.Namespace, finished: int) -> str:
-    command = f"branchdrive collect {args.out} --groups {args.groups} --seed {args.seed} --jobs {args.jobs}"
-    return f"interrupted; {finished} of {args.groups} groups are finished. To go on, run: {command}\n"
+def _command_line(args: argparse.Namespace) -> str:
+    """The command with every option that was given, quoted for a shell."""
+    options = {
+        "--groups": args.groups,
+        "--preset": args.preset,
+        "--seed": args.seed,
+        "--jobs": args.jobs,
+        "--replay-noise": args.replay_noise,
+        "--faults": args.faults,
+    }
+    out = str(args.out)
+    words = ["branchdrive", "collect", f"./{out}" if out.startswith("-") else out]
+    words += [word for name, value in options.items() if value is not None for word in (name, str(value))]
+    words += [word for name in args.scenario or () for word in ("--scenario", name)]
+    words += [name for name, is_given in (("--no-media", args.no_media), ("--resume", args.resume)) if is_given]
+    return shlex.join(words)
 
 
 def _summary(args: argparse.Namespace, report: CampaignReport) -> str:
     simulated = sum(group.num_simulated for group in report.groups)
     reused = sum(group.num_reused for group in report.groups)
     unbranched = [group for group in report.groups if group.unbranched_because]
-    jobs = "1 job" if args.jobs == 1 else f"{args.jobs} jobs"
+    reasons = [f"          {group.group_id} has no branch: {group.unbranched_because}" for group in unbranched]
+    if len(reasons) > _MAX_LISTED:
+        reasons[_MAX_LISTED:] = [f"          {len(reasons) - _MAX_LISTED:,} more have no branch"]
+    num_stopped = sum(bool(group.stopped_because) for group in report.groups)
+    num_jobs = args.jobs or 1
+    jobs = "1 job" if num_jobs == 1 else f"{num_jobs} jobs"
     lines = [
         f"groups    {len(report.groups):,} collected, {report.num_found:,} found finished",
-        *(f"          {group.group_id} has no branch: {group.unbranched_because}" for group in unbranched),
+        *reasons,
+        *([f"          {num_stopped:,} stopped early by injected faults"] if num_stopped else []),
         f"rollouts  {simulated:,} simulated, {reused:,} found finished",
         f"ticks     {report.num_ticks:,} in {report.seconds:.1f} s with {jobs}, writing included: "
         f"{report.ticks_per_s:,.0f} ticks/s",
         f"dataset   {args.out}",
         f"identity  {report.identity}",
-        f"next      branchdrive-validate {args.out}",
+        f"next      {shlex.join(['branchdrive-validate', str(args.out)])}",
     ]
     return "\n".join(lines) + "\n"

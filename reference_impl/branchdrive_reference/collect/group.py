@@ -10,24 +10,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from branchdrive.audit.rollout import check_rollout
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.policy import ACTUATORS, Policy
 from branchdrive.dataset.group_writer import GroupWriter
 from branchdrive.dataset.rollout import Rollout
+from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
 from branchdrive_reference.collect.plan import GroupPlan
+from branchdrive_reference.collect.script import Attempt, group_script
 from branchdrive_reference.scenarios.trigger import Branch
-from branchdrive_reference.simulation.record import record
-from branchdrive_reference.simulation.rollout import Run, find_branch, run
+from branchdrive_reference.simulation.rollout import Run, find_branch
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 
-__all__ = ["NUM_NOMINAL_REPLAYS", "PROTOCOL_VARIANT", "GroupReport", "collect_group"]
-
-PROTOCOL_VARIANT = "reference-1"
-NUM_NOMINAL_REPLAYS = 2
+__all__ = ["GroupReport", "collect_group"]
 
 _BRANCH_COLUMNS = (
     "branch_tick", "branch_frame", "trigger_definition", "trigger_rollout_id", "trigger_tick",
@@ -45,6 +39,7 @@ class GroupReport:
         num_reused: Rollouts found finished.
         num_ticks: Ticks that were executed.
         unbranched_because: Why no replay was spent on the group; empty if it was branched.
+        stopped_because: Why injected faults ended the group early; empty if they did not.
     """
 
     group_id: str
@@ -52,6 +47,7 @@ class GroupReport:
     num_reused: int = 0
     num_ticks: int = 0
     unbranched_because: str = ""
+    stopped_because: str = ""
 
 
 @dataclass
@@ -64,33 +60,37 @@ class _Collection:
     def __post_init__(self) -> None:
         self.report = GroupReport(self.plan.group_id)
 
-    def nominal(self) -> Rollout:
-        """The nominal rollout, reused or executed, with the branch that its trigger finds."""
-        policy = self.descriptor.action_bank.nominal
-        found = self._reuse("nominal", policy.key)
+    def nominal(self, attempt: Attempt) -> Rollout:
+        """A nominal pass, reused or executed, with the branch that its trigger finds."""
+        found = self._reuse(attempt)
         if found is not None:
             return found
-        executed = run(self.plan.spec, policy)
-        complete = executed.ending.partial_reason is None
-        branch = find_branch(executed) if complete else None
-        return self._write("nominal", executed, lambda rollout_id: _branch_fields(branch, rollout_id))
+        executed = execute_attempt(attempt, self.plan.spec, 0.0, None)
+        is_complete = executed.ending.partial_reason is None and not attempt.is_failure
+        branch = find_branch(executed) if is_complete else None
+        return self._write(attempt, executed, None, lambda rollout_id: _branch_fields(branch, rollout_id))
 
-    def replay(self, role: str, policy: Policy, nominal: Rollout, attempt: int = 1) -> None:
+    def replay(self, attempt: Attempt, nominal: Rollout) -> None:
         """One matched replay against the nominal rollout."""
-        if self._reuse(role, policy.key, attempt) is None:
-            executed = run(self.plan.spec, policy, branch_tick=nominal.branch_tick, nominal=_applied(nominal))
+        if self._reuse(attempt) is None:
+            noise = self.descriptor.collection.replay_noise
+            executed = execute_attempt(attempt, self.plan.spec, noise, nominal)
             shared = {name: nominal.record[name] for name in _BRANCH_COLUMNS}
-            self._write(role, executed, lambda _: {**shared, "nominal_rollout_id": nominal.rollout_id})
+            self._write(attempt, executed, nominal, lambda _: {**shared, "nominal_rollout_id": nominal.rollout_id})
 
-    def _reuse(self, role: str, action_key: str, attempt: int = 1) -> Rollout | None:
-        found = self.writer.find(role, action_key, attempt)
+    def _reuse(self, attempt: Attempt) -> Rollout | None:
+        found = self.writer.find(attempt.role, attempt.policy.key, attempt.number)
         self.report.num_reused += found is not None
         return found
 
-    def _write(self, role: str, executed: Run, link: Callable[[str], dict[str, Any]]) -> Rollout:
+    def _write(
+        self, attempt: Attempt, executed: Run, nominal: Rollout | None, link: Callable[[str], dict[str, Any]]
+    ) -> Rollout:
         """Write an executed rollout; `link` gives its branch and nominal columns for its rollout id."""
-        recorded = record(executed)
-        writer = self.writer.begin_rollout(role=role, action_key=executed.policy.key, protocol_variant=PROTOCOL_VARIANT)
+        recorded = record_attempt(attempt, executed, nominal)
+        writer = self.writer.begin_rollout(
+            role=attempt.role, action_key=attempt.policy.key, protocol_variant=protocol_variant(attempt)
+        )
         writer.append_ticks(**recorded.controls)
         writer.append_observations(**recorded.observations)
         writer.append_actors(**recorded.actors)
@@ -103,9 +103,14 @@ class _Collection:
             repetition=self.plan.repetition,
             simulator_version=f"{SIMULATOR_NAME} {SIMULATOR_VERSION}",
             collector_version=f"{COLLECTOR_NAME} {COLLECTOR_VERSION}",
-            provenance=f"{role} of planned group {self.plan.index}, collection seed "
-            f"{self.descriptor.collection.seed}, executed from tick 0",
+            provenance=self._provenance(attempt),
         )
+
+    def _provenance(self, attempt: Attempt) -> str:
+        place = f"{attempt.role} of planned group {self.plan.index}"
+        origin = f"{place}, collection seed {self.descriptor.collection.seed}, executed from tick 0"
+        faults = " and ".join(attempt.faults)
+        return f"{origin}, with the injected fault {faults}" if faults else origin
 
 
 def _branch_fields(branch: Branch | None, rollout_id: str) -> dict[str, Any]:
@@ -122,11 +127,6 @@ def _branch_fields(branch: Branch | None, rollout_id: str) -> dict[str, Any]:
         "trigger_threshold": branch.threshold,
         "trigger_confidence": branch.confidence,
     }
-
-
-def _applied(nominal: Rollout) -> NDArray[np.float32]:
-    """Applied commands of a nominal rollout, float32 ``[ticks, 3]``."""
-    return np.stack([nominal.column("controls", f"applied_{actuator}") for actuator in ACTUATORS], axis=1)
 
 
 def _unbranched_because(nominal: Rollout, descriptor: Descriptor) -> str:
@@ -151,16 +151,17 @@ def collect_group(
         between: Called before every rollout; an exception from it leaves the group open.
     """
     collection = _Collection(writer, descriptor, plan)
-    between()
-    nominal = collection.nominal()
+    script = group_script(descriptor, plan.index)
+    nominals: list[Rollout] = []
+    for attempt in script.nominal:
+        between()
+        nominals.append(collection.nominal(attempt))
+    nominal = next((made for made in nominals if made.record["status"] == "complete"), nominals[-1])
     collection.report.unbranched_because = _unbranched_because(nominal, descriptor)
     if collection.report.unbranched_because:
         return collection.report
-    bank = descriptor.action_bank
-    for policy in bank.interventions:
+    collection.report.stopped_because = script.stopped_because
+    for attempt in script.replays:
         between()
-        collection.replay("intervention", policy, nominal)
-    for attempt in range(1, NUM_NOMINAL_REPLAYS + 1):
-        between()
-        collection.replay("nominal_replay", bank.nominal, nominal, attempt)
+        collection.replay(attempt, nominal)
     return collection.report

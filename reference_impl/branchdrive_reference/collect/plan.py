@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from branchdrive.errors import UsageError
 from branchdrive_reference.noise import Purpose, choice, integer
-from branchdrive_reference.scenarios.registry import SCENARIOS
+from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.environment import ENVIRONMENTS
-from branchdrive_reference.town.reference_town import reference_town
-from branchdrive_reference.town.route import town_routes
 
-__all__ = ["GroupPlan", "plan_group"]
+__all__ = ["GroupPlan", "plan_group", "select_scenarios"]
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,35 @@ class GroupPlan:
     repetition: int = 0
 
 
-def plan_group(seed: int, index: int) -> GroupPlan:
-    """The group at `index` of the collection with `seed`: scenario types take turns, the rest is drawn."""
-    scenarios = tuple(SCENARIOS.values())
+def select_scenarios(names: Sequence[str]) -> tuple[str, ...]:
+    """The named scenario types in registered order, each once; empty if that is all of them, or none is named.
+
+    Raises:
+        UsageError: A name is not registered.
+    """
+    unknown = [name for name in names if name not in SCENARIOS]
+    if unknown:
+        raise UsageError(f"unknown scenario type {unknown[0]!r}; choose from {', '.join(SCENARIOS)}")
+    selected = tuple(name for name in SCENARIOS if name in names)
+    return selected if len(selected) < len(SCENARIOS) else ()
+
+
+def plan_group(seed: int, index: int, scenario_types: Sequence[str] = ()) -> GroupPlan:
+    """The group at `index` of the collection with `seed`: scenario types take turns, the rest is drawn.
+
+    Args:
+        seed: Seed of the collection.
+        index: Place of the group.
+        scenario_types: Scenario types that take turns, in registered order; all if there is none.
+    """
+    scenarios = tuple(s for s in SCENARIOS.values() if not scenario_types or s.name in scenario_types)
     scenario = scenarios[index % len(scenarios)]
-    routes, environments = tuple(town_routes(reference_town())), tuple(ENVIRONMENTS)
+    routes, environments = scenario_routes(scenario.name), tuple(ENVIRONMENTS)
+    route = routes[choice(len(routes), seed, Purpose.PLAN_ROUTE, index)]
     spec = WorldSpec(
         scenario_type=scenario.name,
-        route_id=routes[choice(len(routes), seed, Purpose.PLAN_ROUTE, index)],
+        town=route.town,
+        route_id=route.route_id,
         environment=environments[choice(len(environments), seed, Purpose.PLAN_ENVIRONMENT, index)],
         seed=integer(seed, Purpose.PLAN_SEED, index),
     )

@@ -7,13 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from branchdrive import DatasetWriter, check_rollout
+from branchdrive import DatasetWriter, Descriptor, check_rollout
 from branchdrive_reference.collect.collection import collection_descriptor
-from branchdrive_reference.collect.group import NUM_NOMINAL_REPLAYS, GroupReport, collect_group
+from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.plan import GroupPlan, plan_group
+from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
+from branchdrive_reference.simulation.rollout import run
+from branchdrive_reference.simulation.spec import WorldSpec
 
 SEED = 20
 DESCRIPTOR = collection_descriptor(SEED)
+FAULTY = collection_descriptor(SEED, faults={"partial": 0.15, "quarantined": 0.1, "duplicate": 0.2, "late_branch": 0.2})
 ROLLOUTS = len(DESCRIPTOR.action_bank.policies) + NUM_NOMINAL_REPLAYS
 
 
@@ -32,13 +36,15 @@ def interrupt_after(count: int) -> object:
     return between
 
 
-def collect_one(root: Path, plan: GroupPlan, between: object = lambda: None) -> GroupReport:
-    with DatasetWriter(root, DESCRIPTOR) as writer, writer.begin_group(plan.group_id, index=plan.index) as group:
-        return collect_group(group, DESCRIPTOR, plan, between=between)  # type: ignore[arg-type]
+def collect_one(
+    root: Path, plan: GroupPlan, between: object = lambda: None, descriptor: Descriptor = DESCRIPTOR
+) -> GroupReport:
+    with DatasetWriter(root, descriptor) as writer, writer.begin_group(plan.group_id, index=plan.index) as group:
+        return collect_group(group, descriptor, plan, between=between)  # type: ignore[arg-type]
 
 
-def identity(root: Path) -> str:
-    with DatasetWriter(root, DESCRIPTOR) as writer:
+def identity(root: Path, descriptor: Descriptor = DESCRIPTOR) -> str:
+    with DatasetWriter(root, descriptor) as writer:
         return writer.finalize()
 
 
@@ -75,3 +81,82 @@ def test_no_replay_is_spent_on_a_partial_nominal(tmp_path: Path) -> None:
     report = collect_one(tmp_path / "d", short)
     assert report.num_simulated == 1
     assert "gave up at tick 100" in report.unbranched_because
+
+
+@pytest.fixture(scope="module")
+def eventful() -> tuple[GroupPlan, GroupScript]:
+    """A group whose nominal needs a second attempt, and which is collected to its end."""
+    for index in range(1000):
+        script = group_script(FAULTY, index)
+        if script.nominal[0].is_failure and not script.stopped_because and len(script.nominal) == 2:
+            return plan_group(SEED, index), script
+    raise AssertionError("no such group among a thousand")
+
+
+@pytest.fixture(scope="module")
+def eventful_identity(eventful: tuple[GroupPlan, GroupScript], tmp_path_factory: pytest.TempPathFactory) -> str:
+    root = tmp_path_factory.mktemp("whole") / "d"
+    collect_one(root, eventful[0], descriptor=FAULTY)
+    return identity(root, FAULTY)
+
+
+def test_attempts_are_made_as_the_script_says(tmp_path: Path, eventful: tuple[GroupPlan, GroupScript]) -> None:
+    plan, script = eventful
+    with DatasetWriter(tmp_path / "d", FAULTY) as writer:
+        with writer.begin_group(plan.group_id, index=0) as group:
+            report = collect_group(group, FAULTY, plan)
+        made = {(r.record["role"], r.record["action_key"], r.record["attempt"]): r.record for r in group.rollouts}
+    attempts = [*script.nominal, *script.replays]
+    assert report.num_simulated == len(made) == len(attempts)
+    statuses = {"partial": "partial", "quarantined": "quarantined"}
+    for attempt in attempts:
+        record = made[attempt.role, attempt.policy.key, attempt.number]
+        assert record["status"] == statuses.get(attempt.fault or "", "complete")
+        if attempt.role != "nominal":
+            assert record["nominal_rollout_id"] == made["nominal", "nominal", 2]["rollout_id"]
+
+
+@pytest.mark.parametrize("finished", [1, 2, 9])
+def test_a_resumed_group_goes_on_in_its_script(
+    tmp_path: Path, eventful: tuple[GroupPlan, GroupScript], eventful_identity: str, finished: int
+) -> None:
+    plan, script = eventful
+    with pytest.raises(InterruptionError):
+        collect_one(tmp_path / "d", plan, interrupt_after(finished), FAULTY)
+    report = collect_one(tmp_path / "d", plan, descriptor=FAULTY)
+    assert report.num_reused == finished
+    assert report.num_simulated == len(script.nominal) + len(script.replays) - finished
+    assert identity(tmp_path / "d", FAULTY) == eventful_identity
+
+
+def test_a_group_that_faults_end_early_says_why(tmp_path: Path) -> None:
+    descriptor = collection_descriptor(SEED, faults={"abandoned": 1.0})
+    report = collect_one(tmp_path / "d", plan_group(SEED, 2), descriptor=descriptor)
+    assert report.unbranched_because == ""
+    assert report.stopped_because == f"abandoned after {report.num_simulated} of 13 policies"
+
+
+class Run:
+    """Stands for an execution; notes what was asked for."""
+
+    def __init__(self) -> None:
+        self.specs: list[WorldSpec] = []
+
+    def __call__(self, spec: WorldSpec, *arguments: object, **options: object) -> object:
+        self.specs.append(spec)
+        exact = dataclasses.replace(spec, replay=0, replay_noise=0.0)
+        return run(exact, *arguments, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.5])
+def test_replays_get_noise_of_their_own_and_nominal_passes_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, noise: float
+) -> None:
+    spy = Run()
+    monkeypatch.setattr("branchdrive_reference.collect.effect.run", spy)
+    collect_one(tmp_path / "d", plan_group(SEED, 2), descriptor=collection_descriptor(SEED, replay_noise=noise))
+    nominal, *replays = spy.specs
+    assert (nominal.replay, nominal.replay_noise) == (0, 0.0)
+    assert {spec.replay_noise for spec in replays} == {noise}
+    assert len({spec.replay for spec in replays}) == (len(replays) if noise else 1)
+    assert all(spec.replay > 0 for spec in replays) == bool(noise)

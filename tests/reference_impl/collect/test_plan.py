@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from branchdrive.contract.columns import PATTERNS
-from branchdrive_reference.collect.plan import plan_group
-from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.town.reference_town import reference_town
-from branchdrive_reference.town.route import town_routes
+from branchdrive.errors import UsageError
+from branchdrive_reference.collect.plan import plan_group, select_scenarios
+from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
+from branchdrive_reference.town.environment import ENVIRONMENTS
 
 PLANS = [plan_group(5, index) for index in range(300)]
 
@@ -20,15 +22,35 @@ def test_equal_keys_give_equal_plans() -> None:
 
 def test_identities_are_unique_and_legal() -> None:
     assert len({plan.group_id for plan in PLANS}) == len({plan.spec.seed for plan in PLANS}) == len(PLANS)
-    assert PLANS[42].group_id == "g00042-parkedobstacle"
+    assert PLANS[42].group_id == f"g00042-{PLANS[42].spec.scenario_type.lower()}"
     assert all(re.fullmatch(PATTERNS["id"], plan.group_id) for plan in PLANS)
 
 
 def test_scenarios_take_turns_and_routes_and_environments_vary() -> None:
-    assert [plan.spec.scenario_type for plan in PLANS[:3]] == list(SCENARIOS)
+    assert [plan.spec.scenario_type for plan in PLANS[: len(SCENARIOS)]] == list(SCENARIOS)
     assert len({plan.spec.route_id for plan in PLANS}) > 100
-    assert len({plan.spec.environment for plan in PLANS}) == 4
+    assert {plan.spec.environment for plan in PLANS} == set(ENVIRONMENTS)
 
 
-def test_routes_are_those_of_the_town() -> None:
-    assert {plan.spec.route_id for plan in PLANS} <= set(town_routes(reference_town()))
+def test_routes_are_those_that_the_scenario_fits() -> None:
+    for plan in PLANS:
+        routes = {(route.town, route.route_id) for route in scenario_routes(plan.spec.scenario_type)}
+        assert (plan.spec.town, plan.spec.route_id) in routes
+
+
+def test_selected_scenarios_take_turns_in_registered_order() -> None:
+    first, second, *_ = SCENARIOS
+    selected = select_scenarios([second, first, second])
+    assert selected == (first, second)
+    plans = [plan_group(5, index, selected) for index in range(4)]
+    assert [plan.spec.scenario_type for plan in plans] == [first, second, first, second]
+    assert [plan.spec.seed for plan in plans] == [plan.spec.seed for plan in PLANS[:4]]
+
+
+def test_all_scenarios_are_no_selection() -> None:
+    assert select_scenarios([]) == select_scenarios(list(SCENARIOS)) == ()
+
+
+def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(UsageError, match="unknown scenario type 'Rain'; choose from " + ", ".join(SCENARIOS)):
+        select_scenarios(["Rain"])

@@ -1,0 +1,38 @@
+"""Presets are one table of defaults."""
+
+from __future__ import annotations
+
+import pytest
+
+from branchdrive_reference.collect.collection import collection_descriptor
+from branchdrive_reference.collect.fault import Fault
+from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
+from branchdrive_reference.scenarios.registry import SCENARIOS
+
+
+def test_the_demo_has_every_scenario_type_once_exact_and_faultless() -> None:
+    demo = PRESETS["demo"]
+    assert (demo.num_groups, demo.replay_noise, dict(demo.faults)) == (len(SCENARIOS), 0.0, {})
+    assert "demo" not in FAULT_PRESETS
+
+
+@pytest.mark.parametrize("name", ["benchmark", "paper"])
+def test_the_others_are_noisy_and_have_every_fault(name: str) -> None:
+    preset = PRESETS[name]
+    assert preset.replay_noise == 1.0
+    assert set(preset.faults) == set(Fault)
+    assert FAULT_PRESETS[name] == preset.faults
+
+
+def test_the_benchmark_is_milder_than_the_paper() -> None:
+    mild, harsh = PRESETS["benchmark"].faults, PRESETS["paper"].faults
+    assert all(mild[fault] < harsh[fault] for fault in Fault)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_descriptor_declares_what_is_switched_on(name: str) -> None:
+    preset = PRESETS[name]
+    declared = collection_descriptor(1, replay_noise=preset.replay_noise, faults=preset.faults).collection
+    assert (declared.replay_noise, declared.faults) == (preset.replay_noise, preset.faults)
+    assert list(declared.faults) == sorted(declared.faults)
+    assert all(type(key) is str for key in declared.faults)
