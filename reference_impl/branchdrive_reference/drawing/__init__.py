@@ -1,0 +1,1 @@
+"""Pictures of branch groups: the map, the actors, and the futures that the candidates took."""

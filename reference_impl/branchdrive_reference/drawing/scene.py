@@ -1,0 +1,220 @@
+"""What a picture shows of a group: the candidates around the branch, and the actors they met.
+
+Times are ticks since the branch tick; poses are world frame, as recorded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.policy import Policy
+from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
+from branchdrive.dataset.group import BranchGroup
+from branchdrive.dataset.rollout import Rollout
+from branchdrive.errors import UsageError
+
+__all__ = ["HISTORY_TICKS", "HORIZON_TICKS", "Actor", "Candidate", "Scene", "read_scene"]
+
+Array: TypeAlias = NDArray[np.float64]
+
+HISTORY_TICKS = 80
+"""A picture begins this long before the branch."""
+
+HORIZON_TICKS = ACTIVE_TICKS + 80
+"""A picture ends this long after the branch, or with the rollout."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One executed candidate, from the history to the horizon; arrays ``[observations]``.
+
+    Attributes:
+        policy: The candidate.
+        tick: Ticks since the branch.
+        x_m: Ego box centre.
+        y_m: Ego box centre.
+        yaw_rad: Ego heading.
+        speed_mps: Signed forward speed.
+        separation_m: Gap to the nearest relevant actor, ``nan`` where there is none.
+        touched: Whether the ego touched something since the observation before.
+    """
+
+    policy: Policy
+    tick: NDArray[np.int64]
+    x_m: Array
+    y_m: Array
+    yaw_rad: Array
+    speed_mps: Array
+    separation_m: Array
+    touched: NDArray[np.bool_]
+
+    @property
+    def time_s(self) -> Array:
+        """Seconds since the branch."""
+        return np.asarray(self.tick * TICK_S, np.float64)
+
+    @property
+    def history(self) -> NDArray[np.bool_]:
+        """Observations up to the branch."""
+        return self.tick <= 0
+
+    @property
+    def future(self) -> NDArray[np.bool_]:
+        """The observation of the branch and the ten that follow."""
+        return (self.tick >= 0) & (self.tick <= ACTIVE_TICKS)
+
+    @property
+    def recovery(self) -> NDArray[np.bool_]:
+        """The last observation of the future and all that follow."""
+        return self.tick >= ACTIVE_TICKS
+
+    @property
+    def contacts(self) -> NDArray[np.int64]:
+        """Rows after the branch at which a touch begins."""
+        begins = self.touched & ~np.concatenate([[False], self.touched[:-1]])
+        return np.flatnonzero(begins & (self.tick > 0))
+
+    @property
+    def least_separation_m(self) -> float:
+        """Smallest gap in the future, ``nan`` if there never was a relevant actor."""
+        gaps = self.separation_m[self.future & (self.tick > 0)]
+        return float(np.nanmin(gaps)) if np.isfinite(gaps).any() else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """One actor at the branch, and its poses in the nominal future ``[observations]``, the branch's first."""
+
+    actor_id: int
+    actor_class: str
+    length_m: float
+    width_m: float
+    vel_x_mps: float
+    vel_y_mps: float
+    x_m: Array
+    y_m: Array
+    yaw_rad: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A group as a picture shows it.
+
+    Attributes:
+        record: Row of the nominal rollout in the rollouts table.
+        bank: The dataset's action bank.
+        candidates: Executed candidates in the order of the bank, the nominal one first.
+        actors: Actors at the branch tick of the nominal rollout.
+        nearest_actor_id: The actor to which the nominal future has its least gap; ``None`` where it has none.
+        lane_id: Lane under the ego at the branch, if it was on one.
+        traffic_light: State of the light that the ego faces at the branch, if there is one.
+    """
+
+    record: dict[str, Any]
+    bank: ActionBank
+    candidates: tuple[Candidate, ...]
+    actors: tuple[Actor, ...]
+    nearest_actor_id: int | None
+    lane_id: str | None
+    traffic_light: str | None
+
+    @property
+    def nominal(self) -> Candidate:
+        """The nominal candidate."""
+        return self.candidates[0]
+
+    @property
+    def branch_row(self) -> int:
+        """Row of the branch in the nominal candidate."""
+        return int(np.searchsorted(self.nominal.tick, 0))
+
+    @property
+    def route(self) -> tuple[Array, Array]:
+        """Vertices of the route, world frame."""
+        return np.asarray(self.record["route_x_m"], float), np.asarray(self.record["route_y_m"], float)
+
+
+def read_scene(group: BranchGroup, bank: ActionBank) -> Scene:
+    """What a picture of the group shows.
+
+    Raises:
+        UsageError: The group has no complete nominal rollout with a branch, or its nominal rollout lacks
+            the observations or the evidence around the branch.
+    """
+    nominal = group.nominal
+    if nominal.record["status"] != "complete" or nominal.branch_tick is None:
+        raise UsageError(f"group {group.group_id!r} has no complete nominal rollout with a branch; nothing to draw")
+    if "evidence" not in nominal.tables:
+        raise UsageError("the dataset claims no `actor_risk_evidence`, which holds the actors of a picture")
+    rollouts = [nominal]
+    for policy in bank.interventions:
+        attempts = group.interventions.get(policy.key, ())
+        rollouts += [attempt for attempt in attempts if attempt.record["status"] == "complete"][:1]
+    candidates = tuple(_candidate(rollout, bank[rollout.record["action_key"]]) for rollout in rollouts)
+    lane_id, traffic_light = (_evidence_text(nominal, name) for name in ("lane_id", "traffic_light"))
+    nearest = _nearest_actor_id(nominal)
+    return Scene(nominal.record, bank, candidates, _actors(nominal), nearest, lane_id, traffic_light)
+
+
+def _since_branch(rollout: Rollout, table: str) -> NDArray[np.int64]:
+    ticks: NDArray[np.int64] = rollout.column(table, "tick").astype(np.int64) - (rollout.branch_tick or 0)
+    return ticks
+
+
+def _candidate(rollout: Rollout, policy: Policy) -> Candidate:
+    tick = _since_branch(rollout, "observations")
+    if not np.array_equal(tick, _since_branch(rollout, "evidence")) or 0 not in tick or tick[-1] < ACTIVE_TICKS:
+        raise UsageError(f"rollout {rollout.rollout_id!r} lacks observations or evidence of its future; validate first")
+    shown = (tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS)
+
+    def column(table: str, name: str) -> Array:
+        values = np.ma.filled(np.ma.asarray(rollout.column(table, name), dtype=np.float64), np.nan)
+        return np.asarray(values, np.float64)[shown]
+
+    return Candidate(
+        policy,
+        tick[shown],
+        x_m=column("observations", "x_m"),
+        y_m=column("observations", "y_m"),
+        yaw_rad=column("observations", "yaw_rad"),
+        speed_mps=column("observations", "speed_mps"),
+        separation_m=column("evidence", "separation_m"),
+        touched=rollout.column("evidence", "collision")[shown].astype(np.bool_),
+    )
+
+
+def _actors(nominal: Rollout) -> tuple[Actor, ...]:
+    tick, ids = _since_branch(nominal, "actors"), nominal.column("actors", "actor_id")
+    columns = {name: nominal.column("actors", name) for name in nominal.tables["actors"].column_names}
+    ahead = (tick >= 0) & (tick <= ACTIVE_TICKS)
+    actors = []
+    for row in np.flatnonzero(tick == 0):
+        path = np.flatnonzero(ahead & (ids == ids[row]))
+        path = path[np.argsort(tick[path], kind="stable")]
+        x, y, yaw = (columns[name][path].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad"))
+        length, width, vel_x, vel_y = (
+            float(columns[name][row]) for name in ("length_m", "width_m", "vel_x_mps", "vel_y_mps")
+        )
+        actors.append(Actor(int(ids[row]), str(columns["actor_class"][row]), length, width, vel_x, vel_y, x, y, yaw))
+    return tuple(actors)
+
+
+def _nearest_actor_id(nominal: Rollout) -> int | None:
+    since = _since_branch(nominal, "evidence")
+    future = (since > 0) & (since <= ACTIVE_TICKS)
+    gaps = np.ma.filled(np.ma.asarray(nominal.column("evidence", "separation_m"), dtype=np.float64), np.inf)[future]
+    if not np.isfinite(gaps).any():
+        return None
+    return int(nominal.column("evidence", "separation_actor_id")[future][gaps.argmin()])
+
+
+def _evidence_text(nominal: Rollout, column: str) -> str | None:
+    """Text of the evidence at the branch, ``None`` where it is null."""
+    row = int(np.searchsorted(_since_branch(nominal, "evidence"), 0))
+    values = np.ma.asarray(nominal.column("evidence", column))
+    return None if np.ma.getmaskarray(values)[row] else str(values[row])
