@@ -6,8 +6,11 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 
-__all__ = ["time_startup"]
+from branchdrive_reference.bench.row import Row
+
+__all__ = ["rows", "time_startup"]
 
 
 def time_startup(arguments: list[str], *, repeats: int = 5) -> float:
@@ -18,3 +21,13 @@ def time_startup(arguments: list[str], *, repeats: int = 5) -> float:
         subprocess.run([sys.executable, *arguments], check=True, capture_output=True)  # noqa: S603
         seconds.append(time.perf_counter() - start)
     return statistics.median(seconds[1:])
+
+
+def rows() -> Iterator[Row]:
+    """What importing the library and asking for help cost a user."""
+    python = time_startup(["-c", "pass"])
+    imported, validating = (
+        time_startup(["-c", code]) - python for code in ("import branchdrive", "from branchdrive import validate")
+    )
+    yield Row("import branchdrive (and all of validate)", f"{imported:.2f} s ({validating:.2f} s)", "<= 0.4 s")
+    yield Row("branchdrive --help", f"{time_startup(['-m', 'branchdrive.cli', '--help']):.2f} s", "<= 0.3 s")

@@ -6,7 +6,7 @@ import hashlib
 import re
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +18,15 @@ from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.dataset.layout import RAW_DIR
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.errors import BranchDriveError
+from branchdrive_reference.bench.corpus import repeat_dataset
+from branchdrive_reference.bench.row import Row
+from branchdrive_reference.collect.campaign import collect
 
-__all__ = ["ValidationTiming", "time_validation"]
+__all__ = ["ValidationTiming", "rows", "time_validation"]
+
+_SEED = 7
+_COLLECTED_GROUPS = 32
+_GROUPS_PER_SHARD = 32
 
 
 @dataclass(frozen=True)
@@ -103,3 +110,16 @@ def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTim
         validation_s.append(_seconds(whole))
     peaks = [peak for _, peak in isolated(1)(_peak_bytes, _tasks(root)) if isinstance(peak, int)]
     return ValidationTiming(jobs, statistics.median(floor_s), statistics.median(validation_s), num_rows, max(peaks))
+
+
+def rows(folder: Path, *, num_groups: int) -> Iterator[Row]:
+    """Time and memory of validating at least `num_groups` groups: a collection below `folder`, repeated."""
+    source, target = folder / "source", folder / "dataset"
+    collect(source, num_groups=_COLLECTED_GROUPS, seed=_SEED)  # no workers: their memory is not to be measured
+    size = repeat_dataset(source, target, num_groups=num_groups, groups_per_shard=_GROUPS_PER_SHARD)
+    for jobs in (1, 2):
+        timing = time_validation(target, jobs=jobs)
+        what = f"{size:,} groups, {timing.num_control_rows / 1e6:.1f} M control rows, {jobs} worker(s)"
+        measured = f"{timing.validation_s:.2f} s / {timing.floor_s:.2f} s = {timing.ratio:.2f}x"
+        yield Row(f"validation / (read + hash + decode)\n{what}", measured, "<= 2.5x")
+    yield Row("peak memory of a worker", f"{timing.peak_bytes / 2**20:.0f} MiB", "<= 512 MiB")
