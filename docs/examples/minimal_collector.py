@@ -8,12 +8,13 @@ owes the specification. Three things are easy to get wrong (`spec/02-time-frames
 * The observation of a tick is taken before the control of that tick acts.
 * Commands are float32, and the vehicle is driven with the very values that are recorded.
 
-Run it with ``python docs/examples/minimal_collector.py my-dataset``.
+Run it with ``python docs/examples/minimal_collector.py build/straight-road``.
 """
 
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 import branchdrive as bd
 
 STRIDE_TICKS, TICK_S = 5, 0.05  # controls at 20 Hz, observations at 4 Hz
-NUM_TICKS = 300  # every attempt has to reach past the branch tick + 50
+MAX_TICKS = 900  # every attempt has to reach past the branch tick + 50
 ROUTE_X_M, ROUTE_Y_M = [0.0, 200.0], [0.0, 0.0]
 EGO_BOX = {"length_m": 4.5, "width_m": 2.0, "height_m": 1.5}  # full extents, exact in float32
 PARKED_CAR = {"x_m": 100.0, "y_m": -2.25, "yaw_rad": 0.0, "vel_x_mps": 0.0, "vel_y_mps": 0.0, **EGO_BOX}
@@ -101,9 +102,11 @@ def drive(group: bd.GroupWriter, role: str, policy: bd.Policy, nominal: bd.Rollo
     facts = {"nominal_rollout_id": nominal_id, **SCENE, **policy.effective_action()}
     rollout = group.begin_rollout(role=role, action_key=policy.key, **facts)
     stored = nominal.tables["controls"].to_pylist() if nominal else []
-    start = nominal.record["branch_tick"] if nominal else NUM_TICKS
+    start = nominal.record["branch_tick"] if nominal else MAX_TICKS
     world, observed, brakes = World(), [], []
-    for tick in range(NUM_TICKS):
+    for tick in range(MAX_TICKS):
+        if world.x_m >= ROUTE_X_M[-1]:
+            break
         applied = expert = world.expert()
         if tick % STRIDE_TICKS == 0:
             observed.append(world.observe(tick))  # before the control acts
@@ -119,9 +122,11 @@ def drive(group: bd.GroupWriter, role: str, policy: bd.Policy, nominal: bd.Rollo
         world.step(applied)
     num_collisions = record_observations(rollout, observed)
     fraction = min(world.x_m / ROUTE_X_M[-1], 1.0)
+    is_there = fraction == 1
     return rollout.finish(
         status="complete", **(branch_of(nominal) if nominal else find_branch(rollout.rollout_id, brakes)),
-        result_completion="completed" if fraction == 1 else "timeout", result_termination="end of recording",
+        result_completion="completed" if is_there else "timeout",
+        result_termination="end of route" if is_there else "out of time",
         result_route_fraction=fraction, result_num_vehicle_collisions=num_collisions,
     )  # fmt: skip
 
@@ -190,12 +195,20 @@ def collect(root: str) -> str:
         return writer.finalize()
 
 
-def main() -> None:
-    """Collect into the folder that the command line names."""
+def main() -> int:
+    """Collect into the folder that the command line names; 0, or 2 if that cannot be done."""
     parser = argparse.ArgumentParser(description="Collect one branch group on a straight road.")
     parser.add_argument("root", help="folder of the dataset")
-    sys.stdout.write(f"{collect(parser.parse_args().root)}\n")
+    root = parser.parse_args().root
+    try:
+        identity = collect(root)
+    except (bd.BranchDriveError, OSError) as error:
+        sys.stderr.write(f"minimal_collector: {error}\n")
+        return 2
+    validate = shlex.join(["branchdrive-validate", root])
+    sys.stdout.write(f"dataset   {root}\nidentity  {identity}\nnext      {validate}\n")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -16,6 +16,7 @@ from typing import Any
 from branchdrive.contract.timing import TICK_S
 from branchdrive_reference.bench.row import Row
 from branchdrive_reference.bench.simulator import Rollouts
+from branchdrive_reference.scenarios.registry import SCENARIOS
 
 __all__ = ["INSTALL", "Comparison", "compare", "rows"]
 
@@ -89,7 +90,7 @@ class _Highway:
         world.vehicle = driver
 
 
-def compare(*, num_rollouts: int = 24, num_ticks: int = 600, repeats: int = 5) -> Comparison:
+def compare(*, num_rollouts: int = len(SCENARIOS), num_ticks: int = 600, repeats: int = 5) -> Comparison:
     """Run both sides in turns.
 
     Args:

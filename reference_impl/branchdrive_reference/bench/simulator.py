@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from branchdrive.contract.bank import load_action_bank
 from branchdrive_reference.bench.row import Row
 from branchdrive_reference.collect.plan import plan_group
+from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.simulation.rollout import Run, run
 from branchdrive_reference.world.body import Behaviour
 
@@ -50,7 +51,7 @@ class Rollouts:
         return self.num_ticks / (time.process_time() - begin_s)
 
 
-def measure_ticks_per_s(*, num_rollouts: int = 24, repeats: int = 5) -> float:
+def measure_ticks_per_s(*, num_rollouts: int = len(SCENARIOS), repeats: int = 5) -> float:
     """Median over `repeats` of the ticks per process second of `num_rollouts` nominal rollouts."""
     rollouts = Rollouts(num_rollouts)
     return statistics.median(rollouts.ticks_per_s() for _ in range(repeats))

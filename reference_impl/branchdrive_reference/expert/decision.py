@@ -16,7 +16,7 @@ from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO, Heed, Kind
 from branchdrive_reference.world.corridor import NOBODY
 from branchdrive_reference.world.idm import HARDEST_BRAKE_MPS2, desired_gap_m, idm_accel_mps2
-from branchdrive_reference.world.priority import halt_gap_m, zipper_leader
+from branchdrive_reference.world.priority import AT_LINE_M, PAST_LINE_M, STOPPED_MPS, halt_gap_m, zipper_leader
 
 __all__ = ["decide"]
 
@@ -37,9 +37,6 @@ _LEADER_STANDSTILL_M, _PEDESTRIAN_STANDSTILL_M, _OBSTACLE_STANDSTILL_M = 4.0, 6.
 _LINE_STANDSTILL_M = 0.8
 _PRIORITY_S = 1.2
 """Time kept to who has priority."""
-
-_STOPPED_MPS, _AT_LINE_M = 0.15, 4.0
-"""What counts as having stopped at a stop sign."""
 
 _SIDE_MARGIN_M = 0.25
 _SIGHT_M = 70.0
@@ -95,9 +92,9 @@ def _follow(speed_mps: float, lead_speed_mps: float, gap_m: float, standstill_m:
 def _stop_sign_gap_m(plan: Records, foot: Records, track: Records) -> float:
     """Way to the line of a stop sign at which the ego has not stopped yet, infinite otherwise."""
     gap_m = track.stop_m - foot.arc_m - foot.half_length_m
-    if not track.stop_sign or plan.stopped or gap_m < -_AT_LINE_M:
+    if not track.stop_sign or plan.stopped or gap_m < -PAST_LINE_M:
         return np.inf
-    if foot.speed_mps < _STOPPED_MPS and gap_m < _AT_LINE_M:
+    if foot.speed_mps < STOPPED_MPS and gap_m < AT_LINE_M:
         plan.stopped = 1
         return np.inf
     return float(gap_m)

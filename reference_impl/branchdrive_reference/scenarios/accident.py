@@ -25,7 +25,7 @@ class Accident(StandingObstacle):
         return [
             stage.standing(
                 Kind.VEHICLE, size, stage.site_m + gap_m, stage.draw(-0.6, 0.0, Purpose.SCENARIO_PLACE, index),
-                turn_rad=turn_rad * stage.draw(0.6, 1.2, Purpose.SCENARIO_STRENGTH, index),
+                turn_rad=turn_rad * stage.draw(0.6, 1.2, Purpose.SCENARIO_ANGLE, index),
             )
             for index, (size, gap_m, turn_rad) in enumerate(zip(sizes, _GAPS_M, turns_rad, strict=True))
         ]  # fmt: skip

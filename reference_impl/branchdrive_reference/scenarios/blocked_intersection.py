@@ -39,7 +39,7 @@ class BlockedIntersection(Scenario):
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The vehicle that stands there."""
-        size = _VEHICLES[choice(len(_VEHICLES), stage.seed, Purpose.SCENARIO_VARIANT)]
+        size = _VEHICLES[choice(len(_VEHICLES), stage.seed, Purpose.SCENARIO_BODY)]
         return [stage.vehicle(size, self._place_m(stage), speed_mps=0.0)]
 
     def update(self, scene: Scene, tick: int) -> bool:

@@ -31,14 +31,14 @@ class CrossingBicycleFlow(VehicleTurningRoute):
     def bodies(self, stage: Stage) -> list[Body]:
         """The cyclists, on the move from the beginning, timed around the ego's arrival."""
         place_m, speed = self.place_m(stage), self.draw_speed_mps(stage)
-        side = 1 if choice(2, stage.seed, Purpose.SCENARIO_VARIANT) else -1
+        side = 1 if choice(2, stage.seed, Purpose.SCENARIO_SIDE) else -1
         time_s = stage.ego_arrival_s(place_m) + stage.draw(-2.5, 0.0, Purpose.SCENARIO_TIMING)
         bodies = []
-        for index in range(_FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_STRENGTH)):
+        for index in range(_FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_COUNT)):
             x, y, yaw = interpolate(stage.tables.path(EGO_TRACK), place_m, side * speed * time_s)
             heading = yaw + math.copysign(math.pi / 2, -side)
             bodies.append(Body(Kind.CYCLE, Behaviour.WALKING, BICYCLE, x, y, heading, speed, travel_m=500.0))
-            time_s += stage.draw(*_HEADWAY_S, Purpose.SCENARIO_PLACE, index)
+            time_s += stage.draw(*_HEADWAY_S, Purpose.SCENARIO_GAP, index)
         return bodies
 
     def update(self, scene: Scene, _tick: int) -> bool:

@@ -39,7 +39,7 @@ class HighwayCutIn(Scenario):
     def _side(self, stage: Stage) -> tuple[int, float]:
         """The vehicle's track and the offset to the ego's lane."""
         right, left = stage.track(Role.RIGHT_LANE), stage.track(Role.LEFT_LANE)
-        if right is not None and (left is None or choice(2, stage.seed, Purpose.SCENARIO_VARIANT)):
+        if right is not None and (left is None or choice(2, stage.seed, Purpose.SCENARIO_SIDE)):
             return right, LANE_WIDTH_M
         if left is None:
             raise LookupError(f"route {stage.tables.route.route_id!r} has no other lane")
@@ -113,8 +113,8 @@ class StaticCutIn(_FromStandstill):
 
     def fits(self, route: Route, _crossroads: Crossroads | None) -> bool:
         """A stretch of road with a lane of the ego's direction to the right, that traffic can be placed on."""
-        clear = route.early or route.turn.value == "straight"
-        return route.place is Place.ROAD and clear and route.site_lane.right is LaneSide.SAME_DIRECTION
+        on_road = route.place is Place.ROAD and route.has_clear_side_lanes
+        return on_road and route.site_lane.right is LaneSide.SAME_DIRECTION
 
     def _goal_offset_m(self) -> float:
         return LANE_WIDTH_M
@@ -124,11 +124,11 @@ class StaticCutIn(_FromStandstill):
         track = stage.track(Role.RIGHT_LANE)
         if track is None:
             raise LookupError(f"route {stage.tables.route.route_id!r} has no lane to the right")
-        size = (CAR, VAN)[choice(2, stage.seed, Purpose.SCENARIO_VARIANT)]
+        size = (CAR, VAN)[choice(2, stage.seed, Purpose.SCENARIO_BODY)]
         at_m = stage.beside(stage.site_m, track)
         first = stage.vehicle(size, at_m, track, speed_mps=0.0, lateral_mps=1.6)
         queue, front_m, back_m = [], at_m + size.length_m / 2 + 5.0, at_m - size.length_m / 2
-        for index in range(_QUEUE[0] + choice(_QUEUE[1] - _QUEUE[0], stage.seed, Purpose.SCENARIO_PLACE)):
+        for index in range(_QUEUE[0] + choice(_QUEUE[1] - _QUEUE[0], stage.seed, Purpose.SCENARIO_COUNT)):
             other = (*VEHICLES, BOX_TRUCK)[choice(4, stage.seed, Purpose.TRAFFIC_BODY, 90 + index)]
             step_m = other.length_m + _QUEUE_GAP_M
             if index % 2:
@@ -155,5 +155,5 @@ class ParkingCutIn(_FromStandstill):
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The vehicle that pulls out."""
-        size = (CAR, VAN)[choice(2, stage.seed, Purpose.SCENARIO_VARIANT)]
+        size = (CAR, VAN)[choice(2, stage.seed, Purpose.SCENARIO_BODY)]
         return [stage.vehicle(size, stage.site_m, offset_m=PARKED_OFFSET_M, speed_mps=0.0, lateral_mps=1.5)]

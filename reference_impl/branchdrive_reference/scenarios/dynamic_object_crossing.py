@@ -1,4 +1,4 @@
-"""DynamicObjectCrossing: a child or a cyclist comes out fast from behind a container beside the road."""
+"""DynamicObjectCrossing: a child comes out fast from behind a container beside the road."""
 
 from __future__ import annotations
 
@@ -42,6 +42,6 @@ class DynamicObjectCrossing(Crossing):
     def bodies(self, stage: Stage) -> list[Body]:
         """Who runs, and what hides it."""
         aside_m = max(stage.edges_m()[1] + _BESIDE_M, _HIDDEN_SHARE * abs(self.start_offset_m(stage)))
-        before_m = _BEFORE_M + 0.5 * choice(3, stage.seed, Purpose.SCENARIO_VARIANT)
+        before_m = _BEFORE_M + 0.5 * choice(3, stage.seed, Purpose.SCENARIO_GAP)
         hides = stage.standing(Kind.STATIC, CONTAINER, self.place_m(stage) - before_m, -aside_m)
         return [*super().bodies(stage), hides]

@@ -33,7 +33,7 @@ class EncounterSign(Scenario):
         rivals = self.rivals(stage)
         if not rivals:
             return []
-        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_VARIANT)]
+        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_SIDE)]
         first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(-2.5, -0.5, Purpose.SCENARIO_TIMING)
         return flow(stage, track, stage.meeting_m(track)[1], first_s, _COUNT, _HEADWAY_S)
 

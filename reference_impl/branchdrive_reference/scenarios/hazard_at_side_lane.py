@@ -46,7 +46,7 @@ class HazardAtSideLane(StandingObstacle):
                 BICYCLE, last_m + _SPACING_M * index, kind=Kind.CYCLE, speed_mps=speed, eagerness=eagerness,
                 offset_m=stage.draw(-1.25, -0.75, Purpose.SCENARIO_PLACE, index), headway_s=0.6,
             )
-            for index in range(1 + choice(3, stage.seed, Purpose.SCENARIO_VARIANT))
+            for index in range(1 + choice(3, stage.seed, Purpose.SCENARIO_COUNT))
         ]  # fmt: skip
 
     def update(self, scene: Scene, _tick: int) -> bool:

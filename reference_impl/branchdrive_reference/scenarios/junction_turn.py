@@ -41,10 +41,10 @@ class JunctionTurn(Scenario):
     def bodies(self, stage: Stage) -> list[Body]:
         """One flow, from a side that has priority."""
         rivals = rival_tracks(stage, ego_yields=True)
-        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_VARIANT)]
+        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_SIDE)]
         _, other_at_m = stage.meeting_m(track)
         first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(*_EARLY_S, Purpose.SCENARIO_TIMING)
-        count = _FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_STRENGTH)
+        count = _FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_COUNT)
         eagerness = stage.draw(0.9, 1.02, Purpose.SCENARIO_SPEED)
         return flow(stage, track, other_at_m, max(first_s, 1.0), count, _HEADWAY_S, eagerness=eagerness)
 

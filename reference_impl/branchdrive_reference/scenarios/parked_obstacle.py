@@ -21,9 +21,9 @@ class ParkedObstacle(StandingObstacle):
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The obstacle, a little to the right of the lane's centre and slightly askew."""
-        kind, size = _OBSTACLES[choice(len(_OBSTACLES), stage.seed, Purpose.SCENARIO_VARIANT)]
+        kind, size = _OBSTACLES[choice(len(_OBSTACLES), stage.seed, Purpose.SCENARIO_BODY)]
         offset_m = stage.draw(-0.7, -0.1, Purpose.SCENARIO_PLACE)
-        turn_rad = stage.draw(-0.06, 0.06, Purpose.SCENARIO_STRENGTH)
+        turn_rad = stage.draw(-0.06, 0.06, Purpose.SCENARIO_ANGLE)
         return [stage.standing(kind, size, stage.site_m, offset_m, turn_rad=turn_rad)]
 
 

@@ -36,7 +36,7 @@ class PedestrianCrossing(Crossing):
     def start_offset_m(self, stage: Stage) -> float:
         """Behind the kerb of a side that is not too far from the lane."""
         left_m, right_m = stage.edges_m()
-        from_left = left_m <= _MAX_EDGE_M and choice(2, stage.seed, Purpose.SCENARIO_VARIANT) == 1
+        from_left = left_m <= _MAX_EDGE_M and choice(2, stage.seed, Purpose.SCENARIO_SIDE) == 1
         edge_m = left_m if from_left else right_m
         distance_m = max(edge_m + _KERB_M, _PATH_HALF_WIDTH_M + _WALK_OUT_S * self.draw_speed_mps(stage))
         return distance_m if from_left else -distance_m

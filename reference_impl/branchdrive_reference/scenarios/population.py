@@ -1,12 +1,14 @@
 """Ambient population: vehicles, a cyclist, walkers and street furniture around the scenario.
 
 Nobody of it stands in the ego's lane, and vehicles ahead start beyond the site of the hazard. Every group of
-bodies draws by indices of its own, so that leaving one out changes no other.
+bodies draws by indices of its own, so that leaving one out moves no other at the start.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 from branchdrive_reference.geometry.path import interpolate
 from branchdrive_reference.noise import Purpose, choice
@@ -32,6 +34,9 @@ _FURNITURE = 4
 _WAITING_TENTHS = 4
 _WAITING_M = (2.0, 4.0)
 _CORNER_M = 3.0
+_KEPT_M = 0.7
+"""Distance that walkers keep to what stands in their way."""
+
 _MOST_WALKED_M = 25.0
 _VERGE_M, _PAVEMENT_M, _PASSING_M = 1.1, 2.8, 0.9
 """Distances of furniture and of walkers from the edge of the paved road, and of walkers that meet."""
@@ -39,14 +44,13 @@ _VERGE_M, _PAVEMENT_M, _PASSING_M = 1.1, 2.8, 0.9
 _STRETCHES_M = ((-25.0, -8.0), (2.0, 20.0), (-45.0, -15.0))
 """Stretches of the roadside before and behind the site, and further before it; they leave room at the site."""
 
-_BESIDE_M: dict[bool, tuple[tuple[float, ...], int]] = {
-    True: ((8.0, 45.0), 5),
-    False: ((-45.0, -22.0, 0.0, 22.0, 48.0), 7),
-}
-"""Where vehicles in other lanes begin, and in how many worlds of ten, on roads and on motorways."""
+_BESIDE_ON_ROADS_M: tuple[float, ...] = (8.0, 45.0)
+_BESIDE_ON_MOTORWAYS_M: tuple[float, ...] = (-45.0, -22.0, 0.0, 22.0, 48.0)
+_BESIDE_ON_ROADS_TENTHS, _BESIDE_ON_MOTORWAYS_TENTHS = 5, 7
+"""Where vehicles in other lanes begin, and in how many worlds of ten each is there."""
 
 _PARKED_AT_M = (-34.0, -24.0, -13.0, 12.0, 22.0, 33.0)
-_PARKED_SHARE = 6
+_PARKED_TENTHS = 6
 
 
 def _present(stage: Stage, index: int, tenths: int) -> bool:
@@ -102,9 +106,10 @@ def _beside(stage: Stage) -> list[Body]:
             continue
         if route.place is Place.ROAD:
             begin_m = stage.beside(route.junction_m[1] if route.early else START_M, track)
+            gaps_m, tenths = _BESIDE_ON_ROADS_M, _BESIDE_ON_ROADS_TENTHS
         else:
             begin_m = stage.beside(START_M, track)
-        gaps_m, tenths = _BESIDE_M[route.place is Place.ROAD]
+            gaps_m, tenths = _BESIDE_ON_MOTORWAYS_M, _BESIDE_ON_MOTORWAYS_TENTHS
         for place, gap_m in enumerate(gaps_m):
             index = 30 + 5 * side + place
             if _present(stage, index, tenths):
@@ -152,7 +157,7 @@ def _parked(stage: Stage) -> list[Body]:
     bodies = []
     for place, ahead_m in enumerate(_PARKED_AT_M):
         index = 70 + place
-        if choice(10, stage.seed, Purpose.PARKED_PRESENCE, index) < _PARKED_SHARE:
+        if choice(10, stage.seed, Purpose.PARKED_PRESENCE, index) < _PARKED_TENTHS:
             size = VEHICLES[choice(len(VEHICLES), stage.seed, Purpose.TRAFFIC_BODY, index)]
             arc_m = stage.site_m + ahead_m + stage.draw(-1.5, 1.5, Purpose.PARKED_PLACE, index)
             if _clear_m(stage, arc_m) > size.length_m / 2:
@@ -201,7 +206,7 @@ def _waiting(stage: Stage) -> list[Body]:
         for side, edge_m in ((-1, lane.right_edge_m), (1, lane.left_edge_m)):
             draw = 10 + 2 * index + (side > 0)
             if choice(10, stage.seed, Purpose.WALKER_PLACE, draw) < _WAITING_TENTHS:
-                offset_m = side * (edge_m + stage.draw(*_WAITING_M, Purpose.WALKER_SPEED, draw))
+                offset_m = side * (edge_m + stage.draw(*_WAITING_M, Purpose.WALKER_DISTANCE, draw))
                 turn_rad = -side * math.pi / 2
                 bodies.append(stage.standing(Kind.PEDESTRIAN, PEDESTRIAN, arc_m, offset_m, turn_rad=turn_rad))
     return bodies
@@ -216,8 +221,25 @@ def _furniture(stage: Stage) -> list[Body]:
     return bodies
 
 
-def populate(stage: Stage, ambient: Ambient) -> list[Body]:
-    """Ambient bodies of a world."""
+def _walks_free(walker: Body, cast: Sequence[Body]) -> Body | None:
+    """The walker, who stops before whatever stands in its way; ``None`` where something stands on its place."""
+    travel_m = walker.travel_m
+    cos, sin = math.cos(walker.yaw_rad), math.sin(walker.yaw_rad)
+    for body in cast:
+        if body.behaviour is not Behaviour.STANDING or body.kind is Kind.PEDESTRIAN:
+            continue
+        reach_m = math.hypot(body.size.length_m, body.size.width_m) / 2 + _KEPT_M
+        dx, dy = body.x_m - walker.x_m, body.y_m - walker.y_m
+        ahead_m, aside_m = cos * dx + sin * dy, abs(cos * dy - sin * dx)
+        if aside_m < reach_m and -reach_m < ahead_m < travel_m + reach_m:
+            if ahead_m < reach_m:
+                return None
+            travel_m = min(travel_m, ahead_m - reach_m)
+    return replace(walker, travel_m=travel_m)
+
+
+def populate(stage: Stage, ambient: Ambient, cast: Sequence[Body]) -> list[Body]:
+    """Ambient bodies of a world, clear of the scenario's `cast`."""
     place = stage.tables.route.place
     bodies = _own_lane(stage, ambient)
     if ambient.oncoming:
@@ -229,9 +251,10 @@ def populate(stage: Stage, ambient: Ambient) -> list[Body]:
     if ambient.parked:
         bodies += _parked(stage)
     if place in (Place.ROAD, Place.JUNCTION):
-        bodies += _walkers(stage)
-    if place is Place.ROAD:
-        bodies += _furniture(stage)
+        furniture = _furniture(stage) if place is Place.ROAD else []
+        standing = [*cast, *furniture]
+        walkers = (_walks_free(walker, standing) for walker in _walkers(stage))
+        bodies += [walker for walker in walkers if walker is not None] + furniture
     if place is Place.JUNCTION:
         bodies += _waiting(stage)
     return bodies

@@ -36,7 +36,7 @@ class Ambient:
         behind: A follower in the ego's lane.
         ahead: A vehicle in the ego's lane beyond the site.
         oncoming: Vehicles that come towards the ego on its own road.
-        beside: Vehicles in the other lanes of the ego's direction.
+        beside: Vehicles in the other lanes of the ego's direction, and on the lane that an entry joins.
         crossing: Vehicles from the sides of the route's junction.
         parked: Vehicles on the parking strip.
     """

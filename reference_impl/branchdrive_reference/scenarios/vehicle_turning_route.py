@@ -46,7 +46,7 @@ class VehicleTurningRoute(Crossing):
     def start_offset_m(self, stage: Stage) -> float:
         """Beside the road, on either side."""
         lane = self.lane(stage)
-        from_left = choice(2, stage.seed, Purpose.SCENARIO_VARIANT) == 1
+        from_left = choice(2, stage.seed, Purpose.SCENARIO_SIDE) == 1
         edge_m = lane.left_edge_m if from_left else lane.right_edge_m
         distance_m = max(edge_m + 0.8, _RUN_UP_S * self.draw_speed_mps(stage))
         return distance_m if from_left else -distance_m

@@ -8,6 +8,7 @@ from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.signal import NO_GROUP, Light
 from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO
+from branchdrive_reference.world.priority import AT_LINE_M, STOPPED_MPS
 
 __all__ = ["NO_LIGHT", "LineMonitor", "governing_light"]
 
@@ -15,7 +16,6 @@ NO_LIGHT = -1
 """No signal governs the ego."""
 
 _GOVERNED_M = 80.0
-_STOPPED_MPS, _AT_LINE_M = 0.2, 5.0
 
 
 def _to_line_m(world: World) -> float:
@@ -50,7 +50,8 @@ class LineMonitor:
         if math.isinf(gap_m):
             return
         track = world.tables.tracks[EGO_TRACK]
-        if abs(world.bodies["speed_mps"][EGO]) < _STOPPED_MPS and 0.0 <= gap_m < _AT_LINE_M:
+        speed = abs(float(world.feet["speed_mps"][EGO_TRACK, EGO]))
+        if speed < STOPPED_MPS and 0.0 <= gap_m < AT_LINE_M:
             self._stopped = True
         if self._before_m >= 0.0 > gap_m:
             red = track["group"] != NO_GROUP and world.lights[track["group"]] == Light.RED

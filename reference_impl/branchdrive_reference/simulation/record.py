@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.derive.angle import wrap_rad
 from branchdrive.derive.risk import risk_evidence
 from branchdrive_reference.expert.plan import Cause
 from branchdrive_reference.simulation.infraction import NO_LIGHT
@@ -73,8 +74,7 @@ def _float32(values: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _yaw(bodies: NDArray[np.void]) -> NDArray[np.float32]:
-    yaw = bodies["yaw_rad"]
-    return _float32(np.arctan2(np.sin(yaw), np.cos(yaw)))
+    return _float32(wrap_rad(bodies["yaw_rad"]))
 
 
 def _controls(run: Run) -> Columns:

@@ -5,7 +5,8 @@ Every replay draws a scale of its own, ``strength * exp(n / 2)``, and with it
 * traffic: where its drivers start (0.08 m) and how fast they want to be (0.4 %);
 * the ego's start: along its lane (0.05 m) and its speed (0.3 %);
 * controllers: the expert's steering (0.0008), throttle and brake (2 % of themselves), held for a quarter second;
-* sensor timing: observations are taken early or late (2 ms), so every pose is off by its velocity times that.
+* sensor timing: observations are taken early or late (2 ms), so every pose is off by its velocity times that; speeds
+  are not.
 
 The figures are standard deviations at scale 1; all draws are pure functions of the world's seed and the replay's key.
 """
@@ -66,6 +67,8 @@ class ReplayNoise:
                 )
                 path = tables.path(int(body["track"]))
                 body["x_m"], body["y_m"], body["yaw_rad"] = interpolate(path, body["arc_m"], body["offset_m"])
+                body["vel_x_mps"] = body["speed_mps"] * math.cos(body["yaw_rad"])
+                body["vel_y_mps"] = body["speed_mps"] * math.sin(body["yaw_rad"])
         ego = bodies[EGO]
         ahead_m = self.scale * _EGO_M * normal(self.key, Purpose.REPLAY_EGO)
         share = 1.0 + self.scale * _EGO_SHARE * normal(self.key, Purpose.REPLAY_EGO, 1)

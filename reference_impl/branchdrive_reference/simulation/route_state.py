@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.derive.angle import wrap_rad
 from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.route import Route
@@ -23,10 +24,6 @@ _COMMAND_AHEAD_M = 30.0
 _TARGET_SPACING_M = 20.0
 _TARGET_MIN_AHEAD_M = 4.0
 """Target points are route points at multiples of the spacing, at least this far ahead."""
-
-
-def _wrapped(angle_rad: Array) -> Array:
-    return np.arctan2(np.sin(angle_rad), np.cos(angle_rad))
 
 
 def _commands(route: Route, progress_m: Array) -> NDArray[np.str_]:
@@ -50,7 +47,7 @@ def route_columns(tables: RouteTracks, x_m: Array, y_m: Array, yaw_rad: NDArray[
         "speed_limit_mps": tables.limit_mps[segment],
         "route_progress_m": place.progress_m,
         "route_offset_m": place.offset_m,
-        "route_heading_error_rad": _wrapped(yaw - place.heading_rad),
+        "route_heading_error_rad": wrap_rad(yaw - place.heading_rad),
         "command": _commands(route, place.progress_m),
     }
     first_m = np.ceil((place.progress_m + _TARGET_MIN_AHEAD_M) / _TARGET_SPACING_M) * _TARGET_SPACING_M

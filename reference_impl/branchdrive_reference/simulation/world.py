@@ -55,8 +55,8 @@ class World:
         self.scenario = SCENARIOS[spec.scenario_type]
         self._grip = ENVIRONMENTS[spec.environment].grip
         stage = Stage(self.tables, spec.seed)
-        ambient = populate(stage, self.scenario.ambient)
-        self.bodies = body_table([_ego(stage), *self.scenario.bodies(stage), *ambient])
+        cast = self.scenario.bodies(stage)
+        self.bodies = body_table([_ego(stage), *cast, *populate(stage, self.scenario.ambient, cast)])
         self.noise = ReplayNoise.of(spec)
         self.noise.disturb_start(self.bodies, self.tables)
         self.vehicle = np.zeros(1, VEHICLE)

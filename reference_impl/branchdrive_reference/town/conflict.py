@@ -8,17 +8,19 @@ An entry and the lane that it joins merge like a zipper: who is nearer to the jo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive_reference.geometry.angle import wrap
 from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.signal import NO_GROUP
 
-__all__ = ["CONFLICT", "TrackCourse", "conflict_table"]
+__all__ = ["CONFLICT", "OPPOSITE_RAD", "TrackCourse", "conflict_table"]
 
 CONFLICT = np.dtype(
     [
@@ -39,7 +41,8 @@ _CLEARANCE_M = 2.6
 _BEYOND_M = 5.0
 """Tracks that end on the same lane count as in conflict this far beyond the junction."""
 
-_OPPOSITE_RAD, _SAME_RAD = np.radians(135.0), np.radians(20.0)
+OPPOSITE_RAD, _SAME_RAD = math.radians(135.0), math.radians(20.0)
+"""Approaches that differ by more than the first face each other, by less than the second they are one."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +68,11 @@ class TrackCourse:
     major: bool = True
 
 
-def _angle(from_rad: float, to_rad: float) -> float:
-    return float(np.arctan2(np.sin(to_rad - from_rad), np.cos(to_rad - from_rad)))
-
-
 def _yields(own: TrackCourse, other: TrackCourse, turned_rad: float) -> bool:
     """Whether `own` yields, where the other approach's direction is `turned_rad` counter-clockwise from its own."""
     if own.group != other.group:
         return False
-    opposite = abs(turned_rad) > _OPPOSITE_RAD
+    opposite = abs(turned_rad) > OPPOSITE_RAD
     if own.group == NO_GROUP and own.major != other.major:
         return other.major
     if opposite:
@@ -98,7 +97,7 @@ def _crossings(paths: list[NDArray[np.void]], courses: list[TrackCourse]) -> Ite
             a, b = _inside(paths[own], courses[own]), _inside(paths[other], courses[other])
             pa, pb = paths[own][a], paths[other][b]
             near = np.hypot(pa["x_m"][:, None] - pb["x_m"], pa["y_m"][:, None] - pb["y_m"]) < _CLEARANCE_M
-            turned = _angle(pa["tangent_rad"][0], pb["tangent_rad"][0])
+            turned = wrap(float(pb["tangent_rad"][0] - pa["tangent_rad"][0]))
             if near.any() and abs(turned) > _SAME_RAD:  # lanes of one approach never cross
                 yields = _yields(courses[own], courses[other], turned)
                 enter_m, leave_m = _interval(pa["arc_m"][near.any(axis=1)])

@@ -97,6 +97,12 @@ class Route:
     turn: Turn
     early: bool
 
+    @property
+    def has_clear_side_lanes(self) -> bool:
+        """Whether the other lanes of the ego's direction beside the site, if any, stay clear of the route."""
+        clear_road = self.place is Place.ROAD and (self.early or self.turn is Turn.STRAIGHT)
+        return clear_road or self.place is Place.MOTORWAY
+
 
 def obstacle_sight_m(speed_mps: float) -> float:
     """How far ahead, centre to centre, whoever drives at a speed looks for what stands in the way."""
@@ -123,23 +129,13 @@ def _road_route(town: RoadNetwork, chain: tuple[Lane, Lane, Lane], *, early: boo
     else:
         junction_begin = site_high + _CLEAR_BEHIND_SITE_S * speed + _CLEAR_BEHIND_SITE_M
         junction_end = junction_begin + connector.centre.length_m
-    begin = first.centre.length_m - junction_begin
-    rest = goal + OVERRUN_M - junction_end
-    if begin < 0 or junction_begin < START_M + 2.0 or not 0 < rest < last.centre.length_m:
-        return None
-    return Route(
-        route_id=f"{connector.lane_id.replace(':', '.')}.{'early' if early else 'late'}",
-        town=town.name,
-        place=Place.ROAD,
-        chain=chain,
-        begin_m=begin,
-        polyline=_cut(chain, begin, first.centre.length_m + connector.centre.length_m + rest),
-        goal_m=goal,
-        site_m=(site_low, site_high),
-        site_lane=last if early else first,
-        junction=connector.junction,
-        junction_m=(junction_begin, junction_end),
-        turn=connector.turn,
+    return _crossing(
+        town,
+        chain,
+        "early" if early else "late",
+        (junction_begin, junction_end),
+        (site_low, site_high),
+        goal,
         early=early,
     )
 
@@ -151,24 +147,33 @@ def _junction_route(town: RoadNetwork, chain: tuple[Lane, Lane, Lane]) -> Route 
     site = START_M + _HISTORY_S * speed + obstacle_sight_m(speed)
     junction_end = site + connector.centre.length_m
     goal = junction_end + _AFTER_SITE_S * CRUISE_SHARE * last.speed_limit_mps
-    begin = first.centre.length_m - site
-    rest = goal + OVERRUN_M - junction_end
-    if begin < 0 or rest >= last.centre.length_m:
+    return _crossing(town, chain, Place.JUNCTION.value, (site, junction_end), (site, site), goal, early=False)
+
+
+def _crossing(
+    town: RoadNetwork, chain: tuple[Lane, Lane, Lane], name: str, junction_m: tuple[float, float],
+    site_m: tuple[float, float], goal_m: float, *, early: bool,
+) -> Route | None:  # fmt: skip
+    """The route of a chain with its junction, site and goal at arc lengths, ``None`` if a lane is too short."""
+    first, connector, last = chain
+    begin = first.centre.length_m - junction_m[0]
+    rest = goal_m + OVERRUN_M - junction_m[1]
+    if begin < 0 or junction_m[0] < START_M + 2.0 or not 0 < rest < last.centre.length_m:
         return None
     return Route(
-        route_id=f"{connector.lane_id.replace(':', '.')}.junction",
+        route_id=f"{connector.lane_id.replace(':', '.')}.{name}",
         town=town.name,
-        place=Place.JUNCTION,
+        place=Place.JUNCTION if name == Place.JUNCTION.value else Place.ROAD,
         chain=chain,
         begin_m=begin,
         polyline=_cut(chain, begin, first.centre.length_m + connector.centre.length_m + rest),
-        goal_m=goal,
-        site_m=(site, site),
-        site_lane=first,
+        goal_m=goal_m,
+        site_m=site_m,
+        site_lane=last if early else first,
         junction=connector.junction,
-        junction_m=(site, junction_end),
+        junction_m=junction_m,
         turn=connector.turn,
-        early=False,
+        early=early,
     )
 
 

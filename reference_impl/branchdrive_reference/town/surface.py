@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.kernel import Records, kernel
+from branchdrive_reference.town.lane import LaneSide, Turn
 from branchdrive_reference.town.network import RoadNetwork
 
 __all__ = ["Surface", "town_surface"]
@@ -88,7 +89,8 @@ def town_surface(town: RoadNetwork) -> Surface:
     first = 0
     for lane in town.lanes.values():
         x, y, half = lane.centre.x_m, lane.centre.y_m, lane.width_m / 2
-        right_m = half if lane.turn.value != "follow" else max(half, min(lane.right_edge_m, 1.5 * lane.width_m))
+        beside_m = lane.right_edge_m if lane.right in (LaneSide.PARKING, LaneSide.NOTHING) else half
+        right_m = beside_m if lane.turn is Turn.FOLLOW else half
         bounds = (x.min() - right_m, x.max() + right_m, y.min() - right_m, y.max() + right_m)
         rows.append((first, first + len(x) - 1, half, right_m, *bounds))
         first += len(x)

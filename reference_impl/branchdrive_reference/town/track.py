@@ -14,9 +14,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive_reference.geometry.angle import wrap
 from branchdrive_reference.geometry.path import VERTEX
 from branchdrive_reference.geometry.polyline import Array, Polyline, join
-from branchdrive_reference.town.conflict import TrackCourse, conflict_table
+from branchdrive_reference.town.conflict import OPPOSITE_RAD, TrackCourse, conflict_table
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import Lane, RoadClass, Turn
 from branchdrive_reference.town.network import RoadNetwork
@@ -138,9 +139,8 @@ def _approaches(network: RoadNetwork, route: Route) -> dict[Role, tuple[str, str
     for way, carriageway in network.carriageways.items():
         if way[1] != route.junction or way == route.chain[0].way:
             continue
-        turned = float(carriageway.lanes[0].centre.tangent_rad[-1]) - float(own)
-        side = np.arctan2(np.sin(turned), np.cos(turned))
-        if abs(side) > np.radians(135.0):
+        side = wrap(float(carriageway.lanes[0].centre.tangent_rad[-1] - own))
+        if abs(side) > OPPOSITE_RAD:
             found[Role.OPPOSITE] = way
         else:
             found[Role.FROM_LEFT if side < 0 else Role.FROM_RIGHT] = way
@@ -149,8 +149,7 @@ def _approaches(network: RoadNetwork, route: Route) -> dict[Role, tuple[str, str
 
 def _side_lanes(network: RoadNetwork, route: Route) -> dict[Role, list[Lane]]:
     """Lanes of the ego's direction beside the site, if their way stays clear of the route."""
-    on_road = route.place is Place.ROAD and (route.early or route.turn is Turn.STRAIGHT)
-    if not on_road and route.place is not Place.MOTORWAY:
+    if not route.has_clear_side_lanes:
         return {}
     sides = {Role.LEFT_LANE: -1, Role.RIGHT_LANE: 1}
     first = route.chain[0] if route.place is Place.MOTORWAY else route.site_lane

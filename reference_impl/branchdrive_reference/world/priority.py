@@ -16,7 +16,7 @@ from branchdrive_reference.town.signal import Light
 from branchdrive_reference.world.body import EGO, Behaviour, Heed
 from branchdrive_reference.world.corridor import NOBODY
 
-__all__ = ["halt_gap_m", "travel_s", "zipper_leader"]
+__all__ = ["AT_LINE_M", "PAST_LINE_M", "STOPPED_MPS", "halt_gap_m", "travel_s", "zipper_leader"]
 
 _GREEN, _RED = int(Light.GREEN), int(Light.RED)
 _FOLLOWING = int(Behaviour.FOLLOWING)
@@ -25,7 +25,12 @@ _SIGNALS, _PRIORITY = int(Heed.SIGNALS), int(Heed.PRIORITY)
 _FIRMEST_RED_MPS2, _FIRMEST_YELLOW_MPS2, _FIRMEST_YIELD_MPS2 = 6.0, 2.5, 5.5
 """Who would have to brake harder than this goes on."""
 
-_PAST_LINE_M = 1.5
+PAST_LINE_M = 1.5
+"""Who is further beyond a line than this does not stop for it any more."""
+
+STOPPED_MPS, AT_LINE_M = 0.2, 5.0
+"""Slower than this, with the front at most this far before the line, is a stop at a stop sign."""
+
 _START_ACCEL_MPS2, _CROSSING_MPS = 1.5, 7.0
 _CREEP_MPS = 0.5
 _IN_LANE_M = 2.5
@@ -112,7 +117,7 @@ def halt_gap_m(
     front_m = foot.arc_m + foot.half_length_m
     nearest_m, by_signal = np.inf, False
     gap_m = row.stop_m - front_m
-    if row.group >= 0 and heeds & _SIGNALS and -_PAST_LINE_M < gap_m < _NOTICE_M and lights[row.group] != _GREEN:
+    if row.group >= 0 and heeds & _SIGNALS and -PAST_LINE_M < gap_m < _NOTICE_M and lights[row.group] != _GREEN:
         firmest = _FIRMEST_RED_MPS2 if lights[row.group] == _RED else _FIRMEST_YELLOW_MPS2
         if _can_stop(gap_m, speed, firmest):
             nearest_m, by_signal = gap_m, True
@@ -124,7 +129,7 @@ def halt_gap_m(
             # a left turn waits inside the junction, everybody else at the line
             line_m = conflict.enter_m - _YIELD_LINE_M if row.group >= 0 else row.stop_m
             gap_m = line_m - front_m
-            if gap_m < -_PAST_LINE_M or gap_m > _NOTICE_M or gap_m >= nearest_m:
+            if gap_m < -PAST_LINE_M or gap_m > _NOTICE_M or gap_m >= nearest_m:
                 continue
             if _can_stop(gap_m, speed, _FIRMEST_YIELD_MPS2) and _must_wait(bodies, feet, conflict, own, margin_s):
                 nearest_m, by_signal = gap_m, False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cache
 
 import numpy as np
@@ -91,7 +92,7 @@ def test_vehicles_of_the_own_lane_keep_clear_of_the_ego_and_the_site(scenario: s
 
 
 def ambient_of(spec: WorldSpec, ambient: Ambient) -> list[Body]:
-    return populate(Stage(route_tracks(spec.town, spec.route_id), spec.seed), ambient)
+    return populate(Stage(route_tracks(spec.town, spec.route_id), spec.seed), ambient, ())
 
 
 @pytest.mark.parametrize("part", [field.name for field in dataclasses.fields(Ambient)])
@@ -122,3 +123,18 @@ def test_a_scenario_can_leave_traffic_out(part: str, scenario: str, role: Role) 
 def test_roads_are_populated_by_all_kinds() -> None:
     kinds = {Kind(kind) for opening in openings("ParkedObstacleTwoWays") for kind in opening.bodies["kind"].tolist()}
     assert kinds == set(Kind)
+
+
+@each_scenario
+def test_walkers_stop_before_whatever_of_the_scenario_stands_in_their_way(scenario: str) -> None:
+    for opening in openings(scenario):
+        standing = [
+            outline(body)
+            for body in opening.bodies
+            if body["behaviour"] == Behaviour.STANDING and body["kind"] != Kind.PEDESTRIAN
+        ]
+        for walker in opening.ambient[opening.ambient["behaviour"] == Behaviour.WALKING]:
+            dx, dy = (walker["travel_m"] * trig(walker["yaw_rad"]) for trig in (math.cos, math.sin))
+            there = shapely.affinity.translate(outline(walker), dx, dy)
+            swept = shapely.union_all([outline(walker), there]).convex_hull
+            assert not any(body.intersects(swept) for body in standing), opening.spec

@@ -17,7 +17,7 @@ from branchdrive_reference.simulation.record import record
 from branchdrive_reference.simulation.rollout import Run, run
 from branchdrive_reference.town.signal import NO_GROUP, Light, light_of
 from branchdrive_reference.town.track import EGO_TRACK, TRACK, route_tracks
-from branchdrive_reference.world.body import BODY, EGO
+from branchdrive_reference.world.body import EGO
 from branchdrive_reference.world.corridor import FOOT
 from branchdrive_reference.world.vehicle import EGO_SIZE
 
@@ -30,12 +30,10 @@ def world(
     gap_m: float, *, speed_mps: float = 5.0, light: Light = Light.RED, group: int = 0, stop_sign: bool = False
 ) -> Any:
     """As much of a world as the monitor looks at, with the ego's front this far before the line."""
-    feet, bodies = np.zeros((1, 1), FOOT), np.zeros(1, BODY)
-    feet["arc_m"], feet["half_length_m"], bodies["speed_mps"] = 100.0 - gap_m - HALF_M, HALF_M, speed_mps
+    feet = np.zeros((1, 1), FOOT)
+    feet["arc_m"], feet["half_length_m"], feet["speed_mps"] = 100.0 - gap_m - HALF_M, HALF_M, speed_mps
     tracks = np.array([(0, 0, 100.0, group, stop_sign)], TRACK)
-    return SimpleNamespace(
-        feet=feet, bodies=bodies, tables=SimpleNamespace(tracks=tracks), lights=np.full(2, int(light))
-    )
+    return SimpleNamespace(feet=feet, tables=SimpleNamespace(tracks=tracks), lights=np.full(2, int(light)))
 
 
 def watched(*worlds: Any) -> LineMonitor:

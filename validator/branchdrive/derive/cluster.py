@@ -1,8 +1,8 @@
-"""Clusters of routes that run along the same ground.
+"""Clusters of routes with the same geometry.
 
 Two routes of one town are close where their polylines, resampled by arc length to 32 points, lie
 less than 2 m apart in the root mean square over points of equal index; a cluster is a connected
-component of close routes.
+component of close routes. Routes that share only a part of their way, or run along it with a lag, are not close.
 
 Source: paper V-E (partitions share no route geometry); resampling and distance are this project's choice.
 """
