@@ -1,12 +1,13 @@
-# Few verbs: setup, demo, test, check, bench, bench-paper.
+# Few verbs; `make help` lists them.
 PYTHON ?= python3
 JOBS ?= 2
 GROUPS ?= 29
 BIN := .venv/bin
 DEMO := build/demo
 
-.PHONY: setup demo test check bench bench-paper
+.PHONY: setup help demo test check bench bench-paper
 
+## create .venv and install into it, in editable mode, with the extras sim, plots and dev
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
@@ -15,6 +16,13 @@ setup: .venv/.installed
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[sim,plots,dev]"
 	@touch $@
+
+## list the verbs
+help:
+	@awk '/^## / { text = substr($$0, 4); next } \
+		text { split($$0, part, ":"); printf "make %-12s %s\n", part[1], text } \
+		{ text = "" } \
+		END { print "variables: PYTHON=$(PYTHON) JOBS=$(JOBS) GROUPS=$(GROUPS)" }' $(MAKEFILE_LIST)
 
 ## collect one group of every scenario type in the reference world, validate them, draw them
 demo: setup

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from tests.repo.checkout import ROOT
 from tests.synthetic import base_tables, descriptor, write_dataset
 
+from branchdrive import open_dataset
 from branchdrive.audit.engine import validate
 from branchdrive.audit.funnel import STAGES
 from branchdrive.audit.verdict import EXIT_CODES
@@ -22,6 +25,13 @@ if TYPE_CHECKING:
 
 COLLECTOR = "docs/examples/minimal_collector.py"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+SHELL = [
+    shlex.split(line, comments=True)
+    for block in re.findall(r"```sh\n(.*?)```", README, re.S)
+    for line in block.splitlines()
+    if line.strip()
+]
+"""Words of every command of the shell examples."""
 
 
 def test_the_reading_example_runs(tmp_path: Path) -> None:
@@ -32,33 +42,75 @@ def test_the_reading_example_runs(tmp_path: Path) -> None:
     assert [getattr(names[name], "shape", None) for name in ("speed", "past", "future")] == [(16, 1), (80, 3), (10, 4)]
 
 
+def minimal_collector(root: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, str(ROOT / COLLECTOR), str(root)], capture_output=True, text=True)
+
+
 def test_the_minimal_collector_writes_a_group_that_qualifies(tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / COLLECTOR), str(tmp_path / "dataset")]
-    printed = [subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() for _ in range(2)]
+    runs = [minimal_collector(tmp_path / "dataset") for _ in range(2)]
     report = validate(tmp_path / "dataset")
     assert report.verdict == "valid"
     assert report.funnel is not None
     assert report.funnel.groups == dict.fromkeys(STAGES, 1)
-    assert printed == [report.dataset.identity] * 2  # a finished dataset is left as it is
+    root = shlex.quote(str(tmp_path / "dataset"))
+    printed = f"dataset   {root}\nidentity  {report.dataset.identity}\nnext      branchdrive-validate {root}\n"
+    assert [run.stdout for run in runs] == [printed] * 2  # a finished dataset is left as it is
+    assert [(run.returncode, run.stderr) for run in runs] == [(0, "")] * 2
     assert (report.dataset.num_groups, report.dataset.num_rollouts) == (1, 14)
+
+
+def test_every_drive_of_the_minimal_collector_completes_its_route(tmp_path: Path) -> None:
+    minimal_collector(tmp_path / "dataset")
+    rollouts = open_dataset(tmp_path / "dataset").rollouts().to_pylist()
+    assert {row["result_completion"] for row in rollouts} == {"completed"}
+    assert {row["result_route_fraction"] for row in rollouts} == {1.0}
+
+
+def test_the_minimal_collector_refuses_another_folder_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "other.txt").write_text("mine")
+    run = minimal_collector(tmp_path)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == f"minimal_collector: {tmp_path}: is not empty and holds no dataset; choose another folder\n"
 
 
 def test_the_writing_excerpt_is_of_the_minimal_collector() -> None:
     blocks = [block for block in re.findall(r"```python\n(.*?)```", README, re.S) if "DatasetWriter" in block]
     assert len(blocks) == 1
     assert blocks[0] in (ROOT / COLLECTOR).read_text(encoding="utf-8")
-    assert f".venv/bin/python {COLLECTOR} my-dataset\n" in README
 
 
-def test_the_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_and_their_options_exist(capsys: pytest.CaptureFixture[str]) -> None:
     import io
 
-    for command in set(re.findall(r"bin/branchdrive ([a-z]+)", README)):
+    calls = [words for words in SHELL if words[0].startswith("branchdrive")]
+    assert {words[1] for words in calls if words[0] == "branchdrive"} >= {"collect", "study", "draw", "rules"}
+    for words in calls:
+        command = "validate" if words[0] == "branchdrive-validate" else words[1]
         try:
             run([command, "--help"], io.StringIO(), io.StringIO())
         except SystemExit as stop:
             assert stop.code == 0, command
-        assert f"branchdrive {command}" in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert f"branchdrive {command}" in printed
+        for option in [word for word in words if word.startswith("--")]:
+            assert option in printed, words
+
+
+def test_commands_are_called_by_plain_names_in_an_activated_environment() -> None:
+    assert [words for words in SHELL if words[-1] == ".venv/bin/activate"] == [[".", ".venv/bin/activate"]]
+    assert README.count(".venv/bin/") == 1
+
+
+def test_every_path_is_written_once_and_git_ignores_it() -> None:
+    written = ["build/demo"]  # by `make demo`
+    for words in SHELL:
+        written += [words[2]] if words[:2] in (["branchdrive", "collect"], ["python", COLLECTOR]) else []
+        written += [value for option, value in pairwise(words) if option == "--output"]
+    assert "DEMO := build/demo\n" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert len(written) == len(set(written)) >= 7
+    assert not any(path.startswith("build/demo/") for path in written)
+    assert all(path.startswith("build/") for path in written)
+    assert "build/" in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
 
 
 def test_the_verdict_table_is_the_codes() -> None:

@@ -14,8 +14,9 @@ from branchdrive.errors import UsageError
 from branchdrive_reference.collect.collection import collection_descriptor
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
 from branchdrive_reference.collect.group import GroupReport
+from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.plan import plan_group
-from branchdrive_reference.collect.pool import execute_groups
+from branchdrive_reference.collect.pool import execute_groups, num_workers
 
 __all__ = ["CampaignReport", "collect"]
 
@@ -27,12 +28,14 @@ class CampaignReport:
     Attributes:
         groups: Reports of the groups that this run finished.
         num_found: Groups that were finished before.
+        num_workers: Processes that executed groups; 1 is the collector's own.
         seconds: Wall time, writing included.
         identity: Identity of the finished dataset.
     """
 
     groups: tuple[GroupReport, ...]
     num_found: int
+    num_workers: int
     seconds: float
     identity: str
 
@@ -93,7 +96,10 @@ def collect(
         disk_need(root, num_groups, jobs=jobs).check(root)  # before anything is created
     with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD) as writer:
         selected = descriptor.collection.scenario_types
-        plans = [plan_group(seed, index, selected) for index in range(num_groups)]
+        _check_begun(root, writer, num_groups)
+        with deferred_interrupt() as raise_if_noted:  # loading compiled code swallows interrupts
+            plans = [plan_group(seed, index, selected) for index in range(num_groups)]
+        raise_if_noted()
         missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
         num_found = num_groups - len(missing)
         if writer.is_finished and missing:
@@ -115,4 +121,19 @@ def collect(
                 writer.commit()
                 watch(num_found + len(reports), num_ticks)
         identity = writer.finalize()
-    return CampaignReport(tuple(reports), num_found, time.perf_counter() - begin_s, identity)
+    workers = num_workers(len(missing), jobs=jobs)
+    return CampaignReport(tuple(reports), num_found, workers, time.perf_counter() - begin_s, identity)
+
+
+def _check_begun(root: Path, writer: DatasetWriter, num_groups: int) -> None:
+    """Refuse to go on with fewer groups than the collection was begun with.
+
+    Raises:
+        UsageError: A group beyond the first `num_groups` was begun.
+    """
+    begun = max(writer.places.values(), default=-1) + 1
+    if begun > num_groups:
+        raise UsageError(
+            f"{root}: this collection has begun {begun} groups, more than the {num_groups} asked for; "
+            f"ask for at least {begun}, or choose another folder"
+        )

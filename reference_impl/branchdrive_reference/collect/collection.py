@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import Collection, DeclaredEncoding, Descriptor, Software
@@ -11,6 +12,12 @@ from branchdrive_reference.collect.plan import select_scenarios
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 
 __all__ = ["collection_descriptor"]
+
+
+def _simulator_version() -> str:
+    """Version of the simulator and of the libraries that decide its bits: a collection never mixes them."""
+    libraries = (f"{name}.{version(name)}" for name in ("numba", "numpy", "pymunk"))
+    return f"{SIMULATOR_VERSION}+{'.'.join(libraries)}"
 
 
 def collection_descriptor(
@@ -37,7 +44,7 @@ def collection_descriptor(
         dataset_version="0.1.0",
         title="Matched interventions in the BranchDrive reference world",
         licence="CC-BY-4.0",
-        simulator=Software(name=SIMULATOR_NAME, version=SIMULATOR_VERSION),
+        simulator=Software(name=SIMULATOR_NAME, version=_simulator_version()),
         collector=Software(name=COLLECTOR_NAME, version=COLLECTOR_VERSION),
         streams=("ego_route_state", "actor_risk_evidence", "controls", "route_result"),
         action_bank=bank,

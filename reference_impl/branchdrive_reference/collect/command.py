@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import shlex
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import Fault, parse_faults
+from branchdrive_reference.collect.interrupt import TerminationInterrupt, deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ __all__ = ["SUMMARY", "add_arguments", "run"]
 SUMMARY = "collect a dataset in the reference world"
 
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 _MAX_SEED = 2**63 - 1
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0
@@ -66,7 +69,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
     parser.add_argument("--jobs", metavar="J", type=count, help="worker processes (default: 1)")
     parser.add_argument(
-        "--scenario", metavar="NAME", action="append", help="collect this scenario type only; can be repeated"
+        "--scenario",
+        metavar="NAME",
+        action="append",
+        help="collect this scenario type only; can be repeated; docs/reference-world.md describes them",
     )
     parser.add_argument(
         "--replay-noise", metavar="STRENGTH", type=strength, help="declared noise of replays; 0 replays exactly"
@@ -74,12 +80,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--faults",
         metavar="SPEC",
-        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(Fault)}",
+        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(Fault)}; "
+        "docs/reference-world.md describes them",
     )
     parser.add_argument(
         "--no-media", action="store_true", help="structured streams only, which is all that this version records"
     )
-    parser.add_argument("--resume", action="store_true", help="refuse to begin: OUT must hold this collection already")
+    parser.add_argument("--resume", action="store_true", help="only go on with a collection that OUT already holds")
 
 
 @dataclass(frozen=True)
@@ -102,18 +109,13 @@ def _choose(args: argparse.Namespace) -> _Choice:
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
-    """Collect, finish the dataset and print a summary; 130 if interrupted.
+    """Collect, finish the dataset and print a summary; 130 if interrupted, 143 if asked to terminate.
 
     Raises:
         UsageError: The options do not go together, the folder cannot be used, the dataset does not
             fit on its disk, or the extra is not installed.
     """
     chosen = _choose(args)
-    try:
-        from branchdrive_reference.collect.campaign import collect
-    except ModuleNotFoundError as error:
-        raise UsageError(f"`collect` needs the package {error.name!r}: pip install 'branchdrive[sim]'") from error
-
     finished = 0
     show: Update | None = None
 
@@ -123,11 +125,15 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     try:
         with ExitStack() as stack:
+            stack.enter_context(heeded_termination())
+            collect = _load_collector()
 
             def note(groups: int, ticks: int) -> None:
                 nonlocal finished, show
                 if show is None:  # the bar begins below the lines that come before it
-                    show = stack.enter_context(progress_bar(stderr, "collecting groups"))
+                    with deferred_interrupt() as raise_if_noted:  # it has imports of its own
+                        show = stack.enter_context(progress_bar(stderr, "collecting groups"))
+                    raise_if_noted()
                 finished = groups
                 show(groups, chosen.num_groups, f"{ticks:,} ticks")
 
@@ -143,12 +149,23 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 foresee=foresee,
                 watch=note,
             )
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         progress = f"{finished} of {chosen.num_groups} groups are finished"
         stderr.write(f"interrupted; {progress}. To go on, run: {_command_line(args)}\n")
-        return EXIT_INTERRUPTED
+        return EXIT_TERMINATED if isinstance(interrupt, TerminationInterrupt) else EXIT_INTERRUPTED
     stdout.write(_summary(args, report))
     return 0
+
+
+def _load_collector() -> Callable[..., CampaignReport]:
+    """The collector; an interrupt waits for the import, which takes seconds and does not always survive one."""
+    try:
+        with deferred_interrupt() as raise_if_noted:
+            from branchdrive_reference.collect.campaign import collect
+    except ModuleNotFoundError as error:
+        raise UsageError(f"`collect` needs the package {error.name!r}: pip install 'branchdrive[sim]'") from error
+    raise_if_noted()
+    return collect
 
 
 def _command_line(args: argparse.Namespace) -> str:
@@ -177,15 +194,17 @@ def _summary(args: argparse.Namespace, report: CampaignReport) -> str:
     if len(reasons) > _MAX_LISTED:
         reasons[_MAX_LISTED:] = [f"          {len(reasons) - _MAX_LISTED:,} more have no branch"]
     num_stopped = sum(bool(group.stopped_because) for group in report.groups)
-    num_jobs = args.jobs or 1
-    jobs = "1 job" if num_jobs == 1 else f"{num_jobs} jobs"
+    jobs = "1 job" if report.num_workers == 1 else f"{report.num_workers} jobs"
+    speed = (
+        f"ticks     {report.num_ticks:,} in {report.seconds:.1f} s with {jobs}, writing included: "
+        f"{report.ticks_per_s:,.0f} ticks/s"
+    )
     lines = [
         f"groups    {len(report.groups):,} collected, {report.num_found:,} found finished",
         *reasons,
         *([f"          {num_stopped:,} stopped early by injected faults"] if num_stopped else []),
         f"rollouts  {simulated:,} simulated, {reused:,} found finished",
-        f"ticks     {report.num_ticks:,} in {report.seconds:.1f} s with {jobs}, writing included: "
-        f"{report.ticks_per_s:,.0f} ticks/s",
+        *([speed] if report.num_ticks else []),
         f"dataset   {args.out}",
         f"identity  {report.identity}",
         f"next      {shlex.join(['branchdrive-validate', str(args.out)])}",

@@ -1,8 +1,8 @@
-"""Keyboard interrupts that wait for the end of a rollout.
+"""Keyboard interrupts and requests to terminate, which wait for the end of a rollout.
 
-An interrupt that arrives inside a callback of the physics engine would be printed and forgotten
-there, because C code cannot pass an exception on. So the first interrupt is only noted, and raised
-where the collector asks for it; the second one is raised at once.
+A signal that arrives inside a callback of the physics engine would be printed and forgotten there,
+because C code cannot pass an exception on. So the first signal is only noted, and raised where the
+collector asks for it; the second one is raised at once.
 """
 
 from __future__ import annotations
@@ -12,36 +12,88 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
 
-__all__ = ["deferred_interrupt"]
+__all__ = ["TerminationInterrupt", "deferred_interrupt", "heeded_termination", "shielded_children"]
+
+_Handler = Callable[[int, FrameType | None], object]
+
+
+class TerminationInterrupt(KeyboardInterrupt):
+    """The process was asked to terminate, as batch schedulers do before they kill."""
 
 
 @contextmanager
-def deferred_interrupt() -> Iterator[Callable[[], None]]:
-    """Note keyboard interrupts; yields the function that raises a noted one.
+def heeded_termination() -> Iterator[None]:
+    """Raise `TerminationInterrupt` on SIGTERM instead of dying.
 
-    Outside the main thread, and where the caller handles interrupts in another way, nothing changes.
+    Outside the main thread, and where the caller handles SIGTERM in another way, nothing changes.
     """
-    is_noted = False
+    is_ours = _is_main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if is_ours:
+        signal.signal(signal.SIGTERM, _raise_termination)
+    try:
+        yield
+    finally:
+        if is_ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
-    def note(_signal: int, _frame: FrameType | None) -> None:
-        nonlocal is_noted
-        is_noted = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+def _raise_termination(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise TerminationInterrupt
+
+
+@contextmanager
+def deferred_interrupt(then: Callable[[], object] | None = None) -> Iterator[Callable[[], None]]:
+    """Note keyboard interrupts and heeded terminations; yields the function that raises a noted one.
+
+    Outside the main thread, and for signals that the caller handles in another way, nothing changes.
+
+    Args:
+        then: Called as soon as one is noted.
+    """
+    noted: list[int] = []
+    raising: dict[int, _Handler] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: _raise_termination}
+    ours = {number: handler for number, handler in raising.items() if signal.getsignal(number) is handler}
+    if not _is_main_thread():
+        ours = {}
+
+    def restore() -> None:
+        for number, handler in ours.items():
+            signal.signal(number, handler)
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        noted.append(number)
+        restore()
+        if then is not None:
+            then()
 
     def raise_if_noted() -> None:
-        if is_noted:
-            raise KeyboardInterrupt
+        if noted:
+            raising[noted[0]](noted[0], None)
 
-    is_ours = (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )
-    if not is_ours:
-        yield raise_if_noted
-        return
-    signal.signal(signal.SIGINT, note)
+    for number in ours:
+        signal.signal(number, note)
     try:
         yield raise_if_noted
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        restore()
+
+
+@contextmanager
+def shielded_children() -> Iterator[None]:
+    """Start processes that neither interrupts nor requests to terminate ever reach.
+
+    They inherit the mask that blocks both. A signal that this process gets meanwhile is raised at the end.
+    """
+    with deferred_interrupt() as raise_if_noted:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    raise_if_noted()
+
+
+def _is_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()

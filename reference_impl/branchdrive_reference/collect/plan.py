@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from branchdrive.errors import UsageError
 from branchdrive_reference.noise import Purpose, choice, integer
@@ -39,7 +40,10 @@ def select_scenarios(names: Sequence[str]) -> tuple[str, ...]:
     """
     unknown = [name for name in names if name not in SCENARIOS]
     if unknown:
-        raise UsageError(f"unknown scenario type {unknown[0]!r}; choose from {', '.join(SCENARIOS)}")
+        lower = {name.lower(): name for name in SCENARIOS}
+        close = get_close_matches(unknown[0].lower(), lower, n=1)
+        hint = f" (did you mean {lower[close[0]]}?)" if close else ""
+        raise UsageError(f"unknown scenario type {unknown[0]!r}{hint}; choose from {', '.join(SCENARIOS)}")
     selected = tuple(name for name in SCENARIOS if name in names)
     return selected if len(selected) < len(SCENARIOS) else ()
 

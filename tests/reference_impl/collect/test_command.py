@@ -1,20 +1,16 @@
-"""`branchdrive collect`: datasets are valid, independent of workers, and survive interruptions."""
+"""`branchdrive collect`: datasets are valid and independent of workers, options are checked and explained."""
 
 from __future__ import annotations
 
 import io
-import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.reference_impl.collect.running import finished_rollouts, start, wait_for
 
 from branchdrive import DatasetWriter, open_dataset, validate
 from branchdrive.cli.main import run
@@ -29,47 +25,6 @@ SEED, GROUPS = 3, 3
 def branchdrive(*arguments: object) -> tuple[int, str, str]:
     stdout, stderr = io.StringIO(), io.StringIO()
     return run([str(argument) for argument in arguments], stdout, stderr), stdout.getvalue(), stderr.getvalue()
-
-
-def heed_interrupts() -> None:
-    """Undo what a background shell does to its children: they ignore interrupts."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def start(root: Path, *, jobs: int, groups: int, options: Sequence[object] = ()) -> subprocess.Popen[str]:
-    arguments = ["collect", root, "--groups", groups, "--seed", SEED, "--jobs", jobs, *options]
-    return subprocess.Popen(
-        [sys.executable, "-m", "branchdrive.cli", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=heed_interrupts,
-    )
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-def finished_rollouts(root: Path) -> int:
-    return len([path for path in root.glob(".staging/groups/*/*") if not path.name.startswith(".")])
-
-
-def session_of(pid: int) -> list[int]:
-    """Living processes of a session, by `/proc`."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, _, session = path.read_text().rpartition(")")[2].split()[:4]
-        except OSError:
-            continue
-        if int(session) == pid and state != "Z":
-            found.append(int(path.parent.name))
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +52,16 @@ def test_a_finished_dataset_is_left_as_it_is(reference: tuple[Path, str]) -> Non
     code, out, _ = branchdrive("collect", root, "--groups", GROUPS, "--seed", SEED)
     assert code == 0
     assert f"groups    0 collected, {GROUPS} found finished" in out
+    assert "ticks " not in out
     assert identity in out
+
+
+def test_a_finished_dataset_does_not_shrink(reference: tuple[Path, str]) -> None:
+    root, identity = reference
+    code, out, err = branchdrive("collect", root, "--groups", GROUPS - 1, "--seed", SEED)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"has begun {GROUPS} groups, more than the {GROUPS - 1} asked for; ask for at least {GROUPS}" in err
+    assert collect(root, num_groups=GROUPS, seed=SEED).identity == identity
 
 
 def test_a_finished_dataset_does_not_grow(reference: tuple[Path, str]) -> None:
@@ -109,9 +73,9 @@ def test_a_finished_dataset_does_not_grow(reference: tuple[Path, str]) -> None:
 
 
 def test_the_summary_reads_well(tmp_path: Path) -> None:
-    _, out, _ = branchdrive("collect", tmp_path / "d", "--groups", 1, "--seed", SEED)
+    _, out, _ = branchdrive("collect", tmp_path / "d", "--groups", 1, "--seed", SEED, "--jobs", 4)
     assert re.fullmatch(
-        r"disk      about 0.0 GiB needed, [\d,.]+ GiB free\n"
+        r"disk      about \d MiB needed, [\d,.]+ [GM]iB free\n"
         r"groups    1 collected, 0 found finished\n"
         r"rollouts  15 simulated, 0 found finished\n"
         r"ticks     [\d,]+ in [\d.]+ s with 1 job, writing included: [\d,]+ ticks/s\n"
@@ -120,30 +84,6 @@ def test_the_summary_reads_well(tmp_path: Path) -> None:
         r"next      branchdrive-validate \S+\n",
         out,
     )
-
-
-def test_a_killed_collection_is_resumed_at_once(tmp_path: Path, reference: tuple[Path, str]) -> None:
-    root = tmp_path / "d"
-    process = start(root, jobs=2, groups=GROUPS)
-    wait_for(lambda: finished_rollouts(root) >= 4)
-    process.kill()
-    process.communicate()
-    report = collect(root, num_groups=GROUPS, seed=SEED)
-    assert report.identity == reference[1]
-    assert sum(group.num_reused for group in report.groups) + 15 * report.num_found >= 4
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, reference: tuple[Path, str], jobs: int) -> None:
-    root = tmp_path / "d"
-    process = start(root, jobs=jobs, groups=GROUPS)
-    wait_for(lambda: finished_rollouts(root) >= 2)
-    os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert re.fullmatch(r"interrupted; \d of 3 groups are finished. To go on, run: branchdrive collect .*\n", err)
-    assert collect(root, num_groups=GROUPS, seed=SEED).identity == reference[1]
 
 
 @pytest.mark.parametrize(
@@ -192,9 +132,13 @@ def test_wrong_usage_exits_with_2(tmp_path: Path, arguments: list[object], capsy
         (["--groups", 1, "--faults", "lost=0.1"], "--faults 'lost=0.1': 'lost' is no fault; give one of none, "),
         (["--groups", 1, "--faults", "partial=2"], "the rate 2 of 'partial' is not in 0 .. 1; give one of none, "),
         (["--groups", 1, "--scenario", "Rain"], f"unknown scenario type 'Rain'; choose from {', '.join(SCENARIOS)}"),
+        (
+            ["--groups", 1, "--scenario", "highway-cut-in"],
+            "'highway-cut-in' (did you mean HighwayCutIn?); choose from ",
+        ),
         (["--groups", 1, "--resume"], "holds no collection to resume; leave out --resume to begin one"),
     ],
-    ids=["no groups", "unknown fault", "impossible rate", "unknown scenario", "nothing to resume"],
+    ids=["no groups", "unknown fault", "impossible rate", "unknown scenario", "nearly a scenario", "nothing to resume"],
 )
 def test_wrong_options_are_explained_in_one_line(tmp_path: Path, arguments: list[object], message: str) -> None:
     code, out, err = branchdrive("collect", tmp_path / "d", "--seed", 1, *arguments)
@@ -210,7 +154,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
 
     def collect_nothing(root: Path, **options: object) -> CampaignReport:
         noted.update(root=root, **options)
-        return CampaignReport((), 0, 1.0, "0" * 64)
+        return CampaignReport((), 0, 1, 1.0, "0" * 64)
 
     monkeypatch.setattr("branchdrive_reference.collect.campaign.collect", collect_nothing)
     return noted
@@ -309,7 +253,7 @@ def test_a_full_disk_is_found_out_before_anything_is_created(tmp_path: Path, mon
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=2**20))
     code, out, err = branchdrive("collect", tmp_path / "d", "--preset", "paper", "--seed", SEED)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "2,467 groups do not fit on this disk: about 0." in err
+    assert re.search(r"2,467 groups do not fit on this disk: about [\d.]+ GiB needed, 1 MiB free; make room", err)
     assert not (tmp_path / "d").exists()
 
 
@@ -328,7 +272,7 @@ FAULTS = {"partial": 0.05, "quarantined": 0.05, "abandoned": 0.3, "duplicate": 0
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, CampaignReport]:
     root = tmp_path_factory.mktemp("faulty") / "dataset"
-    return root, collect(root, num_groups=4, seed=SEED, faults=FAULTS)
+    return root, collect(root, num_groups=4, seed=SEED, faults=FAULTS, replay_noise=1.0)
 
 
 def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, CampaignReport]) -> None:
@@ -338,11 +282,12 @@ def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, Campa
     assert any(group.stopped_because for group in report.groups)
 
 
-def test_faults_do_not_depend_on_workers_or_interruptions(tmp_path: Path, faulty: tuple[Path, CampaignReport]) -> None:
+def test_faults_and_noise_do_not_depend_on_workers_or_interruptions(tmp_path: Path, faulty: tuple[Path, CampaignReport]) -> None:
     root = tmp_path / "d"
     spec = ",".join(f"{name}={rate}" for name, rate in FAULTS.items())
-    options = ["--groups", 4, "--seed", SEED, "--jobs", 2, "--faults", spec]
-    process = start(root, jobs=1, groups=4, options=["--faults", spec])
+    declared = ["--faults", spec, "--replay-noise", 1]
+    options = ["--groups", 4, "--seed", SEED, "--jobs", 2, *declared]
+    process = start(root, seed=SEED, jobs=1, groups=4, options=declared)
     wait_for(lambda: finished_rollouts(root) >= 3)
     process.kill()
     process.communicate()

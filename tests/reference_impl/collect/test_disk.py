@@ -34,6 +34,8 @@ def test_every_worker_stages_groups_of_its_own(tmp_path: Path) -> None:
 
 def test_the_need_reads_well(tmp_path: Path, free_bytes: list[int]) -> None:
     need = disk_need(tmp_path / "not" / "there", 2_467, jobs=2)
+    few = disk_need(tmp_path, 10, jobs=2)
+    assert str(few) == f"about {few.needed_bytes / 2**20:.0f} MiB needed, 3.0 GiB free"
     assert str(need) == f"about {need.needed_bytes / 2**30:.1f} GiB needed, 3.0 GiB free"
     need.check(tmp_path)
     free_bytes[0] = need.needed_bytes - 1

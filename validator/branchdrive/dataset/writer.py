@@ -122,6 +122,13 @@ class DatasetWriter:
                 index = known.get(group_id, max(known.values(), default=-1) + 1)
         return GroupWriter(self.root, self.descriptor, group_id, index)
 
+    @property
+    def places(self) -> dict[str, int]:
+        """Place of every group that was begun, by its id."""
+        self._check_open()
+        with self._stage.registry():
+            return self._known_places()
+
     def _known_places(self) -> dict[str, int]:
         staged = {group.group_id: group.index for group in self._stage.groups()}
         return dict(self._stage.load_places().committed) | staged

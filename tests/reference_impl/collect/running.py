@@ -1,0 +1,54 @@
+"""A collection as a process that tests can stop."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+
+def heed_interrupts() -> None:
+    """Undo what a background shell does to its children: they ignore interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def start(root: Path, *, seed: int, jobs: int, groups: int, options: Sequence[object] = ()) -> subprocess.Popen[str]:
+    """`branchdrive collect` in a session of its own."""
+    arguments = ["collect", root, "--groups", groups, "--seed", seed, "--jobs", jobs, *options]
+    return subprocess.Popen(
+        [sys.executable, "-m", "branchdrive.cli", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heed_interrupts,
+    )
+
+
+def wait_for(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    """Return when the condition holds; fail if it does not in time."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def finished_rollouts(root: Path) -> int:
+    """Number of rollouts that are staged."""
+    return len([path for path in root.glob(".staging/groups/*/*") if not path.name.startswith(".")])
+
+
+def session_of(pid: int) -> list[int]:
+    """Living processes of a session, by `/proc`."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, session = path.read_text().rpartition(")")[2].split()[:4]
+        except OSError:
+            continue
+        if int(session) == pid and state != "Z":
+            found.append(int(path.parent.name))
+    return found
