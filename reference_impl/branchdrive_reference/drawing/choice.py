@@ -1,71 +1,74 @@
-"""Which groups of a dataset are drawn: one of each scenario type, or those that are named."""
+"""Which groups of a dataset are drawn: one of each scenario type, all of them, or those that are named."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from typing import Any
+from difflib import get_close_matches
 
-from branchdrive.contract.columns import PATTERNS
+import pyarrow as pa
+
 from branchdrive.dataset.reader import Dataset
 from branchdrive.errors import UsageError
+from branchdrive_reference.study.label import label, labels
+from branchdrive_reference.study.rollouts import read_rollouts
 
-__all__ = ["choose_groups", "named_groups"]
+__all__ = ["named_groups", "wanted_groups"]
 
-_COLUMNS = ("group_id", "role", "status", "action_key", "scenario_type", "branch_tick")
-
-
-def _is_whole(attempts: list[dict[str, Any]], keys: frozenset[str]) -> bool:
-    """Whether a group has a branch and a complete attempt of every candidate."""
-    complete = {
-        attempt["action_key"]
-        for attempt in attempts
-        if attempt["status"] == "complete"
-        and attempt["branch_tick"] is not None
-        and attempt["role"] != "nominal_replay"
-    }
-    return keys <= complete
+_COLUMNS = ("group_id", "role", "scenario_type")
 
 
-def choose_groups(dataset: Dataset, scenarios: Sequence[str] = ()) -> list[str]:
-    """The first complete, branched group of each scenario type, in the order of the dataset.
+def wanted_groups(dataset: Dataset, scenarios: Sequence[str] = ()) -> dict[str, str]:
+    """Scenario type of every group of the wanted types, drawable or not, in the order of the dataset.
 
     Args:
-        dataset: Where to look; only its rollouts tables are read.
+        dataset: Where to look; only its rollouts tables are read, one shard after the other.
         scenarios: The types that are wanted; none for all.
 
     Raises:
-        UsageError: The dataset lacks a wanted type, or has no complete group of it.
+        UsageError: The dataset has no group or lacks a wanted type, or its text cannot be unpacked safely.
+        DatasetError: A table cannot be read.
     """
-    attempts: dict[str, list[dict[str, Any]]] = {}
-    for row in dataset.rollouts().select(_COLUMNS).to_pylist():
-        attempts.setdefault(row["group_id"], []).append(row)
-    keys = frozenset(dataset.descriptor.action_bank.keys)
-    found: dict[str, str] = {}
-    present = sorted({rows[0]["scenario_type"] for rows in attempts.values()})
-    for group_id in dataset.groups:
-        rows = attempts[group_id]
-        if rows[0]["scenario_type"] not in found and _is_whole(rows, keys):
-            found[rows[0]["scenario_type"]] = group_id
+    types: dict[str, str] = {}
+    names: dict[str, str] = {}  # one object for each name, however many groups have it
+    for shard in dataset.shards:
+        for group_id, name in _types(read_rollouts(shard).select(_COLUMNS)).items():
+            types[group_id] = names.setdefault(name, name)
+    if not types:
+        raise UsageError(f"{str(dataset.root)!r} has no branch group to draw")
+    present = sorted(set(types.values()))
     for name in scenarios:
         if name not in present:
-            raise UsageError(f"no scenario type {name!r} in {dataset.root}; it has {present}")
-        if name not in found:
-            raise UsageError(f"{dataset.root} has no complete, branched group of scenario type {name!r}")
-    if not found:
-        raise UsageError(f"{dataset.root} has no complete, branched group to draw")
-    return [group_id for name, group_id in found.items() if not scenarios or name in scenarios]
+            raise UsageError(_unknown_type(name, present))
+    return {group_id: name for group_id, name in types.items() if not scenarios or name in scenarios}
+
+
+def _types(rollouts: pa.Table) -> dict[str, str]:
+    """Scenario type of each group: that of its first nominal, else that of its first attempt."""
+    types: dict[str, str] = {}
+    nominals: dict[str, str] = {}
+    for row in rollouts.to_pylist():
+        types.setdefault(row["group_id"], row["scenario_type"])
+        if row["role"] == "nominal":
+            nominals.setdefault(row["group_id"], row["scenario_type"])
+    return types | nominals
+
+
+def _unknown_type(name: str, present: Sequence[str]) -> str:
+    """What is said of a scenario type that the dataset lacks."""
+    by_folded = {other.casefold(): other for other in present}
+    similar = get_close_matches(name.casefold(), by_folded, n=1)
+    hint = f"did you mean {label(by_folded[similar[0]])}? " if similar else ""
+    return f"unknown scenario type '{label(name)}'; {hint}choose from {labels(present)}"
 
 
 def named_groups(dataset: Dataset, names: Sequence[str]) -> list[str]:
     """The named groups, each once.
 
     Raises:
-        UsageError: The dataset lacks one, or a name cannot be a file's.
+        UsageError: The dataset lacks one, or its text cannot be unpacked safely.
     """
+    present = wanted_groups(dataset)
     for name in names:
-        if name not in dataset.groups:
-            raise UsageError(f"no group {name!r} among the {len(dataset.groups)} groups of {dataset.root}")
-        if not re.match(PATTERNS["id"], name):
-            raise UsageError(f"group {name!r} has an id that the format does not allow; no picture is named after it")
+        if name not in present:
+            raise UsageError(f"no group '{label(name)}' among the {len(present):,} groups of {str(dataset.root)!r}")
     return list(dict.fromkeys(names))

@@ -1,4 +1,4 @@
-"""`branchdrive draw`: pictures of branch groups, one of each scenario type or those that are named."""
+"""`branchdrive draw`: pictures of branch groups, one of each scenario type, all of them or those that are named."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.audit.finding import printable
+from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
-from branchdrive.errors import UsageError
+from branchdrive.errors import DatasetError, UsageError
 
 if TYPE_CHECKING:
     from branchdrive_reference.drawing.scene import Scene
@@ -22,54 +24,76 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
     parser.add_argument("--output", metavar="DIR", type=Path, required=True, help="folder of the pictures")
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--group", metavar="ID", action="append", default=[], help="draw this group (repeatable)")
+    which.add_argument(
+        "--group",
+        metavar="ID",
+        action="append",
+        default=[],
+        help="draw this group; repeatable, not with --scenario",
+    )
     which.add_argument(
         "--scenario",
         metavar="NAME",
         action="append",
         default=[],
-        help="draw the first complete group of this type only (repeatable; default: of every type)",
+        help="draw the first drawable group of this type only (default: of every type); repeatable, not with --group",
     )
+    which.add_argument("--all", action="store_true", help="draw every group with a good attempt of every policy")
     parser.add_argument("--format", choices=("png", "svg"), default="png", help="kind of the files (default: png)")
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Draw and print a line for every picture.
 
+    A group that was not named and that cannot be drawn is left out and told on `stderr`.
+
     Raises:
-        UsageError: A group or type cannot be drawn, the output is no folder, or the extra is not installed.
-        DatasetError: The dataset cannot be read.
+        UsageError: The dataset is not finished or cannot be read, a named group, a wanted type or no group at all
+            can be drawn, the output is no folder outside the dataset, or the extra is not installed.
     """
     try:
         from branchdrive_reference.drawing.picture import save
     except ModuleNotFoundError as error:
         raise UsageError(f"`draw` needs the package {error.name!r}: pip install 'branchdrive[sim,plots]'") from error
-    from branchdrive.dataset.reader import open_dataset
-    from branchdrive_reference.drawing.choice import choose_groups, named_groups
-    from branchdrive_reference.drawing.scene import read_scene
+    from branchdrive_reference.drawing.choice import named_groups, wanted_groups
+    from branchdrive_reference.drawing.gallery import Gallery, named_pictures
+    from branchdrive_reference.drawing.quiet import quiet
+    from branchdrive_reference.drawing.scene import require_actors
+    from branchdrive_reference.study.finished import open_finished
+    from branchdrive_reference.study.label import sentence
 
-    if args.output.exists() and not args.output.is_dir():
-        raise UsageError(f"--output: {str(args.output)!r} is no folder")
-    dataset = open_dataset(args.dataset)
-    names = named_groups(dataset, args.group) if args.group else choose_groups(dataset, args.scenario)
-    args.output.mkdir(parents=True, exist_ok=True)
-    lines = []
-    with progress_bar(stderr, "drawing groups") as show:
-        for number, name in enumerate(names, start=1):
-            scene = read_scene(dataset.group(name), dataset.descriptor.action_bank)
-            path = args.output / f"{name}.{args.format}"
-            save(scene, path, args.format)
-            show(number, len(names))
-            lines.append(f"{path}  {_summary(scene)}\n")
+    check_output(args.output, outside=args.dataset, is_folder=True)
+    lines: list[str] = []
+    try:
+        dataset = open_finished(args.dataset)
+        require_actors(dataset.descriptor)
+        gallery = Gallery(dataset, {} if args.group else wanted_groups(dataset, args.scenario), every=args.all)
+        if args.group:
+            names = named_groups(dataset, args.group)
+            pictures, num_pictures = named_pictures(dataset, names, args.output, args.format), len(names)
+        else:
+            pictures, num_pictures = gallery.pictures(args.output, args.format), len(gallery)
+        with quiet(), progress_bar(stderr, "drawing groups") as show:
+            for path, scene in pictures:
+                args.output.mkdir(parents=True, exist_ok=True)
+                save(scene, path, args.format)
+                lines.append(f"{path.name}  {_touches(scene)}\n")
+                show(len(lines), num_pictures)
+    except DatasetError as error:
+        raise UsageError(sentence(error)) from error
+    stderr.writelines(f"branchdrive: {line}\n" for line in gallery.left_out())
+    if not lines:
+        raise UsageError(f"{str(args.dataset)!r} has no group that can be drawn")
     stdout.writelines(lines)
+    stdout.write(f"{len(lines)} {'picture' if len(lines) == 1 else 'pictures'} in {printable(str(args.output))}\n")
     return 0
 
 
-def _summary(scene: Scene) -> str:
-    record = scene.record
-    touching = [candidate.policy.key for candidate in scene.candidates if len(candidate.contacts)]
-    touches = f"touches in {len(touching)} ({', '.join(touching)})" if touching else "no touches"
-    return (
-        f"{record['scenario_type']} in {record['town']}, branch at tick {record['branch_tick']} "
-        f"by {record['trigger_signal']}: {len(scene.candidates)} candidates, {touches}"
-    )
+def _touches(scene: Scene) -> str:
+    """How many candidates touch something in the picture, and how many end before it does."""
+    from branchdrive_reference.drawing.scene import HORIZON_S
+
+    num_touching = sum(bool(len(candidate.contacts)) for candidate in scene.candidates)
+    num_early = sum(candidate.ends_early for candidate in scene.candidates)
+    early = f", {num_early} {'ends' if num_early == 1 else 'end'} earlier" if num_early else ""
+    return f"touches in {num_touching} of {len(scene.candidates)} to +{HORIZON_S:.1f} s{early}"

@@ -16,7 +16,7 @@ from branchdrive_reference.drawing.palette import BACKDROP, Rgb
 from branchdrive_reference.drawing.scene import Candidate, Scene
 from branchdrive_reference.drawing.view import View
 
-__all__ = ["CONTACT_MARKER", "draw_futures", "draw_history", "draw_route"]
+__all__ = ["CONTACT_MARKER", "END_MARKER", "draw_futures", "draw_history", "draw_route"]
 
 CONTACT_MARKER: Mapping[str, Any] = {
     "marker": "X",
@@ -25,6 +25,14 @@ CONTACT_MARKER: Mapping[str, Any] = {
     "markeredgewidth": 0.9,
 }
 """How a touch is marked, on the map and in the panels."""
+
+END_MARKER: Mapping[str, Any] = {
+    "marker": "s",
+    "markersize": 4.6,
+    "markerfacecolor": "white",
+    "markeredgewidth": 1.2,
+}
+"""How the last observation of a rollout is marked that ends before the picture does."""
 
 
 def draw_route(axes: Axes, scene: Scene, view: View) -> None:
@@ -50,6 +58,9 @@ def draw_futures(axes: Axes, scene: Scene, view: View, colours: Mapping[str, Rgb
     for candidate in scene.candidates:
         rows = candidate.contacts
         u, v = view.place(candidate.x_m[rows], candidate.y_m[rows])
+        if candidate.ends_early:
+            last = view.place(candidate.x_m[-1:], candidate.y_m[-1:])
+            axes.plot(*last, linestyle="none", color=colours[candidate.policy.key], zorder=Layer.END, **END_MARKER)
         axes.plot(u, v, linestyle="none", color=colours[candidate.policy.key], zorder=Layer.CONTACT, **CONTACT_MARKER)
 
 

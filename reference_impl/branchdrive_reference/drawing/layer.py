@@ -21,5 +21,6 @@ class Layer(IntEnum):
     RECOVERY = 8
     FUTURE = 9
     EGO = 10
-    CONTACT = 11
-    NOTE = 12
+    END = 11
+    CONTACT = 12
+    NOTE = 13

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Mapping
+from typing import Any
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -12,20 +13,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
-from branchdrive_reference.drawing.futures import CONTACT_MARKER
+from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
 from branchdrive_reference.drawing.layer import Layer
 from branchdrive_reference.drawing.palette import ACTORS, BACKDROP
-from branchdrive_reference.drawing.scene import Scene
-from branchdrive_reference.drawing.signs import POST_SIZE, POSTS
+from branchdrive_reference.drawing.scene import HORIZON_S, Scene
 from branchdrive_reference.drawing.view import View
-from branchdrive_reference.town.crossroads import Control
 
 __all__ = ["draw_axes_of_world", "draw_legend", "draw_scale"]
 
 _SCALE_M = 10.0
 _INSET_M = 3.0
 _ROWS = 3
-_CONTROLS = {Control.SIGNAL: "signal", Control.STOP: "stop sign", Control.YIELD: "give-way sign"}
 
 
 def draw_scale(axes: Axes, view: View) -> None:
@@ -53,13 +51,15 @@ def draw_axes_of_world(axes: Axes, view: View) -> None:
         axes.text(*place, name, ha="center", va="center", fontsize=8.8, color=ink, path_effects=halo, zorder=Layer.NOTE)
 
 
-def draw_legend(figure: Figure, scene: Scene, controls: Collection[Control], place: tuple[float, float]) -> None:
+def draw_legend(
+    figure: Figure, scene: Scene, posts: Mapping[str, Mapping[str, Any]], place: tuple[float, float]
+) -> None:
     """The key to everything on the map but the candidates, whose key is the table of outcomes.
 
     Args:
         figure: Where to draw.
         scene: What the map shows.
-        controls: What orders the traffic of the junctions in view.
+        posts: Signals and signs in view: how each is drawn, by what it is.
         place: Upper left corner in shares of the figure.
     """
     ink, quiet = BACKDROP["ink"], BACKDROP["quiet"]
@@ -72,6 +72,10 @@ def draw_legend(figure: Figure, scene: Scene, controls: Collection[Control], pla
         ("recovery, up to 4 s", Line2D([], [], color=quiet, linewidth=0.8)),
         ("touch begins", Line2D([], [], linestyle="none", color=quiet, **CONTACT_MARKER)),
     ]  # fmt: skip
+    if any(candidate.ends_early for candidate in scene.candidates):
+        entries.append(
+            (f"rollout ends before +{HORIZON_S:.1f} s", Line2D([], [], linestyle="none", color=quiet, **END_MARKER))
+        )
     present = {actor.actor_class for actor in scene.actors}
     for name, colour in ACTORS.items():
         if name in present:
@@ -82,7 +86,7 @@ def draw_legend(figure: Figure, scene: Scene, controls: Collection[Control], pla
         ("velocity, 1 s", Line2D([], [], color=ink, linewidth=1.3, marker=">", markevery=[1], markersize=5)),
         ("route", Line2D([], [], color=BACKDROP["route"], linewidth=1.4, linestyle=(0, (4, 3)))),
     ]  # fmt: skip
-    entries += [(_CONTROLS[kind], Line2D([], [], **POSTS[kind], **POST_SIZE)) for kind in Control if kind in controls]
+    entries += [(name, Line2D([], [], linestyle="none", **post)) for name, post in posts.items()]
     figure.legend([handle for _, handle in entries], [text for text, _ in entries], loc="upper left",
                   bbox_to_anchor=place, ncols=math.ceil(len(entries) / _ROWS), frameon=False, fontsize=8.8,
-                  borderaxespad=0, borderpad=0, handlelength=2.0, columnspacing=1.5)  # fmt: skip
+                  borderaxespad=0, borderpad=0, handlelength=2.0, columnspacing=1.2)  # fmt: skip

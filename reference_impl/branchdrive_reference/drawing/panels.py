@@ -9,16 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
-from branchdrive_reference.drawing.futures import CONTACT_MARKER
+from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
-from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_TICKS, Array, Candidate, Scene
+from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_S, Array, Candidate, Scene
 
-__all__ = ["draw_outcomes", "draw_separation", "draw_speed"]
+__all__ = ["FOOTNOTE", "draw_outcomes", "draw_separation", "draw_speed"]
 
 _MOST_SEPARATION_M = 60.0
-_RANGE_S = (-HISTORY_TICKS * TICK_S, HORIZON_TICKS * TICK_S)
+_RANGE_S = (-HISTORY_TICKS * TICK_S, HORIZON_S)
 _ACTIVE_S = ACTIVE_TICKS * TICK_S
 _HEADER_ROWS = 2
+
+FOOTNOTE = "a touch counts as gap 0; otherwise static objects count only inside the route corridor"
+"""What a gap is, in the panel of gaps and in the table."""
 
 
 def draw_speed(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
@@ -34,9 +37,9 @@ def draw_speed(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
 
 
 def draw_separation(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
-    """Separation over time; lines break where no relevant actor is in range."""
+    """Separation over time; lines break where no relevant actor is in range, and touches lie at gap 0."""
     _prepare(axes, "Gap to the nearest relevant actor (m)")
-    _draw_lines(axes, scene, colours, lambda candidate: candidate.separation_m)
+    _draw_lines(axes, scene, colours, lambda candidate: candidate.separation_m, touch=0.0)
     gaps = np.concatenate([candidate.separation_m for candidate in scene.candidates])
     most_m = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else 1.0
     top_m = min(1.08 * most_m + 0.5, _MOST_SEPARATION_M)
@@ -55,15 +58,25 @@ def _prepare(axes: Axes, title: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _draw_lines(axes: Axes, scene: Scene, colours: Mapping[str, Rgb], values: Callable[[Candidate], Array]) -> None:
+def _draw_lines(
+    axes: Axes,
+    scene: Scene,
+    colours: Mapping[str, Rgb],
+    values: Callable[[Candidate], Array],
+    *,
+    touch: float | None = None,
+) -> None:
+    """Draw a line for every candidate; its touches lie on the line, or at the height `touch`."""
     nominal = scene.nominal
     axes.plot(nominal.time_s[nominal.history], values(nominal)[nominal.history], color=BACKDROP["ink"], linewidth=1.3)
     for candidate in (*scene.candidates[1:], nominal):
         colour, shown = colours[candidate.policy.key], values(candidate)
         for part, width in ((candidate.recovery, 0.8), (candidate.future, 1.6)):
             axes.plot(candidate.time_s[part], shown[part], color=colour, linewidth=width, zorder=3)
+        if candidate.ends_early:
+            axes.plot(candidate.time_s[-1:], shown[-1:], linestyle="none", color=colour, zorder=4, **END_MARKER)
         rows = candidate.contacts
-        heights = np.nan_to_num(shown[rows], nan=0.0)
+        heights = shown[rows] if touch is None else np.full(len(rows), touch)
         axes.plot(candidate.time_s[rows], heights, linestyle="none", color=colour, zorder=4,
                   **{**CONTACT_MARKER, "markersize": 7})  # fmt: skip
 
@@ -74,7 +87,7 @@ def draw_outcomes(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
     axes.set(xlim=(0, 1), ylim=(0, 1))
     end_s = f"+{_ACTIVE_S:.1f} s"
     columns = (
-        (0.115, "left", "candidate"), (0.60, "right", f"least gap\nto {end_s}"), (0.80, "right", f"speed\nat {end_s}"),
+        (0.115, "left", "candidate"), (0.51, "right", f"least gap\nto {end_s}"), (0.70, "right", f"speed\nat {end_s}"),
         (1.0, "right", f"first touch\nto +{_RANGE_S[1]:.1f} s"),
     )  # fmt: skip
     height = 1.0 / (len(scene.candidates) + _HEADER_ROWS)
@@ -93,9 +106,10 @@ def draw_outcomes(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
 def _outcome(candidate: Candidate) -> tuple[str, str, str, str]:
     gap_m = candidate.least_separation_m
     contacts = candidate.time_s[candidate.contacts]
+    never = f"none (to +{candidate.end_s:.2f} s)" if candidate.ends_early else "none"
     return (
         candidate.policy.key.replace("_", " "),
         "none" if math.isnan(gap_m) else f"{gap_m:.1f} m",
         f"{candidate.speed_mps[candidate.future][-1]:.1f} m/s",
-        f"+{contacts[0]:.2f} s" if len(contacts) else "none",
+        f"+{contacts[0]:.2f} s" if len(contacts) else never,
     )

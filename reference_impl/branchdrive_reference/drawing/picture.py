@@ -6,6 +6,7 @@ Equal groups give equal bytes: nothing of the machine, its settings or the time 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,15 +19,15 @@ from branchdrive_reference.drawing.actors import draw_actors, draw_ego
 from branchdrive_reference.drawing.futures import draw_futures, draw_history, draw_route
 from branchdrive_reference.drawing.legend import draw_axes_of_world, draw_legend, draw_scale
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
-from branchdrive_reference.drawing.panels import draw_outcomes, draw_separation, draw_speed
+from branchdrive_reference.drawing.panels import FOOTNOTE, draw_outcomes, draw_separation, draw_speed
 from branchdrive_reference.drawing.roads import draw_roads
 from branchdrive_reference.drawing.scene import Scene
 from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.town_map import town_map
 from branchdrive_reference.drawing.view import View, view_of
-from branchdrive_reference.town.crossroads import Control
+from branchdrive_reference.study.label import label
 
-__all__ = ["SIZE_PX", "save", "title"]
+__all__ = ["SIZE_PX", "draw_scene", "save", "title"]
 
 _DPI = 120
 _SIZE_IN = (16.0, 9.0)
@@ -50,14 +51,15 @@ _METADATA: dict[str, dict[str, str | None]] = {"png": {"Software": None}, "svg":
 def title(scene: Scene) -> tuple[str, str]:
     """Heading and subheading of a picture."""
     record = scene.record
-    heading = f"{record['scenario_type']}  ·  {record['group_id']}"
+    heading = f"{label(record['scenario_type'])}  ·  {label(record['group_id'])}"
     trigger = (
-        f"trigger {record['trigger_signal']} = {record['trigger_value']:.3f} (threshold "
+        f"trigger {label(record['trigger_signal'])} = {record['trigger_value']:.3f} (threshold "
         f"{record['trigger_threshold']:.3f}, confidence {record['trigger_confidence']:.2f}) at tick "
         f"{record['trigger_tick']}"
     )
     branch_s = record["branch_tick"] * TICK_S
-    place = f"town {record['town']}  ·  route {record['route_id']}  ·  {record['environment']}"
+    town, route, environment = (label(record[name]) for name in ("town", "route_id", "environment"))
+    place = f"town {town}  ·  route {route}  ·  {environment}"
     return heading, f"{place}  ·  branch at tick {record['branch_tick']} ({branch_s:.2f} s)  ·  {trigger}"
 
 
@@ -66,7 +68,7 @@ def _rectangle(left: float, bottom: float, width: float, height: float) -> tuple
     return left / _SIZE_IN[0], bottom / _SIZE_IN[1], width / _SIZE_IN[0], height / _SIZE_IN[1]
 
 
-def _draw(scene: Scene) -> Figure:
+def draw_scene(scene: Scene) -> Figure:
     """The picture of a group."""
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, facecolor="white")
     colours = candidate_colours(scene.bank)
@@ -78,24 +80,27 @@ def _draw(scene: Scene) -> Figure:
     view = view_of(scene, aspect=width_in / height_in)
     plan = figure.add_axes(_rectangle(*_MAP_IN))
     plan.set(xlim=view.u_m, ylim=view.v_m, xticks=[], yticks=[], facecolor=BACKDROP["ground"])
-    controls = _draw_plan(plan, scene, view)
+    posts = _draw_plan(plan, scene, view)
     draw_futures(plan, scene, view, colours)
-    draw_legend(figure, scene, controls, (left_in / _SIZE_IN[0], (low_in - 0.2) / _SIZE_IN[1]))
+    draw_legend(figure, scene, posts, (left_in / _SIZE_IN[0], (low_in - 0.2) / _SIZE_IN[1]))
     draw_speed(figure.add_axes(_rectangle(11.5, 6.0, 4.2, 1.75)), scene, colours)
     draw_separation(figure.add_axes(_rectangle(11.5, 3.85, 4.2, 1.75)), scene, colours)
-    draw_outcomes(figure.add_axes(_rectangle(11.15, 0.15, 4.55, 3.1)), scene, colours)
+    draw_outcomes(figure.add_axes(_rectangle(11.15, 0.3, 4.55, 3.0)), scene, colours)
+    figure.text(15.7 / _SIZE_IN[0], 0.16 / _SIZE_IN[1], FOOTNOTE, fontsize=7.2, ha="right", va="center",
+                color=BACKDROP["quiet"])  # fmt: skip
     return figure
 
 
-def _draw_plan(plan: Axes, scene: Scene, view: View) -> frozenset[Control]:
-    """Draw everything below the futures; returns what orders the traffic of the junctions in view."""
-    controls: frozenset[Control] = frozenset()
+def _draw_plan(plan: Axes, scene: Scene, view: View) -> Mapping[str, Mapping[str, Any]]:
+    """Draw everything below the futures; returns the signals and signs in view for the legend."""
+    posts: Mapping[str, Mapping[str, Any]] = {}
     network = town_map(scene.record["town"])
     if network is not None:
         draw_roads(plan, network, view)
-        controls = draw_signs(plan, network, view, scene)
+        posts = draw_signs(plan, network, view, scene)
     else:
-        plan.text(0.985, 0.02, f"no map of {scene.record['town']}", transform=plan.transAxes, ha="right", fontsize=9,
+        said = f"no map of {label(scene.record['town'])}"
+        plan.text(0.985, 0.02, said, transform=plan.transAxes, ha="right", fontsize=9,
                   color=BACKDROP["quiet"])  # fmt: skip
     draw_route(plan, scene, view)
     draw_actors(plan, scene, view)
@@ -103,7 +108,7 @@ def _draw_plan(plan: Axes, scene: Scene, view: View) -> frozenset[Control]:
     draw_ego(plan, scene)
     draw_scale(plan, view)
     draw_axes_of_world(plan, view)
-    return controls
+    return posts
 
 
 def save(scene: Scene, path: Path, file_format: Literal["png", "svg"]) -> None:
@@ -113,7 +118,7 @@ def save(scene: Scene, path: Path, file_format: Literal["png", "svg"]) -> None:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
             matplotlib.rcParams.update(_SETTINGS)
-            _draw(scene).savefig(partial, format=file_format, metadata=_METADATA[file_format])
+            draw_scene(scene).savefig(partial, format=file_format, metadata=_METADATA[file_format])
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

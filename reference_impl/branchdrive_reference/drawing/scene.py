@@ -12,21 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.policy import Policy
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
 from branchdrive.dataset.group import BranchGroup
 from branchdrive.dataset.rollout import Rollout
 from branchdrive.errors import UsageError
+from branchdrive_reference.drawing.soundness import check_scene
+from branchdrive_reference.study.bank import good_bank
+from branchdrive_reference.study.label import label
 
-__all__ = ["HISTORY_TICKS", "HORIZON_TICKS", "Actor", "Candidate", "Scene", "read_scene"]
+__all__ = ["HISTORY_TICKS", "HORIZON_S", "HORIZON_TICKS", "Actor", "Candidate", "Scene", "read_scene", "require_actors"]
 
 Array: TypeAlias = NDArray[np.float64]
+
+_MOST_ACTORS = 1000
 
 HISTORY_TICKS = 80
 """A picture begins this long before the branch."""
 
 HORIZON_TICKS = ACTIVE_TICKS + 80
 """A picture ends this long after the branch, or with the rollout."""
+
+HORIZON_S = HORIZON_TICKS * TICK_S
+"""The same in seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +89,26 @@ class Candidate:
         return np.flatnonzero(begins & (self.tick > 0))
 
     @property
+    def end_s(self) -> float:
+        """Seconds from the branch to the last observation that is shown."""
+        return float(self.time_s[-1])
+
+    @property
+    def ends_early(self) -> bool:
+        """Whether the rollout ends before the horizon, so that nothing is known of the rest."""
+        return bool(self.tick[-1] < HORIZON_TICKS)
+
+    @property
     def least_separation_m(self) -> float:
-        """Smallest gap in the future, ``nan`` if there never was a relevant actor."""
-        gaps = self.separation_m[self.future & (self.tick > 0)]
+        """Smallest gap in the future, ``nan`` if there never was a relevant actor; 0 where something was touched.
+
+        Touches are recorded between observations and of everything, recorded gaps at observations and of
+        static objects in the route corridor only: a touch may have no recorded gap of 0.
+        """
+        ahead = self.future & (self.tick > 0)
+        if self.touched[ahead].any():
+            return 0.0
+        gaps = self.separation_m[ahead]
         return float(np.nanmin(gaps)) if np.isfinite(gaps).any() else float("nan")
 
 
@@ -139,26 +165,38 @@ class Scene:
         return np.asarray(self.record["route_x_m"], float), np.asarray(self.record["route_y_m"], float)
 
 
-def read_scene(group: BranchGroup, bank: ActionBank) -> Scene:
+def read_scene(group: BranchGroup, descriptor: Descriptor) -> Scene:
     """What a picture of the group shows.
 
     Raises:
-        UsageError: The group has no complete nominal rollout with a branch, or its nominal rollout lacks
-            the observations or the evidence around the branch.
+        UsageError: The dataset has no actors, some policy has no good attempt, or what is recorded of the group
+            cannot be drawn.
     """
-    nominal = group.nominal
-    if nominal.record["status"] != "complete" or nominal.branch_tick is None:
-        raise UsageError(f"group {group.group_id!r} has no complete nominal rollout with a branch; nothing to draw")
-    if "evidence" not in nominal.tables:
-        raise UsageError("the dataset claims no `actor_risk_evidence`, which holds the actors of a picture")
-    rollouts = [nominal]
-    for policy in bank.interventions:
-        attempts = group.interventions.get(policy.key, ())
-        rollouts += [attempt for attempt in attempts if attempt.record["status"] == "complete"][:1]
-    candidates = tuple(_candidate(rollout, bank[rollout.record["action_key"]]) for rollout in rollouts)
+    require_actors(descriptor)
+    bank = descriptor.action_bank
+    rollouts = dict(zip(bank.keys, good_bank(group, descriptor), strict=True))
+    nominal = rollouts[bank.nominal.key]
+    candidates = tuple(_candidate(rollouts[policy.key], policy) for policy in (bank.nominal, *bank.interventions))
     lane_id, traffic_light = (_evidence_text(nominal, name) for name in ("lane_id", "traffic_light"))
     nearest = _nearest_actor_id(nominal)
-    return Scene(nominal.record, bank, candidates, _actors(nominal), nearest, lane_id, traffic_light)
+    scene = Scene(nominal.record, bank, candidates, _actors(nominal), nearest, lane_id, traffic_light)
+    check_scene(scene)
+    return scene
+
+
+def require_actors(descriptor: Descriptor) -> None:
+    """Refuse a dataset that claims no stream with the actors of a picture.
+
+    Raises:
+        UsageError: It does not.
+    """
+    if "evidence" not in descriptor.tables:
+        raise UsageError("the dataset claims no `actor_risk_evidence`, which holds the actors of a picture")
+
+
+def _refused(rollout: Rollout, reason: str) -> UsageError:
+    whose = f"rollout '{label(rollout.rollout_id)}'"
+    return UsageError(f"group '{label(rollout.record['group_id'])}' cannot be drawn: {whose} {reason}")
 
 
 def _since_branch(rollout: Rollout, table: str) -> NDArray[np.int64]:
@@ -168,8 +206,8 @@ def _since_branch(rollout: Rollout, table: str) -> NDArray[np.int64]:
 
 def _candidate(rollout: Rollout, policy: Policy) -> Candidate:
     tick = _since_branch(rollout, "observations")
-    if not np.array_equal(tick, _since_branch(rollout, "evidence")) or 0 not in tick or tick[-1] < ACTIVE_TICKS:
-        raise UsageError(f"rollout {rollout.rollout_id!r} lacks observations or evidence of its future; validate first")
+    if not np.array_equal(tick, _since_branch(rollout, "evidence")) or (np.diff(tick) <= 0).any():
+        raise _refused(rollout, "has no evidence for each observation, or a tick twice; run `branchdrive-validate`")
     shown = (tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS)
 
     def column(table: str, name: str) -> Array:
@@ -192,6 +230,9 @@ def _actors(nominal: Rollout) -> tuple[Actor, ...]:
     tick, ids = _since_branch(nominal, "actors"), nominal.column("actors", "actor_id")
     columns = {name: nominal.column("actors", name) for name in nominal.tables["actors"].column_names}
     ahead = (tick >= 0) & (tick <= ACTIVE_TICKS)
+    num_actors = int((tick == 0).sum())
+    if num_actors > _MOST_ACTORS:
+        raise _refused(nominal, f"has {num_actors:,} actors at the branch; at most {_MOST_ACTORS:,} are drawn")
     actors = []
     for row in np.flatnonzero(tick == 0):
         path = np.flatnonzero(ahead & (ids == ids[row]))
@@ -208,9 +249,13 @@ def _nearest_actor_id(nominal: Rollout) -> int | None:
     since = _since_branch(nominal, "evidence")
     future = (since > 0) & (since <= ACTIVE_TICKS)
     gaps = np.ma.filled(np.ma.asarray(nominal.column("evidence", "separation_m"), dtype=np.float64), np.inf)[future]
+    gaps = np.where(np.isfinite(gaps), gaps, np.inf)
     if not np.isfinite(gaps).any():
         return None
-    return int(nominal.column("evidence", "separation_actor_id")[future][gaps.argmin()])
+    whose = np.ma.asarray(nominal.column("evidence", "separation_actor_id"))[future]
+    if np.ma.getmaskarray(whose)[gaps.argmin()]:
+        raise _refused(nominal, "has a `separation_m` without its `separation_actor_id`; run `branchdrive-validate`")
+    return int(np.ma.getdata(whose)[gaps.argmin()])
 
 
 def _evidence_text(nominal: Rollout, column: str) -> str | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 
 from branchdrive_reference.drawing.layer import Layer
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
@@ -18,35 +19,41 @@ from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import Lane, LaneSide, Turn
 from branchdrive_reference.town.network import RoadNetwork
 
-__all__ = ["POSTS", "POST_SIZE", "draw_signs"]
+__all__ = ["draw_signs"]
 
 _RED: Rgb = (0.84, 0.13, 0.16)
-_LIGHTS: dict[str | None, Rgb] = {
+_LIGHTS: Mapping[str, Rgb] = {
     "green": (0.10, 0.62, 0.32),
     "yellow": (0.95, 0.72, 0.05),
     "red": _RED,
-    None: BACKDROP["quiet"],
 }
-POSTS: Mapping[Control, Mapping[str, Any]] = {
-    Control.SIGNAL: {"marker": "o", "color": _LIGHTS[None], "markeredgecolor": BACKDROP["ink"]},
-    Control.STOP: {"marker": "8", "color": _RED, "markeredgecolor": BACKDROP["marking"]},
-    Control.YIELD: {"marker": "v", "color": BACKDROP["marking"], "markeredgecolor": _RED},
-}
-"""How the post beside an approach is drawn; all share the size of `POST_SIZE`."""
+_OCTAGON = (8, 0, 22.5)
+"""Marker of a regular octagon that stands on a side."""
 
-POST_SIZE: Mapping[str, Any] = {"markersize": 7.5, "markeredgewidth": 1.1, "linestyle": "none"}
+_Post = Mapping[str, Any]
+_POSTS: Mapping[Control, tuple[str, _Post]] = {
+    Control.SIGNAL: ("signal (state unknown)", {"marker": "o", "color": BACKDROP["quiet"], "markersize": 7.5,
+                                "markeredgecolor": BACKDROP["ink"], "markeredgewidth": 1.1}),
+    Control.STOP: ("stop sign", {"marker": _OCTAGON, "color": _RED, "markersize": 13,
+                                 "markeredgecolor": BACKDROP["marking"], "markeredgewidth": 1.8,
+                                 "path_effects": [withStroke(linewidth=3.2, foreground=BACKDROP["ink"])]}),
+    Control.YIELD: ("give-way sign", {"marker": "v", "color": BACKDROP["marking"], "markersize": 7.5,
+                                      "markeredgecolor": _RED, "markeredgewidth": 1.1}),
+}  # fmt: skip
+"""The post beside an approach: what it is called, and how it is drawn."""
+
 _BESIDE_M = 1.2
 """How far outside the paved road a signal or sign stands."""
 
 
-def draw_signs(axes: Axes, network: RoadNetwork, view: View, scene: Scene) -> frozenset[Control]:
+def draw_signs(axes: Axes, network: RoadNetwork, view: View, scene: Scene) -> Mapping[str, _Post]:
     """Draw what orders the traffic of every junction in view; the ego's light has its colour at the branch.
 
     Returns:
-        The kinds of control that were drawn.
+        Signals and signs that were drawn: how, by what they are.
     """
     ego_lane = network.lanes.get(scene.lane_id or "")
-    drawn = set()
+    drawn: dict[str, _Post] = {}
     for lane in lanes_in_view(network, view):
         if lane.turn is not Turn.FOLLOW or not lane.junction:
             continue
@@ -55,12 +62,13 @@ def draw_signs(axes: Axes, network: RoadNetwork, view: View, scene: Scene) -> fr
             continue
         _draw_line(axes, lane, view, is_solid=junction.control is not Control.YIELD)
         is_ego_s = ego_lane is not None and ego_lane.way == lane.way
-        post = dict(POSTS[junction.control])
-        if junction.control is Control.SIGNAL and is_ego_s:
-            post["color"] = _LIGHTS.get(scene.traffic_light, _LIGHTS[None])
+        name, post = _POSTS[junction.control]
+        state = scene.traffic_light
+        if junction.control is Control.SIGNAL and is_ego_s and state is not None and state in _LIGHTS:
+            name, post = f"ego's signal ({state})", {**post, "color": _LIGHTS[state]}
         if _draw_post(axes, lane, view, post):
-            drawn.add(junction.control)
-    return frozenset(drawn)
+            drawn[name] = post
+    return dict(sorted(drawn.items()))
 
 
 def _draw_line(axes: Axes, lane: Lane, view: View, *, is_solid: bool) -> None:
@@ -72,13 +80,13 @@ def _draw_line(axes: Axes, lane: Lane, view: View, *, is_solid: bool) -> None:
               dash_capstyle="butt", zorder=Layer.MARKING)  # fmt: skip
 
 
-def _draw_post(axes: Axes, lane: Lane, view: View, post: Mapping[str, Any]) -> bool:
+def _draw_post(axes: Axes, lane: Lane, view: View, post: _Post) -> bool:
     """A signal or sign to the right of the road's outermost lane; whether it is in view."""
     if lane.right is LaneSide.SAME_DIRECTION:
         return False
     beside = lane.centre.shifted(-lane.right_edge_m - _BESIDE_M)
     u, v = view.place(beside.x_m[-1:], beside.y_m[-1:])
-    axes.plot(u, v, zorder=Layer.ACTOR, **post, **POST_SIZE)
+    axes.plot(u, v, linestyle="none", zorder=Layer.ACTOR, **post)
     return view.sees(u, v)
 
 

@@ -1,4 +1,4 @@
-"""Candidates of every branch group: one good attempt per policy.
+"""Candidates of every branch group: one good attempt per policy. A bank with one of every policy is a good bank.
 
 Good is an attempt that is complete, holds every canonical window and intervenes exactly as long as
 its policy says. Of several the lowest attempt number counts, ties by rollout id; the nominal is
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from branchdrive.audit.view import ShardView
 from branchdrive_reference.study.window import active_as_declared, windows_are_whole
 
-__all__ = ["choose_candidates", "good_attempts"]
+__all__ = ["choose_candidates", "good_attempts", "have_complete_attempts"]
 
 Index = NDArray[np.int64]
 
@@ -30,8 +30,7 @@ def choose_candidates(view: ShardView, good: NDArray[np.bool_]) -> Index:
     nominal_policy = bank.keys.index(bank.nominal.key)
     chosen = np.full((len(view.group_ids), len(bank.policies)), -1, np.int64)
     attempt, names = view.rollouts["attempt"], view.rollout_ids
-    is_nominal = view.role("nominal") & (view.policy == nominal_policy)
-    is_intervention = view.role("intervention") & (view.policy >= 0) & (view.policy != nominal_policy)
+    is_nominal, is_intervention = _candidates_by_role(view)
     for role in (is_nominal, is_intervention):
         for i in sorted(np.flatnonzero(good & role), key=lambda i: (attempt[i], names[i])):
             group, policy = view.group[i], view.policy[i]
@@ -42,3 +41,21 @@ def choose_candidates(view: ShardView, good: NDArray[np.bool_]) -> Index:
             if belongs and chosen[group, policy] < 0:
                 chosen[group, policy] = i
     return chosen
+
+
+def have_complete_attempts(view: ShardView) -> NDArray[np.bool_]:
+    """Groups with a complete attempt of every policy, good or not, ``[groups]``."""
+    found = np.zeros((len(view.group_ids), len(view.descriptor.action_bank.policies)), bool)
+    is_nominal, is_intervention = _candidates_by_role(view)
+    rows = np.flatnonzero(view.complete & (is_nominal | is_intervention))
+    found[view.group[rows], view.policy[rows]] = True
+    return np.asarray(found.all(axis=1))
+
+
+def _candidates_by_role(view: ShardView) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Nominals that follow the nominal policy and interventions that follow another one, each ``[rollouts]``."""
+    bank = view.descriptor.action_bank
+    nominal_policy = bank.keys.index(bank.nominal.key)
+    is_nominal = view.role("nominal") & (view.policy == nominal_policy)
+    is_intervention = view.role("intervention") & (view.policy >= 0) & (view.policy != nominal_policy)
+    return is_nominal, is_intervention

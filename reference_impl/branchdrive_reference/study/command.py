@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
-from branchdrive.errors import UsageError
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -34,7 +33,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive_reference.study.survey import study_dataset
     from branchdrive_reference.study.text import render_study
 
-    _check_output(args.output)
+    check_output(args.output, outside=args.dataset)
     with progress_bar(stderr, "reading shards") as progress:
         study = study_dataset(args.dataset, progress)
     if args.format == "json":
@@ -46,11 +45,3 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     else:
         stdout.write(text)
     return 0
-
-
-def _check_output(path: Path | None) -> None:
-    """Refuse a file that cannot be written before the dataset is read, not after."""
-    if path is None:
-        return
-    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise UsageError(f"--output: {str(path)!r} cannot be written; name a file in a writable folder")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from branchdrive.audit.view import ShardView
 from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.derive.target import TARGETS
-from branchdrive_reference.study.candidate import choose_candidates, good_attempts
+from branchdrive_reference.study.candidate import choose_candidates, good_attempts, have_complete_attempts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
 from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results, targets_of
 
@@ -21,6 +21,8 @@ __all__ = ["Banks", "Facts", "Fidelity", "Groups", "shard_facts"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Names = NDArray[np.object_]
+"""Text as objects, which share what is equal: an array of fixed width would make each as wide as the longest."""
 
 
 @dataclass(frozen=True)
@@ -32,19 +34,21 @@ class Groups:
         town: Likewise.
         polyline: Route ``[groups, 32, 2]``, resampled; NaN where the record holds no polyline.
         has_nominal: Whether a good nominal was found.
-        is_complete: Whether every policy has a good attempt.
+        is_good: Whether every policy has a good attempt.
+        has_complete: Whether every policy has a complete attempt, good or not.
     """
 
-    scenario_type: NDArray[np.str_]
-    town: NDArray[np.str_]
+    scenario_type: Names
+    town: Names
     polyline: Array
     has_nominal: Mask
-    is_complete: Mask
+    is_good: Mask
+    has_complete: Mask
 
 
 @dataclass(frozen=True)
 class Banks:
-    """Groups with complete banks, ``[banks]`` first; a policy is a position in the action bank.
+    """Groups with good banks, ``[banks]`` first; a policy is a position in the action bank.
 
     Attributes:
         scenario_type: Of the group.
@@ -55,7 +59,7 @@ class Banks:
         results: Collisions and infractions of the nominal ``[banks, 6]``, NaN where not monitored.
     """
 
-    scenario_type: NDArray[np.str_]
+    scenario_type: Names
     targets: Array
     collided: Array
     collided_in_window: Array
@@ -141,11 +145,12 @@ def _groups(view: ShardView, chosen: NDArray[np.int64]) -> Groups:
     records = view.rollouts
     routes = [_polyline(records["route_x_m"][i], records["route_y_m"][i]) for i in shown]
     return Groups(
-        records["scenario_type"][shown].astype(np.str_),
-        records["town"][shown].astype(np.str_),
+        records["scenario_type"][shown],
+        records["town"][shown],
         np.reshape(routes, (len(shown), CLUSTER_POINTS, 2)),
         chosen[:, _nominal_policy(view)] >= 0,
         np.asarray((chosen >= 0).all(axis=1)),
+        have_complete_attempts(view),
     )
 
 
@@ -162,7 +167,7 @@ def _banks(view: ShardView, chosen: NDArray[np.int64]) -> Banks:
     results = nominal_results(view, nominals)
     unknown = np.full(banks.shape, np.nan)
     return Banks(
-        view.rollouts["scenario_type"][nominals].astype(np.str_),
+        view.rollouts["scenario_type"][nominals],
         targets_of(view, banks.ravel()).values.reshape(*banks.shape, len(TARGETS)),
         unknown if touched is None else touched.ever.reshape(banks.shape).astype(np.float64),
         unknown if touched is None else touched.in_window.reshape(banks.shape).astype(np.float64),

@@ -17,7 +17,9 @@ class Population:
 
     Attributes:
         num_groups: Branch groups.
-        num_complete_banks: Groups with a good attempt of every policy.
+        num_good_banks: Groups with a good attempt of every policy.
+        num_without_complete: Groups that lack a complete attempt of some policy.
+        num_without_good: Groups with a complete attempt of every policy, but only deviating or truncated ones of some.
         num_without_nominal: Groups without a good nominal.
         scenario_types: Groups by scenario type.
         towns: Groups by town.
@@ -27,7 +29,9 @@ class Population:
     """
 
     num_groups: int
-    num_complete_banks: int
+    num_good_banks: int
+    num_without_complete: int
+    num_without_good: int
     num_without_nominal: int
     scenario_types: dict[str, int]
     towns: dict[str, int]
@@ -38,11 +42,11 @@ class Population:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Outcomes of the groups with complete banks of one scenario type, or of all.
+    """Outcomes of the groups with good banks of one scenario type, or of all.
 
     Attributes:
         scenario_type: Its name, ``all`` for all.
-        num_groups: Groups with complete banks.
+        num_groups: Groups with good banks.
         completed: Share of nominals that completed their route.
         clean: Share that also had no collision and no infraction among those monitored.
         collided: Share of candidates of each family that ever touched anything.
@@ -50,6 +54,8 @@ class Scenario:
         num_ranked: Groups in which every candidate has a utility.
         best: Share of these groups whose best candidate is of each family.
         worst: The same for the worst candidate.
+        best_collided: Share of these groups whose best candidate ever touched anything; ties are shared.
+        best_collided_in_window: The same within 2.5 s of the branch.
     """
 
     scenario_type: str
@@ -61,6 +67,8 @@ class Scenario:
     num_ranked: int
     best: dict[str, Rate]
     worst: dict[str, Rate]
+    best_collided: Rate
+    best_collided_in_window: Rate
 
 
 @dataclass(frozen=True)
@@ -118,7 +126,7 @@ class Study:
         dataset_version: Of the descriptor.
         population: What was collected.
         profile: Profile of the ranking.
-        not_monitored: Results that some nominal of a complete bank does not monitor, in words.
+        not_monitored: Results that some nominal of a good bank does not monitor, in words.
         has_evidence: Whether the dataset claims risk evidence: without it nothing is known of collisions and ranks.
         scenarios: One row for each scenario type.
         overall: All scenario types together.

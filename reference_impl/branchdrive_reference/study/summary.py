@@ -57,7 +57,9 @@ def _population(facts: Facts) -> Population:
     groups: Groups = facts.groups
     return Population(
         len(groups.town),
-        int(groups.is_complete.sum()),
+        int(groups.is_good.sum()),
+        int((~groups.has_complete).sum()),
+        int((groups.has_complete & ~groups.is_good).sum()),
         int((~groups.has_nominal).sum()),
         _counts(groups.scenario_type.tolist()),
         _counts(groups.town.tolist()),
@@ -101,6 +103,8 @@ def _scenario(
         int(ranked.sum()),
         by_family(lambda own: _rate(shares[0][ranked][:, own].sum(axis=1))),
         by_family(lambda own: _rate(shares[1][ranked][:, own].sum(axis=1))),
+        _rate((shares[0] * banks.collided)[ranked].sum(axis=1)),
+        _rate((shares[0] * banks.collided_in_window)[ranked].sum(axis=1)),
     )
 
 

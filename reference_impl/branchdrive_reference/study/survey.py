@@ -9,17 +9,21 @@ import numpy as np
 from branchdrive.audit.view import ShardView
 from branchdrive.cli.progress import Update
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.dataset.reader import open_dataset
 from branchdrive.dataset.rollout import ROLLOUTS
 from branchdrive.dataset.shard import Shard
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.study.facts import Facts, shard_facts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES
+from branchdrive_reference.study.finished import open_finished
+from branchdrive_reference.study.label import sentence
+from branchdrive_reference.study.rollouts import check_names, read_rollouts
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.summary import summarise
 
 __all__ = ["study_dataset"]
+
+_NAMES = ("group_id", "scenario_type", "town", "status")
+"""Columns of the rollouts table whose text a study counts or prints."""
 
 
 def study_dataset(root: Path, progress: Update) -> Study:
@@ -28,11 +32,10 @@ def study_dataset(root: Path, progress: Update) -> Study:
     Raises:
         UsageError: The folder holds no finished dataset with a branch group, or one that cannot be read.
     """
-    for name in (DESCRIPTOR_FILE, MANIFEST_FILE):
-        if not (root / name).is_file():
-            raise UsageError(f"{str(root)!r} holds no finished dataset: there is no {name!r}")
     try:
-        dataset = open_dataset(root)
+        dataset = open_finished(root)
+        for shard in dataset.shards:
+            check_names(shard, read_rollouts(shard), _NAMES)
         if not dataset.groups:
             raise UsageError(f"{str(root)!r} holds no branch group")
         tables = [ROLLOUTS, *(name for name in COMPARED_TABLES if name in dataset.descriptor.tables)]
@@ -41,7 +44,7 @@ def study_dataset(root: Path, progress: Update) -> Study:
             progress(done, len(dataset.shards))
             parts.append(_facts(shard, tables, dataset.descriptor))
     except DatasetError as error:
-        raise UsageError(str(error)) from error
+        raise UsageError(sentence(error)) from error
     with np.errstate(all="ignore"):
         return summarise(Facts.merged(parts), dataset.descriptor)
 

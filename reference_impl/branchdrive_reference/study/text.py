@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import StringIO
 from operator import attrgetter
 from typing import TextIO, TypeAlias
@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
+from branchdrive_reference.study.label import label
 from branchdrive_reference.study.study import Population, Rate, Scenario, Spread, Study
 
 __all__ = ["render_study"]
@@ -27,6 +28,12 @@ _NUM_GROUPS: Callable[[Scenario], int] = attrgetter("num_groups")
 _NUM_RANKED: Callable[[Scenario], int] = attrgetter("num_ranked")
 
 _WINDOW = f"{ACTIVE_TICKS * TICK_S:g} s"
+_GOOD = "a good attempt of every policy"
+_RANKING = (
+    f"Utility profile {{}}: a third each of separation, displacement and comfort over {_WINDOW}, scaled by this "
+    "dataset's quantiles. A collision costs only what it does to these; no judgement of safety. Ranked are groups "
+    "in which every candidate has a separation; ties are shared."
+)
 
 
 def render_study(study: Study, stdout: TextIO, *, is_file: bool = False) -> str:
@@ -35,11 +42,11 @@ def render_study(study: Study, stdout: TextIO, *, is_file: bool = False) -> str:
     is_terminal = stdout.isatty() and not is_file
     width = Console(file=stdout).width if is_terminal else _PLAIN_WIDTH
     console = Console(file=buffer, force_terminal=is_terminal, width=width, highlight=False, emoji=False)
-    console.print(Text(f"{study.dataset_id} {study.dataset_version}", style="bold"))
+    console.print(Text(f"{label(study.dataset_id)} {label(study.dataset_version)}", style="bold"))
     _print_population(console, study.population)
     _print_outcomes(console, study)
-    _print_spreads(console, "interventions", study.interventions)
-    _print_spreads(console, "nominal replays", study.nominal_replays)
+    _print_spreads(console, "intervention", study.interventions)
+    _print_spreads(console, "nominal replay", study.nominal_replays)
     _print_equality(console, study)
     return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
 
@@ -59,17 +66,31 @@ def _table(*headings: str) -> Table:
 
 
 def _listed(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} {count:,}" for name, count in counts.items())
+    return ", ".join(f"{label(name)} {count:,}" for name, count in counts.items())
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
+def _skipped(population: Population) -> str:
+    """How many groups the tables leave out, and why; empty if none."""
+    skipped = population.num_groups - population.num_good_banks
+    if not skipped:
+        return ""
+    reasons = []
+    if count := population.num_without_complete:
+        reasons.append(f"{count:,} {'lacks' if count == 1 else 'lack'} a complete attempt")
+    if count := population.num_without_good:
+        ones = "ones" if reasons else "attempts"
+        reasons.append(f"{count:,} {'has' if count == 1 else 'have'} only deviating or truncated {ones}")
+    return f"; {skipped:,} skipped: {', '.join(reasons)}"
 
 
 def _print_population(console: Console, population: Population) -> None:
-    lacking = population.num_groups - population.num_complete_banks
-    skipped = f"; {lacking:,} skipped below" if lacking else ""
-    if population.num_without_nominal:
-        skipped += f", {population.num_without_nominal:,} of them for want of a good nominal"
     hours = population.num_ticks * TICK_S / 3600
     facts = {
-        "branch groups": f"{population.num_groups:,}, {population.num_complete_banks:,} with a complete bank{skipped}",
+        "branch groups": f"{population.num_groups:,}, {population.num_good_banks:,} with {_GOOD}{_skipped(population)}",
         "scenario types": f"{len(population.scenario_types):,}: {_listed(population.scenario_types)}",
         "towns": f"{len(population.towns):,}: {_listed(population.towns)}",
         "route clusters": f"{population.num_route_clusters:,}",
@@ -85,7 +106,7 @@ def _print_population(console: Console, population: Population) -> None:
     console.print(table)
 
 
-def _percent(rate: Rate) -> str:
+def _percent(rate: Rate, *, is_whole: bool = False) -> str:
     """A share in per cent; what is not quite none or all never reads as if it were."""
     if rate is None:
         return _NOTHING
@@ -93,70 +114,88 @@ def _percent(rate: Rate) -> str:
         return "<0.1"
     if 0.9995 <= rate < 1 - 1e-12:
         return ">99.9"
-    return f"{100 * rate:.1f}"
+    return f"{100 * rate:.{0 if is_whole else 1}f}"
+
+
+def _are_whole(rates: Iterable[Rate]) -> bool:
+    """Whether every rate is none or all, so that decimals would say nothing."""
+    return all(rate is None or rate in (0, 1) for rate in rates)
 
 
 def _print_outcomes(console: Console, study: Study) -> None:
+    if not study.overall.num_groups:
+        _title(console, f"No outcomes: no group has {_GOOD}")
+        return
     unseen = f"; not always monitored: {', '.join(study.not_monitored)}" if study.not_monitored else ""
     rows = [*study.scenarios, study.overall]
     families = list(study.overall.best)
-    _title(console, "Nominal drives, % of groups with a complete bank", f"clean: no collision, no infraction{unseen}")
-    _print_rows(
-        console,
-        rows,
-        ["completed", "clean"],
-        lambda s: [_percent(s.completed), _percent(s.clean)],
-        lambda s: s.num_groups,
-    )
+    _title(console, f"Nominal drives, % of groups with {_GOOD}", f"clean: no collision, no infraction{unseen}")
+    _print_rows(console, rows, ["completed", "clean"], lambda s: [s.completed, s.clean], _NUM_GROUPS)
     if not study.has_evidence:
         _title(console, "Collisions and ranks are unknown: the dataset claims no risk evidence")
         return
     headings = [family.replace("_", "\n") for family in families]
-    groups = "groups with a complete bank"
-    ranked = f"utility profile {study.profile}; groups in which every candidate has a separation; ties are shared"
-    for title, note, shares, num_groups in (
-        ("Drives with a collision, % of each family", groups, _COLLIDED, _NUM_GROUPS),
-        (f"Drives with a collision within {_WINDOW} of the branch, % of each family", "", _IN_WINDOW, _NUM_GROUPS),
-        ("Family of the best candidate, % of ranked groups", ranked, _BEST, _NUM_RANKED),
-        ("Family of the worst candidate, % of ranked groups", "", _WORST, _NUM_RANKED),
-    ):
+
+    def print_families(title: str, note: str, shares: Shares, num_groups: Callable[[Scenario], int]) -> None:
         _title(console, title, note)
+        _print_rows(console, rows, headings, lambda s: [shares(s)[family] for family in families], num_groups)
 
-        def cells(scenario: Scenario, shares: Shares = shares) -> list[str]:
-            return [_percent(shares(scenario)[family]) for family in families]
+    print_families("Drives with a collision, % of each family", f"groups with {_GOOD}", _COLLIDED, _NUM_GROUPS)
+    title = f"Drives with a collision within {_WINDOW} of the branch, % of each family"
+    print_families(title, "", _IN_WINDOW, _NUM_GROUPS)
+    if not study.overall.num_ranked:
+        _title(console, "No ranks: in no group every candidate has a separation")
+        return
+    print_families("Family of the best candidate, % of ranked groups", "", _BEST, _NUM_RANKED)
+    print_families("Family of the worst candidate, % of ranked groups", "", _WORST, _NUM_RANKED)
+    _print_ranking(console, study)
 
-        _print_rows(console, rows, headings, cells, num_groups)
+
+def _print_ranking(console: Console, study: Study) -> None:
+    """What the ranks mean, and how often the best candidate collides."""
+    rates = (study.overall.best_collided_in_window, study.overall.best_collided)
+    within, ever = (_percent(rate, is_whole=_are_whole(rates)) for rate in rates)
+    console.print(Text(_RANKING.format(study.profile), style="dim"))
+    groups = _counted(study.overall.num_ranked, "ranked group")
+    console.print(Text(f"The best candidate collides within {_WINDOW} in {within} % of {groups}, ever in {ever} %."))
 
 
 def _print_rows(
     console: Console,
     scenarios: Sequence[Scenario],
     headings: Sequence[str],
-    cells: Callable[[Scenario], Sequence[str]],
+    rates: Callable[[Scenario], Sequence[Rate]],
     num_groups: Callable[[Scenario], int],
 ) -> None:
-    """One row for each scenario type, the last one for all."""
+    """One row for each scenario type, the last one for all; decimals only where some type has a use for them."""
+    types_are_whole = _are_whole(rate for scenario in scenarios[:-1] for rate in rates(scenario))
     table = _table("scenario type", "groups", *headings)
     for scenario in scenarios:
-        style = "bold" if scenario is scenarios[-1] else ""
-        row = [scenario.scenario_type, f"{num_groups(scenario):,}", *cells(scenario)]
-        table.add_row(*(Text(cell, style=style) for cell in row))
+        is_last = scenario is scenarios[-1]
+        is_whole = types_are_whole and (not is_last or _are_whole(rates(scenario)))
+        cells = [_percent(rate, is_whole=is_whole) for rate in rates(scenario)]
+        row = [label(scenario.scenario_type), f"{num_groups(scenario):,}", *cells]
+        table.add_row(*(Text(cell, style="bold" if is_last else "") for cell in row))
     console.print(table)
 
 
-def _print_spreads(console: Console, subjects: str, spreads: Sequence[Spread]) -> None:
-    _title(console, f"Discrepancy before the branch of {spreads[0].num:,} {subjects} from their nominals")
-    if not spreads[0].num:
+def _print_spreads(console: Console, subject: str, spreads: Sequence[Spread]) -> None:
+    num = spreads[0].num
+    if not num:
+        _title(console, f"No {subject} could be compared with its nominal before the branch")
         return
+    whose = "its nominal" if num == 1 else "their nominals"
+    _title(console, f"Discrepancy before the branch of {_counted(num, subject)} from {whose}")
     lacking = ["one side only"] if any(spread.num_infinite for spread in spreads) else []
     table = _table("variable", "unit", "median", "90 %", "99 %", "max", "zero, %", *lacking)
+    is_whole = _are_whole(spread.zero for spread in spreads)
     for spread in spreads:
         quantiles = (spread.median, spread.q90, spread.q99, spread.max)
         table.add_row(
             spread.variable,
             spread.unit,
             *("inf" if value is None else f"{value:.3g}" for value in quantiles),
-            _percent(spread.zero),
+            _percent(spread.zero, is_whole=is_whole),
             *(f"{spread.num_infinite:,}" for _ in lacking),
         )
     console.print(table)
@@ -164,19 +203,20 @@ def _print_spreads(console: Console, subjects: str, spreads: Sequence[Spread]) -
 
 def _print_equality(console: Console, study: Study) -> None:
     equality = study.equality
+    num, unequal = equality.num_compared, equality.num_compared - equality.num_equal
     tables = ", ".join(equality.differing)
     console.print()
-    if not equality.num_compared:
+    if not num:
         said, style = "No nominal replay could be compared bit by bit with its nominal.", "yellow"
-    elif equality.num_equal == equality.num_compared:
-        said = f"All {equality.num_compared:,} compared nominal replays are bit-equal to their nominals in {tables}."
-        style = "green"
+    elif not unequal:
+        whose = "replay is bit-equal to its nominal" if num == 1 else "replays are bit-equal to their nominals"
+        said, style = f"{'The one' if num == 1 else f'All {num:,}'} compared nominal {whose} in {tables}.", "green"
     else:
         differ = ", ".join(f"{table} {count:,}" for table, count in equality.differing.items() if count)
-        unequal = f"{equality.num_compared - equality.num_equal:,} of {equality.num_compared:,}"
-        said = f"{unequal} compared nominal replays differ from their nominals: {differ}."
+        whose = "differs from its nominal" if unequal == 1 else "differ from their nominals"
+        said = f"{unequal:,} of {_counted(num, 'compared nominal replay')} {whose}: {differ}."
         style = "yellow"
-    alone = equality.num_replays - equality.num_compared
-    if alone:
-        said += f" {alone:,} more lack a complete nominal or are not complete."
+    if alone := equality.num_replays - num:
+        said += f" {alone:,} more {'lacks' if alone == 1 else 'lack'} a complete nominal or "
+        said += f"{'is' if alone == 1 else 'are'} not complete."
     console.print(Text(said, style=style))

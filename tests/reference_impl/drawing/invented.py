@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from tests.synthetic import base_tables, descriptor, write_dataset
 
-from branchdrive import Dataset, load_action_bank, open_dataset
+from branchdrive import Dataset, open_dataset
 from branchdrive_reference.drawing.scene import Scene, read_scene
 
 
@@ -25,7 +25,7 @@ def write_invented(root: Path, changes: Mapping[str, Mapping[str, Any]] | None =
 
 
 def scene_of(dataset: Dataset, group_id: str = "g0") -> Scene:
-    return read_scene(dataset.group(group_id), load_action_bank())
+    return read_scene(dataset.group(group_id), dataset.descriptor)
 
 
 def inside(values: np.ndarray[Any, Any], limits: tuple[float, float]) -> bool:

@@ -8,43 +8,39 @@ import pytest
 from tests.reference_impl.drawing.invented import write_invented
 
 from branchdrive import UsageError
-from branchdrive_reference.drawing.choice import choose_groups, named_groups
+from branchdrive_reference.drawing.choice import named_groups, wanted_groups
 
 
-def test_the_first_group_of_each_type_is_chosen(tmp_path: Path) -> None:
-    others = {f"g2.{key}.a1": {"scenario_type": "Merge"} for key in ("nominal",)}
-    dataset = write_invented(tmp_path / "d", others)
-    assert choose_groups(dataset) == ["g0", "g2"]
-    assert choose_groups(dataset, ["Merge"]) == ["g2"]
+def test_groups_are_wanted_by_the_type_of_their_nominal(tmp_path: Path) -> None:
+    dataset = write_invented(tmp_path / "d", {"g2.nominal.a1": {"scenario_type": "Merge"}})
+    assert wanted_groups(dataset) == {"g0": "CutIn", "g1": "CutIn", "g2": "Merge"}
+    assert wanted_groups(dataset, ["Merge"]) == {"g2": "Merge"}
+
+
+def test_a_group_without_nominal_has_the_type_of_its_first_attempt(tmp_path: Path) -> None:
+    dataset = write_invented(tmp_path / "d", {"g1.nominal.a1": {"role": "nominal_replay", "scenario_type": "Merge"}})
+    assert wanted_groups(dataset)["g1"] == "Merge"
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("name", "told"),
     [
-        {"g0.brake_0.30.a1": {"status": "partial"}},
-        {"g0.nominal.a1": {"status": "partial"}},
-        {"g0.nominal.a1": {"branch_tick": None}},
+        ("Mergr", "unknown scenario type 'Mergr'; did you mean Merge? choose from CutIn, Merge"),
+        ("cutin", "unknown scenario type 'cutin'; did you mean CutIn? choose from CutIn, Merge"),
+        ("Parade", "unknown scenario type 'Parade'; choose from CutIn, Merge"),
     ],
-    ids=["a candidate is partial", "the nominal rollout is partial", "no branch"],
 )
-def test_an_incomplete_group_is_passed_over(tmp_path: Path, change: dict[str, dict[str, object]]) -> None:
-    assert choose_groups(write_invented(tmp_path / "d", change)) == ["g1"]
-
-
-def test_a_type_without_complete_group_is_refused(tmp_path: Path) -> None:
-    partial = {f"g{index}.nominal.a1": {"status": "partial"} for index in range(3)}
-    dataset = write_invented(tmp_path / "d", partial)
-    with pytest.raises(UsageError, match="no complete, branched group of scenario type 'CutIn'"):
-        choose_groups(dataset, ["CutIn"])
-    with pytest.raises(UsageError, match="no complete, branched group to draw"):
-        choose_groups(dataset)
+def test_an_unknown_type_is_told_with_what_there_is(tmp_path: Path, name: str, told: str) -> None:
+    dataset = write_invented(tmp_path / "d", {"g2.nominal.a1": {"scenario_type": "Merge"}})
+    with pytest.raises(UsageError) as caught:
+        wanted_groups(dataset, [name])
+    assert str(caught.value) == told
 
 
 def test_named_groups_are_drawn_once(tmp_path: Path) -> None:
     assert named_groups(write_invented(tmp_path / "d"), ["g2", "g0", "g2"]) == ["g2", "g0"]
 
 
-def test_a_group_whose_id_is_no_file_name_is_refused(tmp_path: Path) -> None:
-    dataset = write_invented(tmp_path / "d", {"g0.nominal.a1": {"group_id": "../g0"}})
-    with pytest.raises(UsageError, match="an id that the format does not allow"):
-        named_groups(dataset, ["../g0"])
+def test_a_group_that_nobody_has_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no group 'g\\x1b' among the 3 groups"):
+        named_groups(write_invented(tmp_path / "d"), ["g0", "g\x1b"])

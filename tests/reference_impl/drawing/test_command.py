@@ -9,14 +9,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib
+import pyarrow.compute as pc
 import pytest
+from matplotlib.text import Text
 from tests.reference_impl.drawing.invented import scene_of, write_invented
-from tests.synthetic import bare_descriptor, bare_tables, write_dataset
+from tests.synthetic import BRANCH_TICK, bare_descriptor, bare_tables, base_tables, descriptor, write_dataset
 
 from branchdrive import Rollout, open_dataset
 from branchdrive.cli.main import run
 from branchdrive_reference.collect.campaign import collect
-from branchdrive_reference.drawing.picture import SIZE_PX, title
+from branchdrive_reference.drawing.picture import SIZE_PX, draw_scene, title
 
 SEED, GROUPS = 3, 2
 
@@ -60,11 +62,13 @@ def test_a_collected_dataset_gives_a_picture_of_each_scenario_type(collected: Pa
     assert {path.stem for path in pictures} <= set(types.values())
     assert pictures
     assert [size_of_png(path) for path in pictures] == [SIZE_PX] * len(pictures)
-    for line, path in zip(sorted(out.splitlines()), pictures, strict=True):
-        record = dataset.group(path.stem).nominal.record
-        told = f"{record['scenario_type']} in {record['town']}, branch at tick {record['branch_tick']}"
-        assert scene_of(dataset, path.stem).lane_id == lane_at_the_branch(dataset.group(path.stem).nominal)
-        assert line.startswith(f"{path}  {told} by {record['trigger_signal']}: 13 candidates, ")
+    *lines, last = out.splitlines()
+    for line, path in zip(sorted(lines), pictures, strict=True):
+        scene = scene_of(dataset, path.stem)
+        assert scene.lane_id == lane_at_the_branch(dataset.group(path.stem).nominal)
+        touching = sum(bool(len(candidate.contacts)) for candidate in scene.candidates)
+        assert line.startswith(f"{path.name}  touches in {touching} of 13 to +6.5 s")
+    assert last.startswith(f"{len(pictures)} picture") and last.endswith(f" in {tmp_path / 'new' / 'p'}")
 
 
 @pytest.mark.parametrize("kind", ["png", "svg"])
@@ -88,7 +92,44 @@ def test_named_groups_are_drawn(invented: Path, tmp_path: Path) -> None:
     code, out, _ = draw(invented, "--output", tmp_path, "--group", "g2", "--group", "g1")
     assert code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["g1.png", "g2.png"]
-    assert [line.split()[0] for line in out.splitlines()] == [str(tmp_path / name) for name in ("g2.png", "g1.png")]
+    assert [line.split()[0] for line in out.splitlines()[:-1]] == ["g2.png", "g1.png"]
+    assert out.splitlines()[-1] == f"2 pictures in {tmp_path}"
+
+
+def test_all_draws_every_complete_group(invented: Path, tmp_path: Path) -> None:
+    code, out, _ = draw(invented, "--output", tmp_path, "--all", "--format", "svg")
+    assert code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["g0.svg", "g1.svg", "g2.svg"]
+    assert out.splitlines()[-1] == f"3 pictures in {tmp_path}"
+
+
+def test_a_chosen_group_that_lacks_rows_is_left_out_and_told(tmp_path: Path) -> None:
+    shards = {folder: dict(tables) for folder, tables in base_tables().items()}
+    tables = shards["raw/shard-00000"]
+    cut = pc.and_(pc.equal(tables["observations"]["rollout_id"], "g0.brake_0.30.a1"),
+                  pc.greater(tables["observations"]["tick"], BRANCH_TICK))  # fmt: skip
+    tables["observations"] = tables["observations"].filter(pc.invert(cut))
+    write_dataset(tmp_path / "d", shards, descriptor())
+    code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p", "--all", "--format", "svg")
+    assert (code, [line.split("  ")[0] for line in out.splitlines()[:2]]) == (0, ["g1.svg", "g2.svg"])
+    assert err.startswith("branchdrive: not drawn: group 'g0' has no good attempt of brake_0.30")
+    assert err.count("\n") == 1
+    assert out.endswith(f"2 pictures in {tmp_path / 'p'}\n")
+    code, out, err = draw(tmp_path / "d", "--output", tmp_path / "q", "--group", "g0")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert not (tmp_path / "q").exists()
+
+
+@pytest.mark.parametrize("legend", ["rollout ends before +6.5 s", "a touch counts as gap 0; otherwise static objects"])
+def test_a_picture_explains_its_marks(invented: Path, legend: str) -> None:
+    scene = scene_of(open_dataset(invented))
+    early = [candidate for candidate in scene.candidates if candidate.ends_early]
+    texts = [text.get_text() for text in draw_scene(scene).findobj(Text)]
+    assert early
+    assert any(text.startswith(legend) for text in texts)
+    told = [text for text in texts if text.startswith("none (to +")]
+    untouched = [candidate for candidate in early if not len(candidate.contacts)]
+    assert told == [f"none (to +{candidate.end_s:.2f} s)" for candidate in untouched]
 
 
 def test_a_title_names_the_decision(invented: Path) -> None:
@@ -103,11 +144,12 @@ def test_a_title_names_the_decision(invented: Path) -> None:
     ("arguments", "told"),
     [
         (["--group", "nobody"], "no group 'nobody' among the 3 groups"),
-        (["--scenario", "Parade"], "no scenario type 'Parade'"),
+        (["--scenario", "Parade"], "unknown scenario type 'Parade'; choose from CutIn"),
         (["--scenario", "CutIn", "--group", "g0"], "not allowed with argument"),
+        (["--all", "--group", "g0"], "not allowed with argument"),
         (["--format", "gif"], "invalid choice: 'gif'"),
     ],
-    ids=["unknown group", "unknown type", "group and type", "unknown format"],
+    ids=["unknown group", "unknown type", "group and type", "group and all", "unknown format"],
 )
 def test_wrong_usage_is_one_line(invented: Path, tmp_path: Path, arguments: list[str], told: str) -> None:
     code, out, err = draw(invented, "--output", tmp_path / "p", *arguments)
@@ -128,9 +170,20 @@ def test_an_output_is_demanded(invented: Path) -> None:
     assert code == 2 and "--output" in err
 
 
-def test_a_missing_dataset_is_refused(tmp_path: Path) -> None:
-    code, _, err = draw(tmp_path / "nothing", "--output", tmp_path / "p")
-    assert code == 2 and "is no folder" in err
+@pytest.mark.parametrize(
+    ("place", "lacks"), [("nothing", "branchdrive.json"), ("file", "branchdrive.json"), ("unsealed", "MANIFEST.sha256")]
+)
+def test_an_unfinished_dataset_is_refused_as_a_study_refuses_it(tmp_path: Path, place: str, lacks: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    write_invented(tmp_path / "unsealed")
+    (tmp_path / "unsealed" / "MANIFEST.sha256").unlink()
+    code, out, err = draw(tmp_path / place, "--output", tmp_path / "p")
+    root = str(tmp_path / place)
+    assert (code, out) == (2, "")
+    assert err == f"branchdrive: {root!r} holds no finished dataset: there is no {lacks!r}\n"
+    stderr = io.StringIO()
+    assert run(["study", root], io.StringIO(), stderr) == 2
+    assert stderr.getvalue() == err
 
 
 def test_a_dataset_without_actors_is_refused(tmp_path: Path) -> None:

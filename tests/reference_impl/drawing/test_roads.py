@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from tests.reference_impl.drawing.invented import scene_of, write_invented
 
 from branchdrive_reference.drawing.palette import BACKDROP
 from branchdrive_reference.drawing.roads import draw_roads, lanes_in_view
-from branchdrive_reference.drawing.scene import Scene
-from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.town_map import town_map
 from branchdrive_reference.drawing.view import View
-from branchdrive_reference.town.crossroads import Control
-from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.network import RoadNetwork
 from branchdrive_reference.town.registry import TOWN_NAMES, town
 
@@ -73,19 +68,3 @@ def test_land_beside_the_road_is_ground(name: str) -> None:
 def test_an_unknown_town_has_no_map() -> None:
     assert town_map("Town12") is None
     assert [town_map(name) for name in TOWN_NAMES] == [town(name) for name in TOWN_NAMES]
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    return scene_of(write_invented(tmp_path_factory.mktemp("invented") / "d"))
-
-
-@pytest.mark.parametrize("control", Control)
-def test_signs_are_those_of_the_junctions_in_view(scene: Scene, control: Control) -> None:
-    network = town(TOWN_NAMES[0])
-    junction = next(name for name, found in network.junctions.items() if found.control is control)
-    axes = Figure().add_axes((0, 0, 1, 1))
-    arriving = [lane for lane in network.lanes.values() if lane.junction == junction and lane.turn is Turn.FOLLOW]
-    minor = [lane for lane in arriving if lane.way[0] not in network.junctions[junction].major]
-    expected = {control} if minor else set()
-    assert draw_signs(axes, network, around(network, junction), scene) == expected

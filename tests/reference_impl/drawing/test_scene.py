@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from tests.reference_impl.drawing.invented import scene_of, write_invented
 
 from branchdrive import Dataset, Rollout, UsageError, load_action_bank
+from branchdrive_reference.drawing.scene import HORIZON_TICKS
 
 NOMINAL = "g0.nominal.a1"
 
@@ -40,7 +42,23 @@ def test_the_least_gap_is_that_of_the_recorded_evidence(dataset: Dataset) -> Non
         rollout = group.interventions[candidate.policy.key][0]
         since = rollout.column("evidence", "tick") - (rollout.branch_tick or 0)
         gaps = rollout.column("evidence", "separation_m")[(since > 0) & (since <= 50)]
-        assert candidate.least_separation_m == gaps.min()
+        touched = rollout.column("evidence", "collision")[(since > 0) & (since <= 50)].any()
+        assert candidate.least_separation_m == (0 if touched else gaps.min())
+
+
+def test_a_touch_in_the_future_is_a_gap_of_nothing(dataset: Dataset) -> None:
+    whole = scene_of(dataset).candidates[0]
+    for tick, gap in ((0, 3.5), (5, 0.0), (50, 0.0), (55, 3.5)):
+        untouched, apart = np.zeros(len(whole.tick), bool), np.full(len(whole.tick), 3.5)
+        candidate = replace(whole, separation_m=apart, touched=untouched | (whole.tick == tick))
+        assert candidate.least_separation_m == gap
+
+
+def test_a_rollout_that_reaches_the_horizon_does_not_end_early(dataset: Dataset) -> None:
+    whole = scene_of(dataset).candidates[0]
+    for last, is_early in ((HORIZON_TICKS, False), (HORIZON_TICKS - 5, True), (50, True)):
+        candidate = replace(whole, tick=whole.tick - whole.tick[-1] + last)
+        assert (candidate.ends_early, candidate.end_s) == (is_early, pytest.approx(last / 20))
 
 
 def test_a_touch_begins_once_and_after_the_branch(dataset: Dataset) -> None:
@@ -86,10 +104,11 @@ def test_frames_without_relevant_actor_have_no_gap(dataset: Dataset) -> None:
 def test_a_group_without_a_complete_branched_nominal_rollout_is_refused(
     tmp_path: Path, change: dict[str, object]
 ) -> None:
-    with pytest.raises(UsageError, match="'g0' has no complete nominal rollout with a branch"):
+    with pytest.raises(UsageError, match="'g0' has no good nominal attempt 'nominal'"):
         scene_of(write_invented(tmp_path / "d", {NOMINAL: change}))
 
 
-def test_a_candidate_without_complete_attempt_is_left_out(tmp_path: Path) -> None:
+def test_a_group_without_good_attempt_of_a_candidate_is_refused(tmp_path: Path) -> None:
     dataset = write_invented(tmp_path / "d", {"g0.brake_0.30.a1": {"status": "partial"}})
-    assert "brake_0.30" not in [candidate.policy.key for candidate in scene_of(dataset).candidates]
+    with pytest.raises(UsageError, match=r"'g0' has no good attempt of brake_0\.30: one that is complete"):
+        scene_of(dataset)

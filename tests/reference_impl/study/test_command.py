@@ -41,7 +41,7 @@ def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
         "Family of the worst",
     ):
         assert title in out
-    assert "branch groups   3, 3 with a complete bank\n" in out
+    assert "branch groups   3, 3 with a good attempt of every policy\n" in out
     assert "37 interventions" in out
     assert "6 nominal replays" in out
     assert "6 of 6 compared nominal replays differ from their nominals: controls 6, observations 6" in out
@@ -62,6 +62,8 @@ def test_json_holds_the_numbers_of_the_text(root: Path) -> None:
     assert document["overall"]["scenario_type"] == "all"
     assert len(document["interventions"]) == len(document["nominal_replays"]) == 11
     assert document["equality"]["num_compared"] == 6
+    assert document["population"]["num_good_banks"] == 3
+    assert 0 <= document["overall"]["best_collided_in_window"] <= document["overall"]["best_collided"] <= 1
 
 
 @pytest.mark.parametrize("form", ["text", "json"])
@@ -76,7 +78,7 @@ def test_skipped_groups_are_named_as_such(tmp_path: Path) -> None:
     nominal = f"{group_name(0)}.nominal.a1"
     samples.written(tmp_path / "d", {"rollouts": samples.replaced("status", {nominal: "partial"})})
     _, out, _ = study(tmp_path / "d")
-    assert "3, 2 with a complete bank; 1 skipped below, 1 of them for want of a good nominal" in out
+    assert "3, 2 with a good attempt of every policy; 1 skipped: 1 lacks a complete attempt" in out
     assert "4 compared nominal replays differ" in out
     assert "2 more lack a complete nominal or are not complete." in " ".join(out.split())
 
@@ -114,7 +116,15 @@ def test_a_wrong_folder_is_one_clear_line(tmp_path: Path, place: str, message: s
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("target", ["", "nowhere/out"])
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_read(tmp_path: Path, target: str) -> None:
-    with pytest.raises(UsageError, match=r"--output: .* cannot be written; name a file in a writable folder"):
+@pytest.mark.parametrize(("target", "told"), [("", "is a folder; name a file"), ("nowhere/out", "does not exist")])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_read(
+    tmp_path: Path, target: str, told: str
+) -> None:
+    with pytest.raises(UsageError, match=rf"--output: .*{told}"):
         study(tmp_path / "no dataset", "--output", tmp_path / target)
+
+
+def test_an_output_inside_the_dataset_is_refused(root: Path) -> None:
+    with pytest.raises(UsageError, match="lies inside the dataset"):
+        study(root, "--output", root / "raw" / "study.txt")
+    assert not (root / "raw" / "study.txt").exists()

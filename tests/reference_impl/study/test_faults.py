@@ -25,7 +25,7 @@ def doubled(rollout_id: str, tick: int) -> Edit:
 
 
 FAULTS: dict[str, tuple[Mapping[str, Edit], int, int]] = {
-    # Edits, groups with complete banks, groups without a good nominal.
+    # Edits, groups with good banks, groups without a good nominal.
     "no observation at t_b": ({"observations": dropped(rows_at(BRAKE, BRANCH_TICK))}, 2, 0),
     "no predecessor": ({"observations": dropped(rows_at(BRAKE, BRANCH_TICK - 80))}, 2, 0),
     "no last observation": ({"observations": dropped(rows_at(BRAKE, BRANCH_TICK + 50))}, 2, 0),
@@ -86,14 +86,38 @@ FAULTS: dict[str, tuple[Mapping[str, Edit], int, int]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("edits", "complete", "without_nominal"), FAULTS.values(), ids=FAULTS)
+@pytest.mark.parametrize(("edits", "good", "without_nominal"), FAULTS.values(), ids=FAULTS)
 def test_a_fault_is_skipped_and_counted(
-    tmp_path: Path, edits: Mapping[str, Edit], complete: int, without_nominal: int
+    tmp_path: Path, edits: Mapping[str, Edit], good: int, without_nominal: int
 ) -> None:
     study = samples.studied(tmp_path / "dataset", edits)
-    assert (study.population.num_complete_banks, study.population.num_without_nominal) == (complete, without_nominal)
-    assert study.overall.num_groups == complete
-    assert json.loads(json.dumps(study.to_json(), allow_nan=False))["population"]["num_complete_banks"] == complete
+    assert (study.population.num_good_banks, study.population.num_without_nominal) == (good, without_nominal)
+    assert study.overall.num_groups == good
+    assert json.loads(json.dumps(study.to_json(), allow_nan=False))["population"]["num_good_banks"] == good
+
+
+BOTH = {"rollouts": replaced("status", {TWICE: "partial", AGAIN: "partial"})}
+
+
+@pytest.mark.parametrize(
+    ("edits", "without_complete", "without_good"),
+    [
+        ({}, 0, 0),
+        (BOTH, 1, 0),
+        ({"observations": dropped(rows_at(BRAKE, BRANCH_TICK))}, 0, 1),
+        ({**BOTH, "observations": dropped(rows_at(BRAKE, BRANCH_TICK))}, 1, 1),
+        ({"rollouts": replaced("status", {TWICE: "partial"})}, 0, 0),
+        ({"rollouts": replaced("action_key", {BRAKE: "hop"})}, 1, 0),
+        ({"rollouts": replaced("branch_tick", {NOMINAL: None})}, 0, 1),
+    ],
+    ids=["none", "partial", "truncated", "both", "retried", "another action", "no branch"],
+)
+def test_a_skipped_group_has_one_reason(
+    tmp_path: Path, edits: Mapping[str, Edit], without_complete: int, without_good: int
+) -> None:
+    population = samples.studied(tmp_path / "dataset", edits).population
+    assert (population.num_without_complete, population.num_without_good) == (without_complete, without_good)
+    assert population.num_good_banks == population.num_groups - without_complete - without_good
 
 
 def test_a_group_without_separation_leaves_the_ranking_alone(tmp_path: Path) -> None:
@@ -145,4 +169,4 @@ def test_any_mixture_of_lost_rows_is_survived(tmp_path: Path, seed: int) -> None
         name: thinned for name in ("rollouts", "controls", "observations", "evidence", "actors") if rng.random() < 0.7
     }
     study = samples.studied(tmp_path / "dataset", edits)
-    assert 1 <= study.population.num_complete_banks <= study.population.num_groups
+    assert 1 <= study.population.num_good_banks <= study.population.num_groups

@@ -23,6 +23,7 @@ from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.survey import study_dataset
 
 FUTURE = [BRANCH_TICK + 5 * j for j in range(1, 11)]
+NAMES = [f"g{index}.{key}.a{n}" for index in (0, 1) for key in load_action_bank().keys for n in (1, 2)]
 FAMILIES = ["nominal", "accelerate", "brake", "steer_left", "steer_right"]
 
 
@@ -73,9 +74,30 @@ def balanced(values: list[float | None], quantiles: list[tuple[float, float]]) -
     return (shares[0] + shares[1] + (3 - sum(shares[2:])) / 3) / 3
 
 
+def touches(rollout: Rollout, ticks: list[int] | None) -> bool:
+    """Whether evidence tells of a touch at any of the ticks, at any tick where they are not given."""
+    ticks = rollout.tables["evidence"]["tick"].to_pylist() if ticks is None else ticks
+    return any(row[0] for row in rows(rollout, "evidence", ticks, "collision"))
+
+
+@pytest.mark.parametrize(("tick", "is_within"), [(BRANCH_TICK + 50, True), (BRANCH_TICK + 55, False)])
+def test_a_best_candidate_may_collide(tmp_path: Path, tick: int, is_within: bool) -> None:
+    clear = samples.replaced("collision", dict.fromkeys(NAMES, False))
+    touch = samples.replaced("collision", dict.fromkeys(NAMES, True), lambda rows: rows["tick"].to_numpy() == tick)
+    before, after = (
+        samples.studied(tmp_path / name, {"evidence": edit}).overall
+        for name, edit in (("a", clear), ("b", lambda table: touch(clear(table))))
+    )
+    gain = 2 / after.num_ranked  # both groups of the shard
+    assert gain <= 1
+    assert before.best_collided is not None and before.best_collided_in_window is not None
+    assert after.best_collided == pytest.approx(before.best_collided + gain)
+    assert after.best_collided_in_window == pytest.approx(before.best_collided_in_window + is_within * gain)
+
+
 def test_population_is_counted(study: Study) -> None:
     population = study.population
-    assert (population.num_groups, population.num_complete_banks, population.num_without_nominal) == (3, 3, 0)
+    assert (population.num_groups, population.num_good_banks, population.num_without_nominal) == (3, 3, 0)
     assert population.scenario_types == {"CutIn": 3}
     assert population.towns == {"Town12": 2, "Town13": 1}
     assert population.num_route_clusters == 3
@@ -108,7 +130,9 @@ def test_best_and_worst_families_are_those_of_a_second_ranking(root: Path, study
     ]
     quantiles = [(float(np.quantile(c, 0.05)), float(np.quantile(c, 0.95))) for c in columns]  # type: ignore[arg-type]
     best, worst, num_ranked = dict.fromkeys(FAMILIES, 0.0), dict.fromkeys(FAMILIES, 0.0), 0
-    for bank_of in outcomes.values():
+    touched: list[float] = []
+    touched_within: list[float] = []
+    for group_id, bank_of in outcomes.items():
         utilities = {key: balanced(values, quantiles) for key, values in bank_of.items()}
         if any(map(math.isnan, utilities.values())):
             continue
@@ -117,7 +141,13 @@ def test_best_and_worst_families_are_those_of_a_second_ranking(root: Path, study
             tied = [key for key, value in utilities.items() if abs(value - extreme) <= 1e-9]
             for key in tied:
                 share[bank[key].family] += 1 / len(tied)
+        winners = [key for key, value in utilities.items() if abs(value - max(utilities.values())) <= 1e-9]
+        for tally, ticks in ((touched, None), (touched_within, FUTURE)):
+            for key in winners:
+                tally.append(touches(candidates(dataset.group(group_id))[key], ticks) / len(winners))
     assert study.overall.num_ranked == num_ranked > 0
+    assert study.overall.best_collided == pytest.approx(sum(touched) / num_ranked)
+    assert study.overall.best_collided_in_window == pytest.approx(sum(touched_within) / num_ranked)
     for found, expected in ((study.overall.best, best), (study.overall.worst, worst)):
         assert found == {family: pytest.approx(share / num_ranked) for family, share in expected.items()}
 
@@ -198,7 +228,7 @@ def test_one_other_bit_is_a_difference(tmp_path: Path, table: str, column: str, 
 
 def test_without_evidence_the_rest_is_still_told(tmp_path: Path) -> None:
     study = samples.studied(tmp_path / "dataset", document=bare_descriptor())
-    assert study.population.num_complete_banks == 3
+    assert study.population.num_good_banks == 3
     assert study.overall.completed == 1
     assert set(study.overall.collided.values()) == {None}
     assert (study.overall.num_ranked, set(study.overall.best.values())) == (0, {None})

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
-from branchdrive.errors import UsageError
 
 SUMMARY = "check a dataset against the specification"
 
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.audit.worker import isolated
     from branchdrive.cli.text import render_report
 
-    _check_output(args.output)
+    check_output(args.output, outside=args.dataset)
     waivers = load_waivers(args.waivers) if args.waivers else ()
     with progress_bar(stderr, "validating shards") as progress:
         report = validate(
@@ -68,18 +68,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         stdout.write(text)
         stdout.flush()
     return report.exit_code
-
-
-def _check_output(path: Path | None) -> None:
-    """Refuse a file that cannot be written before the dataset is read, not after."""
-    if path is None:
-        return
-    if not path.parent.is_dir():
-        raise UsageError(f"--output: folder {str(path.parent)!r} does not exist")
-    if path.is_dir():
-        raise UsageError(f"--output: {str(path)!r} is a folder; name a file")
-    if not os.access(path.parent, os.W_OK):
-        raise UsageError(f"--output: folder {str(path.parent)!r} is not writable")
 
 
 def _replace(path: Path, text: str) -> None:
