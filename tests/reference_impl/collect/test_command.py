@@ -282,7 +282,9 @@ def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, Campa
     assert any(group.stopped_because for group in report.groups)
 
 
-def test_faults_and_noise_do_not_depend_on_workers_or_interruptions(tmp_path: Path, faulty: tuple[Path, CampaignReport]) -> None:
+def test_faults_and_noise_do_not_depend_on_workers_or_interruptions(
+    tmp_path: Path, faulty: tuple[Path, CampaignReport]
+) -> None:
     root = tmp_path / "d"
     spec = ",".join(f"{name}={rate}" for name, rate in FAULTS.items())
     declared = ["--faults", spec, "--replay-noise", 1]
