@@ -114,6 +114,13 @@ def test_wrong_commands_are_one_line_and_exit_code_2(argv: list[str], message: s
     assert err[:-1].isprintable()
 
 
+def test_control_characters_of_names_stay_out_of_messages(tmp_path: Path) -> None:
+    code, _, err = call(run, "validate", tmp_path / "nö\x1b[31m\u202e\nx")
+    assert code == 2
+    assert "nö\\x1b[31m\\u202e\\nx" in err
+    assert err.count("\n") == 1
+
+
 def test_an_extra_that_is_not_installed_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     modules = {"validate": "branchdrive.cli.validate", "collect": "branchdrive_reference.absent.command"}
     monkeypatch.setattr(command_line, "_command_modules", lambda: modules)

@@ -69,7 +69,7 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
         _discard_output(stdout)
         return EXIT_INTERRUPTED
     except BranchDriveError as error:
-        stderr.write(f"{prog}: {error}\n")
+        stderr.write(f"{prog}: {_on_one_line(str(error))}\n")
         return EXIT_USAGE
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
@@ -81,6 +81,11 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
         stderr.write(f"{format_exc()}{prog}: {type(error).__name__} in the tool itself; please report it\n")
         return EXIT_FAILED
     return code
+
+
+def _on_one_line(message: str) -> str:
+    """The message without control characters: names in it may come from a dataset."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in message)
 
 
 def _discard_output(stdout: TextIO) -> None:
