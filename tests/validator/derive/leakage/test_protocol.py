@@ -1,0 +1,40 @@
+"""Numbers of the gate: what may be chosen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from branchdrive.derive.leakage.protocol import Protocol
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("num_permutations", 0, "at least 1"),
+        ("num_frequencies", 0, "at least 1"),
+        ("num_folds", 1, "at least 2"),
+        ("num_replicates", 0, "at least 1"),
+        ("num_named", 0, "at least 1"),
+        ("scratch_bytes", 0, "at least 1"),
+        ("alpha", 0.0, "above 0 and below 1"),
+        ("alpha", 1.0, "above 0 and below 1"),
+        ("alpha", float("nan"), "above 0 and below 1"),
+        ("penalty", 0.0, "above 0 and finite"),
+        ("penalty", float("inf"), "above 0 and finite"),
+        ("bandwidth", -1.0, "above 0 and finite"),
+        ("offsets_sd", (0.0, 0.1), "above 0"),
+        ("offsets_sd", (0.2, 0.1), "ascending"),
+        ("offsets_sd", (0.1, 0.1), "ascending"),
+    ],
+)
+def test_numbers_outside_of_their_range_are_refused(name: str, value: Any, says: str) -> None:
+    chosen: dict[str, Any] = {name: value}
+    with pytest.raises(ValueError, match=f"`{name}` is .*{says}"):
+        Protocol(**chosen)
+
+
+def test_the_default_can_fail() -> None:
+    protocol = Protocol()
+    assert 4 / (protocol.num_permutations + 1) <= protocol.alpha

@@ -1,0 +1,1 @@
+"""Leakage audit: whether what a model sees before the branch tells which action follows. Pure numpy."""
