@@ -8,9 +8,9 @@ from difflib import get_close_matches
 import pyarrow as pa
 
 from branchdrive.dataset.reader import Dataset
+from branchdrive.dataset.rollout import ROLLOUTS
 from branchdrive.errors import UsageError
 from branchdrive_reference.study.label import label, labels
-from branchdrive_reference.study.rollouts import read_rollouts
 
 __all__ = ["named_groups", "wanted_groups"]
 
@@ -31,7 +31,7 @@ def wanted_groups(dataset: Dataset, scenarios: Sequence[str] = ()) -> dict[str, 
     types: dict[str, str] = {}
     names: dict[str, str] = {}  # one object for each name, however many groups have it
     for shard in dataset.shards:
-        for group_id, name in _types(read_rollouts(shard).select(_COLUMNS)).items():
+        for group_id, name in _types(shard.decode(ROLLOUTS).select(_COLUMNS)).items():
             types[group_id] = names.setdefault(name, name)
     if not types:
         raise UsageError(f"{str(dataset.root)!r} has no branch group to draw")

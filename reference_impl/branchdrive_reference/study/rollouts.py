@@ -1,4 +1,4 @@
-"""The rollouts table of a shard of unknown origin, before its text is unpacked."""
+"""Names in a rollouts table of unknown origin, before they are shown to a reader."""
 
 from __future__ import annotations
 
@@ -7,39 +7,12 @@ from collections.abc import Collection
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.rollout import ROLLOUTS
 from branchdrive.dataset.shard import Shard
 from branchdrive.errors import UsageError
 from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label
 
-__all__ = ["check_names", "read_rollouts"]
-
-
-def read_rollouts(shard: Shard) -> pa.Table:
-    """The table with text as dictionaries, which hold a text once however many rows have it.
-
-    Raises:
-        UsageError: Written out for every row, the text would not fit the limit for a decoded table.
-        DatasetError: The table cannot be read.
-    """
-    table = shard.decode(ROLLOUTS)
-    num_bytes = sum(_unpacked_bytes(piece) for column in table.columns for piece in column.chunks)
-    limit = spec_limits().max_table_decoded_bytes
-    if num_bytes > limit:
-        raise UsageError(
-            f"{shard.path(ROLLOUTS)!r}: its text is {num_bytes:,} bytes long and may be {limit:,}; "
-            "run `branchdrive-validate`"
-        )
-    return table
-
-
-def _unpacked_bytes(piece: pa.Array) -> int:
-    """Bytes of the text of a column's piece, written out for every row; 0 for numbers."""
-    if not pa.types.is_dictionary(piece.type):
-        return 0
-    lengths = pc.binary_length(piece.dictionary).cast(pa.int64())
-    return int(pc.sum(lengths.take(piece.indices)).as_py() or 0)
+__all__ = ["check_names"]
 
 
 def check_names(shard: Shard, table: pa.Table, columns: Collection[str]) -> None:
@@ -47,7 +20,7 @@ def check_names(shard: Shard, table: pa.Table, columns: Collection[str]) -> None
 
     Args:
         shard: Where the table lies, for the message.
-        table: What `read_rollouts` returned.
+        table: The decoded rollouts table, text as dictionaries.
         columns: Text columns whose values a reader is shown.
 
     Raises:

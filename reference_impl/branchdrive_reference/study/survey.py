@@ -16,7 +16,7 @@ from branchdrive_reference.study.facts import Facts, shard_facts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES
 from branchdrive_reference.study.finished import open_finished
 from branchdrive_reference.study.label import sentence
-from branchdrive_reference.study.rollouts import check_names, read_rollouts
+from branchdrive_reference.study.rollouts import check_names
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.summary import summarise
 
@@ -35,7 +35,7 @@ def study_dataset(root: Path, progress: Update) -> Study:
     try:
         dataset = open_finished(root)
         for shard in dataset.shards:
-            check_names(shard, read_rollouts(shard), _NAMES)
+            check_names(shard, shard.decode(ROLLOUTS), _NAMES)
         if not dataset.groups:
             raise UsageError(f"{str(root)!r} holds no branch group")
         tables = [ROLLOUTS, *(name for name in COMPARED_TABLES if name in dataset.descriptor.tables)]

@@ -19,7 +19,6 @@ from branchdrive import UsageError, open_dataset
 from branchdrive.cli.main import run
 from branchdrive_reference.drawing.file_name import picture_path
 from branchdrive_reference.drawing.picture import title
-from branchdrive_reference.study import rollouts
 
 NOMINAL, BRAKE = "g0.nominal.a1", "g0.brake_0.30.a1"
 AHEAD = [BRANCH_TICK + 5 * j for j in range(1, 11)]
@@ -199,7 +198,7 @@ def test_an_output_inside_the_dataset_is_refused(tmp_path: Path) -> None:
 def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rollouts, "_unpacked_bytes", lambda piece: 300_000_000)
+    monkeypatch.setattr("branchdrive.dataset.shard.written_out_bytes", lambda table: 300_000_000)
     write_invented(tmp_path / "d")
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p")
     assert (code, out, err.count("\n")) == (2, "", 1)

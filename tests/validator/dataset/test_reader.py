@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,8 @@ from tests import synthetic
 from tests.validator.dataset.invented import ATTEMPTS, write_dataset
 
 from branchdrive.contract.columns import table_schema
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.parquet import written_out_bytes
 from branchdrive.dataset.reader import Dataset, open_dataset
 from branchdrive.errors import DatasetError, UsageError
 
@@ -172,3 +175,21 @@ def test_what_cannot_be_read_safely_is_refused_in_words(damaged: Path, damage: s
     act(damaged)
     with pytest.raises(DatasetError, match=message):
         read_all(damaged)
+
+
+def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_written_out(
+    written: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shard = open_dataset(written).shards[0]
+    stored, plain = shard.decode("rollouts"), shard.table("rollouts")
+    texts = [field.name for field in plain.schema if str(field.type) == "string"]
+    num_bytes = sum(len(text or "") for name in texts for text in plain.column(name).to_pylist())
+    assert written_out_bytes(stored) == num_bytes
+    for limit, is_refused in ((num_bytes, False), (num_bytes - 1, True)):
+        limits = dataclasses.replace(spec_limits(), max_table_decoded_bytes=limit)
+        monkeypatch.setattr("branchdrive.dataset.shard.spec_limits", lambda limits=limits: limits)
+        if is_refused:
+            with pytest.raises(DatasetError, match=f"its text is {num_bytes:,} bytes long"):
+                shard.decode("rollouts")
+        else:
+            assert shard.decode("rollouts").num_rows == stored.num_rows

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-__all__ = ["decode_table", "encode_table"]
+__all__ = ["decode_table", "encode_table", "written_out_bytes"]
 
 _ROW_GROUP_ROWS = 100_000
 _COMPRESSION_LEVEL = 3
@@ -138,6 +138,19 @@ def _canonical(table: pa.Table) -> pa.Table:
         fields.append(field.with_type(kind))
     schema = pa.schema(fields, table.schema.metadata)
     return table if schema.equals(table.schema) else table.cast(schema)
+
+
+def written_out_bytes(table: pa.Table) -> int:
+    """Bytes of a table's text, written out for every row; a dictionary holds it once however many rows have it."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    num_bytes = 0
+    for piece in (piece for column in table.columns for piece in column.chunks):
+        if pa.types.is_dictionary(piece.type):
+            lengths = pc.binary_length(piece.dictionary).cast(pa.int64())
+            num_bytes += int(pc.sum(lengths.take(piece.indices)).as_py() or 0)
+    return num_bytes
 
 
 def _open(content: bytes | memoryview, strings: list[str], limits: Limits) -> pq.ParquetFile:

@@ -15,7 +15,7 @@ import numpy as np
 from branchdrive.contract.columns import TABLES, Table, table_schema
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.layout import RAW_DIR, shard_index, shard_name
-from branchdrive.dataset.parquet import decode_table
+from branchdrive.dataset.parquet import decode_table, written_out_bytes
 from branchdrive.dataset.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
 from branchdrive.dataset.untrusted import list_names, read_file
 from branchdrive.errors import DatasetError, DecodeError
@@ -46,7 +46,8 @@ class Shard:
         """The table `name` as stored: text as dictionaries, with the file's own metadata.
 
         Raises:
-            DatasetError: The file is missing, does not decode, or has other columns or nulls than declared.
+            DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
+                text would be larger than a decoded table may be, written out for every row.
         """
         content = read_file(self.root, self.path(name), spec_limits().max_table_bytes)
         try:
@@ -62,6 +63,12 @@ class Shard:
         ]
         if nulls:
             raise DatasetError(f"{self.root}: {self.path(name)!r}: columns {nulls} hold nulls and must not")
+        num_bytes, limit = written_out_bytes(table), spec_limits().max_table_decoded_bytes
+        if num_bytes > limit:
+            raise DatasetError(
+                f"{self.root}: {self.path(name)!r}: its text is {num_bytes:,} bytes long, written out for every row, "
+                f"and may be {limit:,}; run `branchdrive-validate`"
+            )
         return table
 
     def table(self, name: str) -> pa.Table:
