@@ -72,8 +72,8 @@ class Fidelity:
     """Attempts against the nominals they name.
 
     Attributes:
-        interventions: Discrepancies of good interventions ``[n, 11]``.
-        replays: Discrepancies of good nominal replays ``[n, 11]``.
+        interventions: Discrepancies of good interventions ``[n, 12]``.
+        replays: Discrepancies of good nominal replays ``[n, 12]``.
         equal: Whether complete nominal replays hold the bits of their complete nominals, by table
             ``[n, tables]`` in the order of `COMPARED_TABLES`; true for a table that is not claimed.
         num_alone: Nominal replays that are not complete or whose nominal is not ``[shards]``.

@@ -48,11 +48,13 @@ def _history_evidence(view: ShardView, rollouts: Index) -> HistoryEvidence:
         evidence["nearest_vehicle_rel_speed_mps"][rows],
         evidence["num_actors"][rows],
         np.where(evidence["traffic_light_available"][rows], light[rows], NO_LIGHT),
+        evidence["nearest_pedestrian_available"][rows],
+        evidence["nearest_pedestrian_gap_m"][rows],
     )
 
 
 def discrepancies(view: ShardView, replays: Index, nominals: Index) -> NDArray[np.float64]:
-    """Core and extended variables of paired rollouts with whole windows, ``[pairs, 7 + 4]``.
+    """Core and extended variables of paired rollouts with whole windows, ``[pairs, 7 + 5]``.
 
     The extended ones are NaN where no evidence is claimed.
     """

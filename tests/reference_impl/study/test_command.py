@@ -11,6 +11,7 @@ import pytest
 from tests.reference_impl.study import samples
 from tests.synthetic import bare_descriptor, group_name
 
+from branchdrive.derive.discrepancy import CORE, EXTENDED
 from branchdrive.errors import UsageError
 from branchdrive_reference.study import command
 
@@ -60,7 +61,7 @@ def test_json_holds_the_numbers_of_the_text(root: Path) -> None:
     assert document["population"]["num_groups"] == 3
     assert document["scenarios"][0]["scenario_type"] == "CutIn"
     assert document["overall"]["scenario_type"] == "all"
-    assert len(document["interventions"]) == len(document["nominal_replays"]) == 11
+    assert len(document["interventions"]) == len(document["nominal_replays"]) == len((*CORE, *EXTENDED))
     assert document["equality"]["num_compared"] == 6
     assert document["population"]["num_good_banks"] == 3
     assert 0 <= document["overall"]["best_collided_in_window"] <= document["overall"]["best_collided"] <= 1

@@ -42,6 +42,8 @@ def surroundings(seed: int = 0, drives: int = 1) -> HistoryEvidence:
         rng.uniform(-10, 10, (drives, FRAMES)),
         rng.integers(0, 9, (drives, FRAMES)),
         rng.integers(NO_LIGHT, 3, (drives, FRAMES)),
+        rng.random((drives, FRAMES)) < 0.4,
+        rng.uniform(0, 50, (drives, FRAMES)),
     )
 
 
@@ -93,11 +95,20 @@ def test_a_vehicle_on_one_side_only_is_infinitely_far() -> None:
     assert found == {"vehicle_gap_m": math.inf, "vehicle_rel_speed_mps": math.inf} | dict.fromkeys(list(found)[2:], 0)
 
 
-def test_a_vehicle_on_neither_side_is_equal_whatever_stands_there() -> None:
+def test_a_pedestrian_on_one_side_only_is_infinitely_far() -> None:
+    nominal = surroundings()
+    seen = nominal.pedestrian_available.copy()
+    seen[0, 5] = ~seen[0, 5]
+    found = extended(nominal._replace(pedestrian_available=seen), nominal)
+    assert found == dict.fromkeys(list(found)[:-1], 0) | {"pedestrian_gap_m": math.inf}
+
+
+def test_who_is_on_neither_side_is_equal_whatever_stands_there() -> None:
     none = np.zeros((1, FRAMES), bool)
-    replay, nominal = (surroundings(seed)._replace(vehicle_available=none) for seed in (1, 2))
+    nobody = {"vehicle_available": none, "pedestrian_available": none}
+    replay, nominal = (surroundings(seed)._replace(**nobody) for seed in (1, 2))
     found = extended(replay, nominal)
-    assert (found["vehicle_gap_m"], found["vehicle_rel_speed_mps"]) == (0, 0)
+    assert (found["vehicle_gap_m"], found["vehicle_rel_speed_mps"], found["pedestrian_gap_m"]) == (0, 0, 0)
 
 
 def test_what_differs_in_some_observations_counts_as_their_share() -> None:
@@ -106,17 +117,18 @@ def test_what_differs_in_some_observations_counts_as_their_share() -> None:
     actors[0, :4] += 1
     light[0, 7] = 3
     found = extended(nominal._replace(num_actors=actors, traffic_light=light), nominal)
-    assert list(found.values()) == [0, 0, 4 / 16, 1 / 16]
+    assert list(found.values()) == [0, 0, 4 / 16, 1 / 16, 0]
 
 
 def test_known_gaps_and_speeds_differ_by_their_largest_difference() -> None:
     there = np.ones((1, FRAMES), bool)
-    nominal = surroundings()._replace(vehicle_available=there)
+    nominal = surroundings()._replace(vehicle_available=there, pedestrian_available=there)
     replay = nominal._replace(
         vehicle_gap_m=nudged(nominal.vehicle_gap_m, 4, 1.5),
         vehicle_rel_speed_mps=nudged(nominal.vehicle_rel_speed_mps, 9, -0.5),
+        pedestrian_gap_m=nudged(nominal.pedestrian_gap_m, 15, 0.25),
     )
-    assert list(extended(replay, nominal).values()) == pytest.approx([1.5, 0.5, 0, 0])
+    assert list(extended(replay, nominal).values()) == pytest.approx([1.5, 0.5, 0, 0, 0.25])
 
 
 seeds = st.integers(0, 10_000)

@@ -7,7 +7,8 @@ Variables, each a maximum over the 16 observations ``t_b - 75 .. t_b`` or the 80
 * core: distance of positions (m), heading (deg), speed (m/s); steer, throttle, brake; offset of the
   branch ticks (ticks);
 * extended: gap to the nearest vehicle (m), its relative speed (m/s); share of the observations at
-  which the number of actors differs, and at which the traffic light does.
+  which the number of actors differs, and at which the traffic light does; gap to the nearest
+  pedestrian (m).
 
 What is missing on one side only is infinitely far; what is missing on both is equal. Every variable
 is symmetric in replay and nominal and 0 between a drive and itself.
@@ -65,6 +66,7 @@ EXTENDED = (
     Variable("vehicle_rel_speed_mps", "m/s"),
     Variable("actor_count_share", ""),
     Variable("traffic_light_share", ""),
+    Variable("pedestrian_gap_m", "m"),
 )
 """Extended variables, in the order of `extended_discrepancy`."""
 
@@ -102,6 +104,8 @@ class HistoryEvidence(NamedTuple):
         vehicle_rel_speed_mps: Its closing speed; any value where unavailable.
         num_actors: Recorded actors.
         traffic_light: Code of the light that governs the ego, `NO_LIGHT` where none does.
+        pedestrian_available: Whether a pedestrian is in range.
+        pedestrian_gap_m: Gap to the nearest; any value where unavailable.
     """
 
     vehicle_available: NDArray[Any]
@@ -109,6 +113,8 @@ class HistoryEvidence(NamedTuple):
     vehicle_rel_speed_mps: Array
     num_actors: NDArray[Any]
     traffic_light: NDArray[Any]
+    pedestrian_available: NDArray[Any]
+    pedestrian_gap_m: Array
 
 
 def core_discrepancy(replay: History, nominal: History) -> Array:
@@ -133,27 +139,36 @@ def core_discrepancy(replay: History, nominal: History) -> Array:
 
 
 def extended_discrepancy(replay: HistoryEvidence, nominal: HistoryEvidence) -> Array:
-    """Extended variables of paired drives, ``[drives, 4]`` in the order of `EXTENDED`.
+    """Extended variables of paired drives, ``[drives, 5]`` in the order of `EXTENDED`.
 
     Raises:
         ValueError: A field has another shape than ``[drives, 16]``.
     """
     replay, nominal = (HistoryEvidence(*_checked(side, _EVIDENCE_FRAMES)) for side in (replay, nominal))
-    gaps, speeds = (
-        [np.where(side.vehicle_available.astype(bool), getattr(side, name), np.nan) for side in (replay, nominal)]
-        for name in ("vehicle_gap_m", "vehicle_rel_speed_mps")
+    vehicles, pedestrians = (
+        [getattr(side, name).astype(bool) for side in (replay, nominal)]
+        for name in ("vehicle_available", "pedestrian_available")
     )
+
+    def apart(available: list[NDArray[np.bool_]], name: str) -> Array:
+        sides = (
+            np.where(there, getattr(side, name), np.nan)
+            for there, side in zip(available, (replay, nominal), strict=True)
+        )
+        return np.asarray(_difference(*sides).max(axis=1))
+
     columns = [
-        _difference(*gaps).max(axis=1),
-        _difference(*speeds).max(axis=1),
+        apart(vehicles, "vehicle_gap_m"),
+        apart(vehicles, "vehicle_rel_speed_mps"),
         (replay.num_actors != nominal.num_actors).mean(axis=1),
         (replay.traffic_light != nominal.traffic_light).mean(axis=1),
+        apart(pedestrians, "pedestrian_gap_m"),
     ]
     return np.stack(columns, axis=1)
 
 
 _HISTORY_FRAMES = (*[HISTORY_OBSERVATIONS] * 4, *[CONTROL_HISTORY_TICKS] * 3, None)
-_EVIDENCE_FRAMES = (HISTORY_OBSERVATIONS,) * 5
+_EVIDENCE_FRAMES = (HISTORY_OBSERVATIONS,) * len(HistoryEvidence._fields)
 
 
 def _checked(fields: History | HistoryEvidence, frames: tuple[int | None, ...]) -> list[Array]:

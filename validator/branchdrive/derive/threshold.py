@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.derive.discrepancy import CORE, EXTENDED, Variable
+from branchdrive.derive.discrepancy import CORE, EXTENDED
 
 __all__ = ["MIN_SUPPORT", "PEDESTRIAN_GAP", "QUANTILE", "VARIABLES", "Passed", "Thresholds", "fit_thresholds", "passes"]
 
@@ -33,11 +33,11 @@ QUANTILE = 0.99
 MIN_SUPPORT = 100
 """Training groups with a pedestrian in range from which on that gap is judged."""
 
-PEDESTRIAN_GAP = Variable("pedestrian_gap_m", "m")
-"""Gap to the nearest pedestrian, maximum difference over the 16 observations; an extended variable."""
+VARIABLES = (*CORE, *EXTENDED)
+"""Variables in the order of the last axis of discrepancies: core, then extended."""
 
-VARIABLES = (*CORE, *EXTENDED, PEDESTRIAN_GAP)
-"""Variables in the order of the last axis of discrepancies: core, extended, pedestrian gap."""
+PEDESTRIAN_GAP = next(variable for variable in EXTENDED if variable.name == "pedestrian_gap_m")
+"""The extended variable that is judged only where it has support."""
 
 _TICK_OFFSET = [variable.name for variable in VARIABLES].index("tick_offset")
 
