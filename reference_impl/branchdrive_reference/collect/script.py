@@ -107,7 +107,7 @@ def group_script(descriptor: Descriptor, group_index: int) -> GroupScript:
     """The script of the group at a place of the dataset that `descriptor` describes."""
     draws = _Draws(descriptor.collection.seed, group_index, descriptor.collection.faults)
     bank = descriptor.action_bank
-    nominal_index = bank.policies.index(bank.nominal)
+    nominal_index = bank.nominal_index
     nominal = draws.chain("nominal", bank.nominal, nominal_index)
     begun = draws.num_policies_begun(len(bank.policies))
     other_seed = draws.other_seed(len(bank.policies) - 1)

@@ -58,6 +58,12 @@ def _is_free(bodies: Records, feet: Records, obstacle: int, shift_m: float, end_
 
 
 @kernel
+def _ramp_m(ego: Records) -> float:
+    """Way over which the ego moves over at its present speed."""
+    return float(max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps))
+
+
+@kernel
 def _meeting_m(ego: Records, arc_m: float, drift_mps: float) -> float:
     """Arc length at which the ego reaches a place that moves along the route, `arc_m` now."""
     closing = max(ego.speed_mps - drift_mps, _SLOW_EGO_MPS)
@@ -72,7 +78,7 @@ def _try_side(plan: Records, bodies: Records, feet: Records, obstacle: int, side
     begin_m, end_m, right_m, left_m = blocked_stretch(bodies, feet, obstacle)
     reach_m = ego.half_length_m + _LONGITUDINAL_CLEARANCE_M
     full_m, hold_m = _meeting_m(ego, begin_m - reach_m, drift), _meeting_m(ego, end_m + reach_m, drift)
-    length_m = max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps)
+    length_m = _ramp_m(ego)
     edge_m = left_m if side > 0 else right_m
     shift_m = edge_m + side * (0.5 * bodies[EGO].width_m + _CLEARANCE_M)
     beside = side * (ego.offset_m - shift_m) > -0.5 * _CLEARANCE_M
@@ -113,7 +119,7 @@ def _make_way(plan: Records, bodies: Records, feet: Records, path: Records, sire
     """Plan a shift into a lane of the own direction, the right one first, until the siren has passed."""
     ego = feet[EGO]
     vertex = path[locate(path, ego.arc_m)]
-    length_m = max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps)
+    length_m = _ramp_m(ego)
     for side in (-1, 1):
         beside = vertex.left_lane if side > 0 else vertex.right_lane
         if beside == _SAME_DIRECTION and _is_free(bodies, feet, siren, side * LANE_WIDTH_M, ego.arc_m + length_m):
@@ -129,7 +135,7 @@ def _keep_siren(plan: Records, ego: Records, siren: Records) -> None:
     passed = siren.arc_m - siren.half_length_m > ego.arc_m + ego.half_length_m + _SIREN_PASSED_M
     if passed and plan.hold_m >= _FAR_M:
         plan.hold_m = ego.arc_m
-        plan.end_m = ego.arc_m + max(_SHIFT_MIN_M, _SHIFT_S * ego.speed_mps)
+        plan.end_m = ego.arc_m + _ramp_m(ego)
     if ego.arc_m > plan.end_m:
         plan.shift_m = 0.0
 

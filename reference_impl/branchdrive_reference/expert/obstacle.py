@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.lane import LANE_WIDTH_M
 from branchdrive_reference.town.route import obstacle_sight_m as _obstacle_sight_m
@@ -72,6 +70,6 @@ def blocked_stretch(bodies: Records, feet: Records, obstacle: int) -> tuple[floa
                 end_m = max(end_m, other.arc_m + other.half_length_m)
                 right_m = min(right_m, other.offset_m - other.half_width_m)
                 left_m = max(left_m, other.offset_m + other.half_width_m)
-        if not np.isfinite(end_m) or end_m == reached_m:
+        if end_m == reached_m:
             break
     return begin_m, end_m, right_m, left_m

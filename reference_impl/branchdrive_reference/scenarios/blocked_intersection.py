@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
 from branchdrive_reference.scenarios.sizes import BOX_TRUCK, CAR, VAN
 from branchdrive_reference.scenarios.stage import Stage
@@ -39,7 +39,7 @@ class BlockedIntersection(Scenario):
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The vehicle that stands there."""
-        size = _VEHICLES[choice(len(_VEHICLES), stage.seed, Purpose.SCENARIO_BODY)]
+        size = stage.pick(_VEHICLES, Purpose.SCENARIO_BODY)
         return [stage.vehicle(size, self._place_m(stage), speed_mps=0.0)]
 
     def update(self, scene: Scene, tick: int) -> bool:

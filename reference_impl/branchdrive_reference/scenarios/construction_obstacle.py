@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.sizes import BARRIER, CONE, CONTAINER
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.standing_obstacle import StandingObstacle, obstacle_trigger
@@ -23,7 +23,7 @@ class ConstructionObstacle(StandingObstacle):
     def bodies(self, stage: Stage) -> list[Body]:
         """The barrier across the lane, the container behind it, and a line of cones beside it."""
         site_m, offset_m = stage.site_m, stage.draw(-0.5, -0.2, Purpose.SCENARIO_PLACE)
-        cones = 2 + choice(3, stage.seed, Purpose.SCENARIO_COUNT)
+        cones = stage.count((2, 4), Purpose.SCENARIO_COUNT)
         return [
             stage.standing(Kind.STATIC, BARRIER, site_m, offset_m),
             stage.standing(Kind.STATIC, CONTAINER, site_m + 6.0, offset_m),

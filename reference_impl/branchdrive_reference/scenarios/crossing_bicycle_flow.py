@@ -34,7 +34,7 @@ class CrossingBicycleFlow(VehicleTurningRoute):
         side = 1 if choice(2, stage.seed, Purpose.SCENARIO_SIDE) else -1
         time_s = stage.ego_arrival_s(place_m) + stage.draw(-2.5, 0.0, Purpose.SCENARIO_TIMING)
         bodies = []
-        for index in range(_FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_COUNT)):
+        for index in range(stage.count(_FLOW, Purpose.SCENARIO_COUNT)):
             x, y, yaw = interpolate(stage.tables.path(EGO_TRACK), place_m, side * speed * time_s)
             heading = yaw + math.copysign(math.pi / 2, -side)
             bodies.append(Body(Kind.CYCLE, Behaviour.WALKING, BICYCLE, x, y, heading, speed, travel_m=500.0))

@@ -21,7 +21,7 @@ __all__ = ["HighwayCutIn", "ParkingCutIn", "StaticCutIn"]
 _STATIONED_GAIN = (0.25, 0.9)
 """Gains on distance and speed difference with which a vehicle keeps its place beside the ego."""
 
-_QUEUE = (3, 6)
+_QUEUE = (3, 5)
 _QUEUE_GAP_M = 2.5
 
 
@@ -51,7 +51,7 @@ class HighwayCutIn(Scenario):
     def bodies(self, stage: Stage) -> list[Body]:
         """The vehicle, beside and ahead of the ego, and another one behind it."""
         track, _ = self._side(stage)
-        size = VEHICLES[choice(len(VEHICLES), stage.seed, Purpose.TRAFFIC_BODY, 90)]
+        size = stage.pick(VEHICLES, Purpose.TRAFFIC_BODY, 90)
         eagerness = stage.draw(0.62, 0.85, Purpose.SCENARIO_SPEED)
         beside_m = stage.beside(START_M, track)
         speed = stage.advisory_mps(START_M)
@@ -70,8 +70,7 @@ class HighwayCutIn(Scenario):
         if scene.hazard_tick < 0 and scene.way_to_m(stage.site_m) > 0.0:
             lag_m = float(ego["arc_m"] - body["arc_m"]) + self._ahead_m(stage)
             slower_mps = float(ego["speed_mps"] - body["speed_mps"])
-            accel = _STATIONED_GAIN[0] * lag_m + _STATIONED_GAIN[1] * slower_mps
-            body["commanded_accel_mps2"] = min(max(accel, -4.0), 4.0)
+            scene.command(FIRST_ROW, _STATIONED_GAIN[0] * lag_m + _STATIONED_GAIN[1] * slower_mps)
             return False
         body["commanded_accel_mps2"] = math.nan
         body["goal_offset_m"] = offset_m
@@ -124,12 +123,12 @@ class StaticCutIn(_FromStandstill):
         track = stage.track(Role.RIGHT_LANE)
         if track is None:
             raise LookupError(f"route {stage.tables.route.route_id!r} has no lane to the right")
-        size = (CAR, VAN)[choice(2, stage.seed, Purpose.SCENARIO_BODY)]
+        size = stage.pick((CAR, VAN), Purpose.SCENARIO_BODY)
         at_m = stage.beside(stage.site_m, track)
         first = stage.vehicle(size, at_m, track, speed_mps=0.0, lateral_mps=1.6)
         queue, front_m, back_m = [], at_m + size.length_m / 2 + 5.0, at_m - size.length_m / 2
-        for index in range(_QUEUE[0] + choice(_QUEUE[1] - _QUEUE[0], stage.seed, Purpose.SCENARIO_COUNT)):
-            other = (*VEHICLES, BOX_TRUCK)[choice(4, stage.seed, Purpose.TRAFFIC_BODY, 90 + index)]
+        for index in range(stage.count(_QUEUE, Purpose.SCENARIO_COUNT)):
+            other = stage.pick((*VEHICLES, BOX_TRUCK), Purpose.TRAFFIC_BODY, 90 + index)
             step_m = other.length_m + _QUEUE_GAP_M
             if index % 2:
                 queue.append(
@@ -155,5 +154,5 @@ class ParkingCutIn(_FromStandstill):
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The vehicle that pulls out."""
-        size = (CAR, VAN)[choice(2, stage.seed, Purpose.SCENARIO_BODY)]
+        size = stage.pick((CAR, VAN), Purpose.SCENARIO_BODY)
         return [stage.vehicle(size, stage.site_m, offset_m=PARKED_OFFSET_M, speed_mps=0.0, lateral_mps=1.5)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import flow, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene, green_on_arrival
 from branchdrive_reference.scenarios.stage import Stage
@@ -33,7 +33,7 @@ class EncounterSign(Scenario):
         rivals = self.rivals(stage)
         if not rivals:
             return []
-        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_SIDE)]
+        track = stage.pick(rivals, Purpose.SCENARIO_SIDE)
         first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(-2.5, -0.5, Purpose.SCENARIO_TIMING)
         return flow(stage, track, stage.meeting_m(track)[1], first_s, _COUNT, _HEADWAY_S)
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import Scene
 from branchdrive_reference.scenarios.sizes import VEHICLES
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks
-from branchdrive_reference.world.body import Body, Heed
+from branchdrive_reference.world.body import Body
 
 __all__ = ["arrive_with_ego", "flow", "rival_tracks", "side_tracks"]
 
 _FIRST_DRAW = 200
-_HARDEST_MPS2 = 4.0
 _RELAX_S = 0.8
 
 
@@ -33,15 +32,15 @@ def side_tracks(tables: RouteTracks) -> list[int]:
 
 def flow(
     stage: Stage, track: int, at_m: float, first_s: float, count: int, headway_s: tuple[float, float],
-    *, eagerness: float = 1.0, heeds: Heed = Heed.ALL,
+    *, eagerness: float = 1.0,
 ) -> list[Body]:  # fmt: skip
     """`count` vehicles of a track, the first of which is at `at_m` after `first_s`, the others a headway later each."""
     bodies, time_s = [], first_s
     for index in range(_FIRST_DRAW, _FIRST_DRAW + count):
-        size = VEHICLES[choice(len(VEHICLES), stage.seed, Purpose.TRAFFIC_BODY, index)]
+        size = stage.pick(VEHICLES, Purpose.TRAFFIC_BODY, index)
         arc_m = stage.arc_before(track, at_m, time_s, eagerness)
         own_headway_s = stage.draw(0.9, 1.3, Purpose.TRAFFIC_HEADWAY, index)
-        bodies.append(stage.vehicle(size, arc_m, track, eagerness=eagerness, headway_s=own_headway_s, heeds=heeds))
+        bodies.append(stage.vehicle(size, arc_m, track, eagerness=eagerness, headway_s=own_headway_s))
         time_s += stage.draw(*headway_s, Purpose.TRAFFIC_GAP, index)
     return bodies
 
@@ -52,5 +51,4 @@ def arrive_with_ego(scene: Scene, row: int, ego_at_m: float, at_m: float, late_s
     way_m = at_m - float(body["arc_m"]) - 0.5 * float(body["length_m"])
     time_s = max(scene.time_to_s(ego_at_m) + late_s, 0.5)
     wanted = max(way_m, 0.0) / time_s
-    accel = (wanted - float(body["speed_mps"])) / _RELAX_S
-    body["commanded_accel_mps2"] = min(max(accel, -_HARDEST_MPS2), _HARDEST_MPS2)
+    scene.command(row, (wanted - float(body["speed_mps"])) / _RELAX_S)

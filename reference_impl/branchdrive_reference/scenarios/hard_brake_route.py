@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
 from branchdrive_reference.scenarios.sizes import CAR, VAN
 from branchdrive_reference.scenarios.stage import Stage
@@ -40,7 +40,7 @@ class HardBrakeRoute(Scenario):
         """The leader, a short headway before the ego."""
         speed = stage.advisory_mps(START_M)
         headway_s = stage.draw(1.5, 2.0, Purpose.SCENARIO_PLACE)
-        size = _LEADERS[choice(len(_LEADERS), stage.seed, Purpose.SCENARIO_BODY)]
+        size = stage.pick(_LEADERS, Purpose.SCENARIO_BODY)
         arc_m = START_M + size.length_m + headway_s * speed
         return [stage.vehicle(size, arc_m, eagerness=0.96, headway_s=1.4)]
 

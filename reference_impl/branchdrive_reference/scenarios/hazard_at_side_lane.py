@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Scene
 from branchdrive_reference.scenarios.sizes import BICYCLE
 from branchdrive_reference.scenarios.stage import Stage
@@ -46,7 +46,7 @@ class HazardAtSideLane(StandingObstacle):
                 BICYCLE, last_m + _SPACING_M * index, kind=Kind.CYCLE, speed_mps=speed, eagerness=eagerness,
                 offset_m=stage.draw(-1.25, -0.75, Purpose.SCENARIO_PLACE, index), headway_s=0.6,
             )
-            for index in range(1 + choice(3, stage.seed, Purpose.SCENARIO_COUNT))
+            for index in range(stage.count((1, 3), Purpose.SCENARIO_COUNT))
         ]  # fmt: skip
 
     def update(self, scene: Scene, _tick: int) -> bool:

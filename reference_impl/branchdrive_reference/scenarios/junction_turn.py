@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import flow, rival_tracks
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene, green_on_arrival
 from branchdrive_reference.scenarios.stage import Stage
@@ -41,10 +41,10 @@ class JunctionTurn(Scenario):
     def bodies(self, stage: Stage) -> list[Body]:
         """One flow, from a side that has priority."""
         rivals = rival_tracks(stage, ego_yields=True)
-        track = rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_SIDE)]
+        track = stage.pick(rivals, Purpose.SCENARIO_SIDE)
         _, other_at_m = stage.meeting_m(track)
         first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(*_EARLY_S, Purpose.SCENARIO_TIMING)
-        count = _FLOW[0] + choice(_FLOW[1] - _FLOW[0] + 1, stage.seed, Purpose.SCENARIO_COUNT)
+        count = stage.count(_FLOW, Purpose.SCENARIO_COUNT)
         eagerness = stage.draw(0.9, 1.02, Purpose.SCENARIO_SPEED)
         return flow(stage, track, other_at_m, max(first_s, 1.0), count, _HEADWAY_S, eagerness=eagerness)
 

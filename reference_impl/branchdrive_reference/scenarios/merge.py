@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import flow
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene
 from branchdrive_reference.scenarios.stage import Stage
@@ -37,7 +37,7 @@ class EnterActorFlow(Scenario):
         track = stage.tables.roles[Role.MAINLINE]
         at_m, other_at_m = stage.meeting_m(track)
         first_s = stage.ego_arrival_s(at_m) - self.early_s + stage.draw(-1.0, 1.0, Purpose.SCENARIO_TIMING)
-        count = self.count[0] + choice(self.count[1] - self.count[0] + 1, stage.seed, Purpose.SCENARIO_COUNT)
+        count = stage.count(self.count, Purpose.SCENARIO_COUNT)
         eagerness = stage.draw(*self.eagerness, Purpose.SCENARIO_SPEED)
         return flow(stage, track, other_at_m, first_s, count, self.headway_s, eagerness=eagerness)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import arrive_with_ego, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
 from branchdrive_reference.scenarios.sizes import CAR, VAN
@@ -35,7 +35,7 @@ class OppositeVehicle(Scenario):
 
     def _rival(self, stage: Stage) -> int:
         rivals = self.rivals(stage)
-        return rivals[choice(len(rivals), stage.seed, Purpose.SCENARIO_SIDE)]
+        return stage.pick(rivals, Purpose.SCENARIO_SIDE)
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The vehicle, which heeds nothing."""
@@ -43,7 +43,7 @@ class OppositeVehicle(Scenario):
         at_m, other_at_m = stage.meeting_m(track)
         eagerness = stage.draw(0.85, 1.15, Purpose.SCENARIO_SPEED)
         arc_m = stage.arc_before(track, other_at_m, stage.ego_arrival_s(at_m), eagerness)
-        size = _VEHICLES[choice(len(_VEHICLES), stage.seed, Purpose.SCENARIO_BODY)]
+        size = stage.pick(_VEHICLES, Purpose.SCENARIO_BODY)
         return [stage.vehicle(size, arc_m, track, eagerness=eagerness, heeds=Heed.NOTHING)]
 
     def update(self, scene: Scene, _tick: int) -> bool:

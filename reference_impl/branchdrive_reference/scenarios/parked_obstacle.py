@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.sizes import CAR, CONTAINER, VAN
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.standing_obstacle import StandingObstacle, obstacle_trigger
@@ -21,7 +21,7 @@ class ParkedObstacle(StandingObstacle):
 
     def bodies(self, stage: Stage) -> list[Body]:
         """The obstacle, a little to the right of the lane's centre and slightly askew."""
-        kind, size = _OBSTACLES[choice(len(_OBSTACLES), stage.seed, Purpose.SCENARIO_BODY)]
+        kind, size = stage.pick(_OBSTACLES, Purpose.SCENARIO_BODY)
         offset_m = stage.draw(-0.7, -0.1, Purpose.SCENARIO_PLACE)
         turn_rad = stage.draw(-0.06, 0.06, Purpose.SCENARIO_ANGLE)
         return [stage.standing(kind, size, stage.site_m, offset_m, turn_rad=turn_rad)]

@@ -60,7 +60,7 @@ def _present(stage: Stage, index: int, tenths: int) -> bool:
 def ambient_vehicle(stage: Stage, index: int, arc_m: float, track: int) -> Body:
     """A vehicle with the size, desired speed and headway of draw `index`."""
     return stage.vehicle(
-        VEHICLES[choice(len(VEHICLES), stage.seed, Purpose.TRAFFIC_BODY, index)],
+        stage.pick(VEHICLES, Purpose.TRAFFIC_BODY, index),
         arc_m,
         track,
         eagerness=stage.draw(0.88, 1.05, Purpose.TRAFFIC_SPEED, index),
@@ -158,7 +158,7 @@ def _parked(stage: Stage) -> list[Body]:
     for place, ahead_m in enumerate(_PARKED_AT_M):
         index = 70 + place
         if choice(10, stage.seed, Purpose.PARKED_PRESENCE, index) < _PARKED_TENTHS:
-            size = VEHICLES[choice(len(VEHICLES), stage.seed, Purpose.TRAFFIC_BODY, index)]
+            size = stage.pick(VEHICLES, Purpose.TRAFFIC_BODY, index)
             arc_m = stage.site_m + ahead_m + stage.draw(-1.5, 1.5, Purpose.PARKED_PLACE, index)
             if _clear_m(stage, arc_m) > size.length_m / 2:
                 bodies.append(stage.standing(Kind.VEHICLE, size, arc_m, PARKED_OFFSET_M))

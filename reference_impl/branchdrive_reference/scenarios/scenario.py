@@ -26,6 +26,7 @@ FIRST_ROW = 1
 
 
 _GREEN_EARLY_S = (0.5, 4.0)
+_HARDEST_MPS2 = 4.0
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,10 @@ class Scene:
     def time_to_s(self, arc_m: float) -> float:
         """Time of the ego's front to an arc length of its route, at its present speed."""
         return self.way_to_m(arc_m) / max(float(self.feet[EGO_TRACK, EGO]["speed_mps"]), 1.0)
+
+    def command(self, row: int, accel_mps2: float) -> None:
+        """Let body `row` accelerate or brake as commanded, within what a driver does."""
+        self.bodies["commanded_accel_mps2"][row] = min(max(accel_mps2, -_HARDEST_MPS2), _HARDEST_MPS2)
 
     def since_hazard_s(self, tick: int) -> float:
         """Time since the hazard became active."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from branchdrive_reference.geometry.path import interpolate, locate
 from branchdrive_reference.geometry.polyline import Array
-from branchdrive_reference.noise import Purpose, uniform_between
+from branchdrive_reference.noise import Purpose, choice, uniform_between
 from branchdrive_reference.town.route import START_M
 from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks
 from branchdrive_reference.world.body import Behaviour, Body, Heed, Kind, Size
 
 __all__ = ["Stage"]
+
+_Option = TypeVar("_Option")
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,15 @@ class Stage:
         """Advisory speed of a track at an arc length."""
         path = self.tables.path(track)
         return float(path[locate(path, arc_m)]["advisory_speed_mps"])
+
+    def pick(self, options: Sequence[_Option], purpose: Purpose, index: int = 0) -> _Option:
+        """One of the options in this world, each as likely."""
+        return options[choice(len(options), self.seed, purpose, index)]
+
+    def count(self, bounds: tuple[int, int], purpose: Purpose, index: int = 0) -> int:
+        """Number of this world from the first bound to the second, both included."""
+        least, most = bounds
+        return least + choice(most - least + 1, self.seed, purpose, index)
 
     def vehicle(
         self, size: Size, arc_m: float, track: int = EGO_TRACK, *, kind: Kind = Kind.VEHICLE,

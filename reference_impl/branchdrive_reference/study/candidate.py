@@ -27,7 +27,7 @@ def good_attempts(view: ShardView) -> NDArray[np.bool_]:
 def choose_candidates(view: ShardView, good: NDArray[np.bool_]) -> Index:
     """Chosen attempt of every group and policy ``[groups, policies]``, index into the rollouts; -1 if none."""
     bank = view.descriptor.action_bank
-    nominal_policy = bank.keys.index(bank.nominal.key)
+    nominal_policy = bank.nominal_index
     chosen = np.full((len(view.group_ids), len(bank.policies)), -1, np.int64)
     attempt, names = view.rollouts["attempt"], view.rollout_ids
     is_nominal, is_intervention = _candidates_by_role(view)
@@ -54,8 +54,7 @@ def have_complete_attempts(view: ShardView) -> NDArray[np.bool_]:
 
 def _candidates_by_role(view: ShardView) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Nominals that follow the nominal policy and interventions that follow another one, each ``[rollouts]``."""
-    bank = view.descriptor.action_bank
-    nominal_policy = bank.keys.index(bank.nominal.key)
+    nominal_policy = view.descriptor.action_bank.nominal_index
     is_nominal = view.role("nominal") & (view.policy == nominal_policy)
     is_intervention = view.role("intervention") & (view.policy >= 0) & (view.policy != nominal_policy)
     return is_nominal, is_intervention

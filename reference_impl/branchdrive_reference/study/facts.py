@@ -124,15 +124,10 @@ def shard_facts(view: ShardView) -> Facts:
     )
 
 
-def _nominal_policy(view: ShardView) -> int:
-    bank = view.descriptor.action_bank
-    return bank.keys.index(bank.nominal.key)
-
-
 def _representatives(view: ShardView, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
     """The attempt that describes each group: its chosen nominal, else any nominal, else its first attempt."""
     nominal = view.role("nominal")
-    shown = chosen[:, _nominal_policy(view)].copy()
+    shown = chosen[:, view.descriptor.action_bank.nominal_index].copy()
     for rows in (np.flatnonzero(nominal), np.arange(view.num_rollouts)):
         for i in rows:
             if shown[view.group[i]] < 0:
@@ -148,7 +143,7 @@ def _groups(view: ShardView, chosen: NDArray[np.int64]) -> Groups:
         records["scenario_type"][shown],
         records["town"][shown],
         np.reshape(routes, (len(shown), CLUSTER_POINTS, 2)),
-        chosen[:, _nominal_policy(view)] >= 0,
+        chosen[:, view.descriptor.action_bank.nominal_index] >= 0,
         np.asarray((chosen >= 0).all(axis=1)),
         have_complete_attempts(view),
     )
@@ -162,7 +157,7 @@ def _polyline(x_m: Array, y_m: Array) -> Array:
 
 def _banks(view: ShardView, chosen: NDArray[np.int64]) -> Banks:
     banks = chosen[(chosen >= 0).all(axis=1)]
-    nominals = banks[:, _nominal_policy(view)]
+    nominals = banks[:, view.descriptor.action_bank.nominal_index]
     touched = collisions(view, banks.ravel())
     results = nominal_results(view, nominals)
     unknown = np.full(banks.shape, np.nan)

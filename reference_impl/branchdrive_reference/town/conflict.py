@@ -54,7 +54,6 @@ class TrackCourse:
         end_m: Arc length where it leaves.
         group: Signal group of its approach, `NO_GROUP` without signals.
         stops: Whether its approach has a stop sign.
-        way: Nodes of the approach.
         turn: Manoeuvre.
         major: Whether its approach has priority, or signals.
     """
@@ -63,7 +62,6 @@ class TrackCourse:
     end_m: float
     group: int
     stops: bool
-    way: tuple[str, str]
     turn: Turn
     major: bool = True
 

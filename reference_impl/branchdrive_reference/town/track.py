@@ -186,7 +186,7 @@ def _course(network: RoadNetwork, route: Route, extended: list[Lane], arc_zero_m
     crossing = (lane for lane in extended if lane.turn is not Turn.FOLLOW and lane.junction == route.junction)
     connector = next(crossing, None)
     if connector is None:
-        return TrackCourse(np.inf, np.inf, NO_GROUP, stops=False, way=("", ""), turn=Turn.FOLLOW)
+        return TrackCourse(np.inf, np.inf, NO_GROUP, stops=False, turn=Turn.FOLLOW)
     begin_m = sum(lane.centre.length_m for lane in extended[: extended.index(connector)]) - arc_zero_m
     approach = extended[extended.index(connector) - 1]
     crossroads = network.junctions[connector.junction]
@@ -197,7 +197,6 @@ def _course(network: RoadNetwork, route: Route, extended: list[Lane], arc_zero_m
         begin_m + connector.centre.length_m,
         approach_group(float(approach.centre.tangent_rad[-1])) if signal else NO_GROUP,
         stops=minor and crossroads.control is Control.STOP,
-        way=approach.way,
         turn=connector.turn,
         major=signal or not minor,
     )

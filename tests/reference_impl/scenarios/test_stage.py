@@ -126,3 +126,12 @@ def test_the_ego_arrives_as_forecast_where_nothing_holds_it_up() -> None:
     forecast_s = played.stage.ego_arrival_s(60.0)
     driven_s = float(np.argmax(played.ego["arc_m"] > 60.0)) * FRAME_S
     assert driven_s == pytest.approx(forecast_s, abs=1.0)
+
+
+def test_counts_reach_both_bounds_and_picks_every_option() -> None:
+    stage = stage_of(SCENARIO_NAMES[0])
+    counts = {stage.count((3, 5), Purpose.SCENARIO_COUNT, index) for index in range(100)}
+    picks = {stage.pick("abc", Purpose.SCENARIO_BODY, index) for index in range(100)}
+    assert counts == {3, 4, 5}
+    assert picks == set("abc")
+    assert stage.count((4, 4), Purpose.SCENARIO_COUNT) == 4

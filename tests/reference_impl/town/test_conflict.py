@@ -24,7 +24,7 @@ from branchdrive_reference.town.track import EGO_TRACK, Role
 
 CLEARANCE_M = conflict_module._CLEARANCE_M
 STEP_M, REACH_M = 0.05, 40.0
-STRAIGHT = TrackCourse(-15.0, 15.0, NO_GROUP, stops=False, way=("a", "b"), turn=Turn.STRAIGHT)
+STRAIGHT = TrackCourse(-15.0, 15.0, NO_GROUP, stops=False, turn=Turn.STRAIGHT)
 ELSEWHERE = dataclasses.replace(STRAIGHT, begin_m=np.inf, end_m=np.inf)
 TABLES = tuple(tables for place in Place for tables in tables_of(place))
 EAST, NORTH, WEST = 0.0, math.pi / 2, math.pi

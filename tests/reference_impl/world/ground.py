@@ -63,10 +63,10 @@ def course(
     turn: Turn = Turn.STRAIGHT, *, group: int = NO_GROUP, major: bool = True, stops: bool = False
 ) -> TrackCourse:
     """A course through a junction around arc length 0."""
-    return TrackCourse(-HALF_JUNCTION_M, HALF_JUNCTION_M, group, stops=stops, way=("", ""), turn=turn, major=major)
+    return TrackCourse(-HALF_JUNCTION_M, HALF_JUNCTION_M, group, stops=stops, turn=turn, major=major)
 
 
-ELSEWHERE = TrackCourse(math.inf, math.inf, NO_GROUP, stops=False, way=("", ""), turn=Turn.FOLLOW)
+ELSEWHERE = TrackCourse(math.inf, math.inf, NO_GROUP, stops=False, turn=Turn.FOLLOW)
 """A course that crosses no junction."""
 
 

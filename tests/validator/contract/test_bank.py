@@ -56,6 +56,7 @@ def test_reference_nominal_leaves_the_ego_to_the_expert() -> None:
 def test_key_identifies_and_order_presents(bank: ActionBank) -> None:
     assert [bank[key] for key in bank.keys] == list(bank.policies)
     assert bank.nominal.is_nominal
+    assert bank.policies[bank.nominal_index] is bank.nominal
     assert not any(policy.is_nominal for policy in bank.interventions)
     assert {bank.nominal.key, *(policy.key for policy in bank.interventions)} == set(bank.keys)
 

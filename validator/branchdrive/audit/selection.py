@@ -40,7 +40,7 @@ def select_candidates(view: ShardView, compliant: NDArray[np.bool_]) -> Selectio
         compliant: Attempts without any violation ``[rollouts]``.
     """
     bank = view.descriptor.action_bank
-    nominal_policy = bank.keys.index(bank.nominal.key)
+    nominal_policy = bank.nominal_index
     candidate = view.complete & ~view.role("nominal_replay") & (view.policy >= 0)
     attempt, names = view.rollouts["attempt"], view.rollout_ids
     order = sorted(np.flatnonzero(candidate), key=lambda i: (not compliant[i], attempt[i], names[i]))

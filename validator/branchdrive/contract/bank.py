@@ -63,6 +63,11 @@ class ActionBank(BaseModel):
         return next(policy for policy in self.policies if policy.is_nominal)
 
     @property
+    def nominal_index(self) -> int:
+        """Place of the nominal policy in presentation order."""
+        return self.policies.index(self.nominal)
+
+    @property
     def interventions(self) -> tuple[Policy, ...]:
         """Every policy but the nominal one, in presentation order."""
         return tuple(policy for policy in self.policies if not policy.is_nominal)
