@@ -45,8 +45,8 @@ def test_a_flow_drives_on_its_track_at_its_desired_speed() -> None:
     stage = stage_of("EnterActorFlow")
     track = stage.tables.roles[Role.MAINLINE]
     at_m = stage.meeting_m(track)[1]
-    for body in flow(stage, track, at_m, FIRST_S, COUNT, HEADWAY_S, eagerness=0.7, heeds=Heed.NOTHING):
-        assert (body.track, body.heeds, body.eagerness) == (track, Heed.NOTHING, 0.7)
+    for body in flow(stage, track, at_m, FIRST_S, COUNT, HEADWAY_S, eagerness=0.7):
+        assert (body.track, body.heeds, body.eagerness) == (track, Heed.ALL, 0.7)
         assert body.speed_mps == pytest.approx(0.7 * stage.advisory_mps(body.arc_m, track))
 
 
