@@ -32,7 +32,7 @@ each_column = pytest.mark.parametrize(
 )
 
 
-@pytest.mark.parametrize("document", ["rules", "columns", "limits", "action-bank"])
+@pytest.mark.parametrize("document", ["rules", "columns", "layers", "limits", "action-bank"])
 def test_declarations_meet_their_schema(document: str) -> None:
     assert schema_violations(load_resource(f"{document}.json"), f"{document}.schema.json") == []
 

@@ -30,6 +30,8 @@ class RuleInfo:
         clause: Chapter and anchor that the rule enforces.
         stage: Funnel stage that a qualification failure costs a group.
         streams: The rule is not claimed unless the descriptor claims one of these.
+        layer: The rule is not claimed unless the descriptor claims this derived layer.
+        needs_raw: Whether judging the rule takes the raw layer, in place or named beside the release.
         requires: Rules whose failure excludes a subject from this one.
         reads: Tables or columns that the rule reads, where that is narrower than its area.
         consequences: Rules that a single defect of this rule breaks with it.
@@ -44,6 +46,8 @@ class RuleInfo:
     remedy: str
     stage: Stage | None = None
     streams: tuple[str, ...] = ()
+    layer: str | None = None
+    needs_raw: bool = False
     requires: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Tables, columns and streams, as `schemas/v0.1/columns.json` declares them.
+"""Tables, columns and streams, as `schemas/v0.1/columns.json` and `layers.json` declare them.
 
 The only place where a column's type, unit, frame, track, range and availability are read;
 Arrow schemas, record schemas, value rules and the spec's tables all derive from here.
@@ -17,7 +17,10 @@ from branchdrive.contract.resources import load_resource
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["PATTERNS", "STREAMS", "TABLES", "Availability", "Column", "Stream", "Table", "table_schema"]
+__all__ = [
+    "LAYER_TABLES", "PATTERNS", "STREAMS", "TABLES", "Availability", "Column", "Stream", "Table", "declared_table",
+    "table_schema", "tables_of",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """One declared table: a Parquet file of every shard."""
+    """One declared table: a Parquet file of every shard, or of a derived layer."""
 
     name: str
     title: str
@@ -90,7 +93,7 @@ class Table:
 
     @property
     def file_name(self) -> str:
-        """Name of the table's file inside a shard."""
+        """Name of the table's file inside its folder."""
         return f"{self.name}.parquet"
 
 
@@ -116,8 +119,8 @@ def _column(declared: Mapping[str, Any]) -> Column:
     )
 
 
-def _tables() -> Mapping[str, Table]:
-    declared = load_resource("columns.json")["tables"]
+def tables_of(declared: Mapping[str, Any]) -> Mapping[str, Table]:
+    """Tables by name, from their JSON declarations."""
     return MappingProxyType(
         {
             name: Table(
@@ -150,14 +153,34 @@ def _streams() -> Mapping[str, Stream]:
     )
 
 
-TABLES: Mapping[str, Table] = _tables()
+TABLES: Mapping[str, Table] = tables_of(load_resource("columns.json")["tables"])
 """Every table of a shard by name."""
+
+LAYER_TABLES: Mapping[str, Table] = tables_of(
+    {
+        name: table
+        for layer in load_resource("layers.json")["layers"].values()
+        for name, table in layer["tables"].items()
+    }
+)
+"""Every table of a derived layer by name; no name is a shard's table's too."""
 
 STREAMS: Mapping[str, Stream] = _streams()
 """Every stream that a descriptor can claim, by name."""
 
-PATTERNS: Mapping[str, str] = MappingProxyType(load_resource("columns.json")["patterns"])
+PATTERNS: Mapping[str, str] = MappingProxyType(
+    {**load_resource("columns.json")["patterns"], **load_resource("layers.json")["patterns"]}
+)
 """Regular expressions that text columns name."""
+
+
+def declared_table(name: str) -> Table:
+    """Declaration of a table of a shard or of a derived layer.
+
+    Raises:
+        KeyError: No such table.
+    """
+    return TABLES[name] if name in TABLES else LAYER_TABLES[name]
 
 
 @cache
@@ -176,6 +199,6 @@ def table_schema(name: str) -> pa.Schema:
     return pa.schema(
         [
             pa.field(column.name, types[column.type], nullable=column.nullable, metadata=column.metadata)
-            for column in TABLES[name].columns
+            for column in declared_table(name).columns
         ]
     )

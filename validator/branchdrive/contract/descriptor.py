@@ -14,6 +14,7 @@ from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.columns import STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
+from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.resources import SPEC_VERSION
 
 __all__ = ["Camera", "Collection", "DeclaredEncoding", "Descriptor", "Rates", "Software", "Tolerances"]
@@ -104,7 +105,7 @@ class Descriptor(_Document):
 
     Attributes:
         streams: Claimed streams; every shard holds the tables of a claimed stream and no others.
-        layers: Claimed layers, ``raw`` first.
+        layers: Claimed layers in the order of derivation; a detached release has no ``raw``.
         action_encoding: ``None`` if the bank declares no encoding.
     """
 
@@ -118,7 +119,7 @@ class Descriptor(_Document):
     rates: Rates = Rates()
     streams: Annotated[tuple[str, ...], Field(strict=False, max_length=len(STREAMS))]
     cameras: Annotated[tuple[Camera, ...], Field(strict=False, max_length=64, fail_fast=True)] = ()
-    layers: Annotated[tuple[Literal["raw"], ...], Field(strict=False, min_length=1, max_length=1)] = ("raw",)
+    layers: Annotated[tuple[str, ...], Field(strict=False, min_length=1, max_length=4)] = ("raw",)
     action_bank: ActionBank
     action_encoding: DeclaredEncoding | None = None
     tolerances: Tolerances = Tolerances()
@@ -141,6 +142,25 @@ class Descriptor(_Document):
         if lacking:
             raise ValueError(f"claimed media streams need the cameras {lacking}")
         return self
+
+    @model_validator(mode="after")
+    def _layers_follow_each_other(self) -> Self:
+        chain = ("raw", *LAYERS)
+        if not any(self.layers == chain[start:stop] for start in (0, 1) for stop in range(start + 1, len(chain) + 1)):
+            raise ValueError(
+                f"layers are the first ones of {list(chain)}, with or without raw; found {list(self.layers)}"
+            )
+        return self
+
+    @property
+    def has_raw(self) -> bool:
+        """Whether the dataset holds its raw layer; a detached release names it by digest."""
+        return "raw" in self.layers
+
+    @property
+    def derived_layers(self) -> tuple[str, ...]:
+        """Claimed layers that are derived from the raw one, in order."""
+        return tuple(layer for layer in self.layers if layer != "raw")
 
     @property
     def tables(self) -> tuple[str, ...]:

@@ -1,0 +1,251 @@
+"""Declarations of the derived layers: their metaschema, names, keys, masks, patterns, documents and paths."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pydantic import ValidationError
+from tests.repo.checkout import ROOT, anchors
+
+from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.columns import (
+    LAYER_TABLES,
+    PATTERNS,
+    TABLES,
+    Column,
+    Table,
+    declared_table,
+    table_schema,
+)
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import schema_violations
+from branchdrive.contract.layer import LAYERS, layer_of_table, table_path
+from branchdrive.contract.resources import load_resource, schema_dir
+
+COLUMNS = [(table, column) for table in LAYER_TABLES.values() for column in table.columns]
+COLUMN_IDS = [f"{table.name}.{column.name}" for table, column in COLUMNS]
+UNIT_SUFFIXES: dict[str, tuple[str, ...]] = {
+    "m": ("_m",), "m/s": ("_mps",), "m/s2": ("_mps2",), "m/s3": ("_mps3",), "rad": ("_rad",), "deg": ("_deg",),
+    "rad/s": ("_radps",), "s": ("_s",), "tick": ("_tick", "_ticks", "tick_offset"), "byte": ("_bytes",),
+}  # fmt: skip
+
+each_table = pytest.mark.parametrize("table", LAYER_TABLES.values(), ids=LAYER_TABLES)
+each_column = pytest.mark.parametrize(("table", "column"), COLUMNS, ids=COLUMN_IDS)
+
+
+def declarations() -> dict[str, Any]:
+    return copy.deepcopy(load_resource("layers.json"))
+
+
+def test_declarations_meet_their_schema() -> None:
+    assert schema_violations(declarations(), "layers.schema.json") == []
+
+
+def records_column(document: dict[str, Any]) -> dict[str, Any]:
+    column: dict[str, Any] = document["layers"]["canonical"]["tables"]["records"]["columns"][0]
+    return column
+
+
+@pytest.mark.parametrize(
+    ("pointer", "change"),
+    [
+        pytest.param("/layers", lambda d: d["layers"].pop("model"), id="a layer lacks"),
+        pytest.param("/layers", lambda d: d["layers"].update(benchmark={}), id="a layer too many"),
+        pytest.param("/layers/model/after", lambda d: d["layers"]["model"].update(after="media"), id="no such layer"),
+        pytest.param(
+            "/layers/canonical/tables/records/rate",
+            lambda d: d["layers"]["canonical"]["tables"]["records"].update(rate="20 Hz"),
+            id="a rate of shards",
+        ),
+        pytest.param(
+            "/layers/canonical/tables/records/columns/0/track",
+            lambda d: records_column(d).update(track="secret"),
+            id="no such track",
+        ),
+        pytest.param(
+            "/layers/canonical/tables/records/columns/0",
+            lambda d: records_column(d).update(nullable=True),
+            id="an undeclared property of a column",
+        ),
+        pytest.param(
+            "/layers/canonical/tables/records/key",
+            lambda d: d["layers"]["canonical"]["tables"]["records"].update(key=["group_id", "group_id"]),
+            id="a key that repeats a column",
+        ),
+        pytest.param(
+            "/layers/canonical/documents/source.json/schema",
+            lambda d: d["layers"]["canonical"]["documents"]["source.json"].update(schema="../x.schema.json"),
+            id="a schema elsewhere",
+        ),
+    ],
+)
+def test_broken_declarations_are_refused(pointer: str, change: Any) -> None:
+    document = declarations()
+    change(document)
+    assert pointer in [violation.pointer for violation in schema_violations(document, "layers.schema.json")]
+
+
+def test_layers_are_derived_one_from_another() -> None:
+    assert list(LAYERS) == ["canonical", "quality", "model"]
+    assert [layer.after for layer in LAYERS.values()] == ["raw", *list(LAYERS)[:-1]]
+
+
+def test_layers_of_a_descriptor_are_runs_of_these() -> None:
+    chain = ["raw", *LAYERS]
+    runs = [chain[start:stop] for start in (0, 1) for stop in range(start + 1, len(chain) + 1)]
+    allowed = load_resource("descriptor.schema.json")["properties"]["layers"]["enum"]
+    assert sorted(allowed) == sorted(runs)
+
+
+ORDERS = [
+    ["raw"], ["raw", "canonical", "quality", "model"], ["canonical"], ["canonical", "quality", "model"],
+]  # fmt: skip
+GAPS = [[], ["quality"], ["raw", "quality"], ["canonical", "raw"], ["raw", "raw"], ["raw", "media"], ["model"]]
+
+
+def described(layers: list[str]) -> dict[str, Any]:
+    software = {"name": "none", "version": "1"}
+    return {
+        "spec_version": "0.1",
+        "dataset_id": "invented",
+        "dataset_version": "1.0.0",
+        "title": "Invented",
+        "licence": "CC-BY-4.0",
+        "simulator": software,
+        "collector": software,
+        "streams": ["ego_route_state", "controls", "route_result"],
+        "layers": layers,
+        "action_bank": load_action_bank().model_dump(mode="json", exclude_none=True),
+        "collection": {"seed": 1},
+    }
+
+
+@pytest.mark.parametrize("layers", ORDERS, ids=" ".join)
+def test_layers_in_order_are_accepted(layers: list[str]) -> None:
+    assert schema_violations(described(layers), "descriptor.schema.json") == []
+    descriptor = Descriptor.model_validate(described(layers))
+    assert descriptor.layers == tuple(layers)
+    assert descriptor.has_raw == (layers[0] == "raw")
+    assert descriptor.derived_layers == tuple(layer for layer in layers if layer in LAYERS)
+
+
+@pytest.mark.parametrize("layers", GAPS, ids=lambda layers: " ".join(layers) or "none")
+def test_layers_out_of_order_are_refused(layers: list[str]) -> None:
+    found = schema_violations(described(layers), "descriptor.schema.json")
+    assert [violation.pointer for violation in found] == ["/layers"]
+    with pytest.raises(ValidationError):
+        Descriptor.model_validate(described(layers))
+
+
+def test_names_of_tables_are_unique() -> None:
+    names = [*TABLES, *(name for layer in LAYERS.values() for name in layer.tables)]
+    assert len(set(names)) == len(names)
+    assert set(names) == {*TABLES, *LAYER_TABLES}
+
+
+def test_patterns_have_one_meaning() -> None:
+    raw, layers = (load_resource(name)["patterns"] for name in ("columns.json", "layers.json"))
+    assert not raw.keys() & layers.keys()
+    assert {**raw, **layers} == PATTERNS
+
+
+@each_table
+def test_table_has_unique_columns_and_a_key_that_is_never_null(table: Table) -> None:
+    names = [column.name for column in table.columns]
+    assert len(set(names)) == len(names)
+    assert set(table.key) <= set(names)
+    assert not any(table[name].nullable for name in table.key)
+
+
+@each_column
+def test_mask_is_a_column_of_flags_of_the_same_table(table: Table, column: Column) -> None:
+    if column.available is not None:
+        assert column.available.mask is not None
+        mask = table[column.available.mask]
+        assert mask.type == "bool"
+        assert not mask.nullable
+
+
+@each_column
+def test_column_bounds_what_it_holds(table: Table, column: Column) -> None:
+    assert column.pattern is None or column.pattern in PATTERNS
+    if column.type == "string":
+        assert column.pattern or column.values
+    if column.min is not None and column.max is not None:
+        assert column.min < column.max
+    for bound in (column.min, column.max):
+        if bound is not None and column.type.startswith("int"):
+            assert bound == int(bound)
+            assert np.iinfo(column.type).min <= bound <= np.iinfo(column.type).max
+
+
+@each_column
+def test_column_carries_its_unit_in_its_name(table: Table, column: Column) -> None:
+    if column.unit:
+        assert column.name.endswith(UNIT_SUFFIXES[column.unit])
+
+
+@each_table
+def test_arrow_schema_has_the_declared_columns(table: Table) -> None:
+    schema = table_schema(table.name)
+    assert schema.names == [column.name for column in table.columns]
+    for column in table.columns:
+        field = schema.field(column.name)
+        assert field.nullable == column.nullable
+        assert field.metadata[b"track"].decode() == column.track
+        assert pa.types.is_list(field.type) == column.type.startswith("list<")
+    assert declared_table(table.name) is table
+
+
+@each_table
+def test_path_of_a_table_lies_in_the_folder_of_its_layer(table: Table) -> None:
+    path = PurePosixPath(table_path(table.name))
+    assert path.parts == (layer_of_table(table.name), f"{table.name}.parquet")
+    assert table_path(table.name) in LAYERS[path.parts[0]].required_files
+
+
+@pytest.mark.parametrize("name", ["rollouts", "no_such_table"])
+def test_table_of_no_layer_is_a_key_error(name: str) -> None:
+    with pytest.raises(KeyError):
+        layer_of_table(name)
+    with pytest.raises(KeyError):
+        table_path(name)
+
+
+@pytest.mark.parametrize("layer", LAYERS.values(), ids=LAYERS)
+def test_documents_have_schemas_whose_description_names_a_clause(layer: Any) -> None:
+    for document in layer.documents.values():
+        assert (schema_dir() / document.schema).is_file()
+        assert f"{layer.name}/{document.name}" in layer.files
+        assert (f"{layer.name}/{document.name}" in layer.required_files) != document.optional
+
+
+OWN_SCHEMAS = ("source", "split", "thresholds", "retention", "population", "variants", "ledger", "features",
+               "normalisation", "layers")  # fmt: skip
+
+
+@pytest.mark.parametrize("stem", OWN_SCHEMAS)
+def test_clause_of_a_description_exists(stem: str) -> None:
+    description = load_resource(f"{stem}.schema.json")["description"]
+    chapter, anchor = description.split("(", 1)[1].split(")", 1)[0].split("#")
+    assert anchor in anchors(ROOT / chapter)
+
+
+def test_inputs_and_outcomes_have_the_track_that_the_contracts_rely_on() -> None:
+    tracks = {
+        name: {column.track for column in LAYER_TABLES[name].columns if column.name not in LAYER_TABLES[name].key}
+        for name in ("state", "past_controls", "expert", "surroundings", "scalars", "trajectories")
+    }
+    assert tracks == {
+        "state": {"sensor"},
+        "past_controls": {"sensor"},
+        "expert": {"mixed"},
+        "surroundings": {"privileged"},
+        "scalars": {"evaluation"},
+        "trajectories": {"evaluation"},
+    }

@@ -1,0 +1,72 @@
+"""Everything in the repository that is written by machine: tables of the spec, and record schemas.
+
+``python -m branchdrive.contract.generate`` writes them, ``--check`` only names the stale ones. A
+generated region of a chapter lies between ``<!-- generated: NAME -->`` and ``<!-- end generated -->``;
+`REGIONS` has a function for every name. Source of all of it: the files of `schemas/v0.1/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from branchdrive.contract.generate.record import record_schemas
+from branchdrive.contract.generate.region import REGIONS, render_regions
+from branchdrive.contract.resources import SPEC_VERSION, schema_dir
+from branchdrive.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+__all__ = ["REGIONS", "generated_files", "main", "record_schemas", "render_regions", "stale_files"]
+
+
+def generated_files(root: Path) -> dict[Path, str]:
+    """Text that every file with generated content should have, for the checkout at `root`.
+
+    Raises:
+        UsageError: `root` is no checkout of this repository.
+    """
+    chapters = sorted((root / "spec").glob("*.md"))
+    if not chapters:
+        raise UsageError(f"{root} has no spec/ folder; run this in a checkout of the repository")
+    files = {path: render_regions(path.read_text(encoding="utf-8")) for path in chapters}
+    schemas = root / "schemas" / f"v{SPEC_VERSION}"
+    for name, schema in record_schemas().items():
+        files[schemas / name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    return files
+
+
+def stale_files(root: Path) -> list[Path]:
+    """Files of the checkout at `root` whose generated content is not up to date, relative to it."""
+    return [
+        path.relative_to(root)
+        for path, text in generated_files(root).items()
+        if not path.is_file() or path.read_text(encoding="utf-8") != text
+    ]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write generated content, or with ``--check`` report what is stale.
+
+    Returns:
+        0 if everything is up to date (now), 1 if ``--check`` found stale files.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m branchdrive.contract.generate",
+        description="Write the generated parts of spec/ and schemas/.",
+    )
+    parser.add_argument("--check", action="store_true", help="change nothing; name stale files, exit 1 if any")
+    check = parser.parse_args(arguments).check
+    root = schema_dir().parents[1]
+    stale = stale_files(root)
+    for path in stale:
+        sys.stdout.write(f"{'stale' if check else 'written'}: {path.as_posix()}\n")
+    if not check:
+        texts = generated_files(root)
+        for path in stale:
+            (root / path).write_text(texts[root / path], encoding="utf-8")
+    return 1 if check and stale else 0

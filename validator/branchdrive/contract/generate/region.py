@@ -1,0 +1,196 @@
+"""Regions of the chapters that are written by machine, by name."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.columns import LAYER_TABLES, PATTERNS, STREAMS, TABLES, declared_table
+from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_digest
+from branchdrive.contract.generate.condition import CONDITIONS
+from branchdrive.contract.generate.markdown import allowed, code, grid, null
+from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.resources import SPEC_VERSION, load_resource
+from branchdrive.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from branchdrive.contract.policy import ActuatorRule
+
+__all__ = ["REGIONS", "render_regions"]
+
+_REGION = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end generated -->)", re.DOTALL)
+
+
+def _columns_region(table: str) -> str:
+    declared = declared_table(table)
+    header = ["column", "type", "unit", "frame", "track", "values", "null", "description"]
+    rows = [
+        [
+            f"`{c.name}`",
+            c.type,
+            c.unit or "",
+            c.frame or "",
+            c.track,
+            allowed(c),
+            null(c.available),
+            c.description,
+        ]
+        for c in declared.columns
+    ]
+    path = table_path(table) if table in LAYER_TABLES else declared.file_name
+    place = f"File `{path}`, rate {declared.rate}, key {code(declared.key)}."
+    return f"{declared.title}\n{place}\n\n{grid(header, rows)}"
+
+
+def _streams_region() -> str:
+    rows = [
+        [
+            f"`{s.name}`",
+            s.title,
+            s.rate,
+            s.track,
+            code(s.tables),
+            code(s.cameras),
+            "yes" if s.required else "no",
+        ]
+        for s in STREAMS.values()
+    ]
+    return grid(["stream", "title", "rate", "track", "tables", "cameras", "required"], rows)
+
+
+def _layer_documents_region() -> str:
+    rows = [
+        [
+            f"`{layer.name}/{document.name}`",
+            document.title,
+            f"[{document.schema}](../schemas/v{SPEC_VERSION}/{document.schema})",
+            "no" if document.optional else "yes",
+        ]
+        for layer in LAYERS.values()
+        for document in layer.documents.values()
+    ]
+    return grid(["document", "what it says", "schema", "required"], rows)
+
+
+def _patterns_region() -> str:
+    rows = [[f"`{name}`", f"`{regex}`"] for name, regex in PATTERNS.items()]
+    return grid(["name", "regular expression"], rows)
+
+
+def _masks_region() -> str:
+    masked: dict[str, list[str]] = {}
+    for table in (*TABLES.values(), *LAYER_TABLES.values()):
+        for column in table.columns:
+            if column.available and column.available.mask:
+                masked.setdefault(f"{table.name}.{column.available.mask}", []).append(column.name)
+    rows = [[f"`{mask}`", code(names)] for mask, names in masked.items()]
+    return grid(["mask", "columns that it governs"], rows)
+
+
+def _conditions_region() -> str:
+    governed: dict[str, list[str]] = {name: [] for name in CONDITIONS}
+    for table in TABLES.values():
+        for column in table.columns:
+            if column.available and column.available.when:
+                governed[column.available.when].append(f"{table.name}.{column.name}")
+    rows = [[f"`{name}`", f"present {CONDITIONS[name]}", code(names)] for name, names in governed.items()]
+    return grid(["condition", "meaning", "columns"], rows)
+
+
+def _actuator(rule: ActuatorRule) -> str:
+    return rule.rule if rule.value is None else f"{rule.rule}({rule.value:g})"
+
+
+def _bank_region() -> str:
+    header = ["key", "family", "magnitude", "duration in ticks", "steer", "throttle", "brake", "recovery"]
+    rows = [
+        [
+            f"`{p.key}`",
+            p.family,
+            f"{p.magnitude:g}",
+            str(p.duration_ticks),
+            *map(_actuator, p.rules),
+            p.recovery,
+        ]
+        for p in load_action_bank().policies
+    ]
+    return grid(header, rows)
+
+
+def _encoding_region() -> str:
+    bank = load_action_bank()
+    matrix = encode_bank(bank)
+    first_of_family = {policy.family: row for row, policy in reversed(list(enumerate(bank.policies)))}
+    shown = sorted(first_of_family.values())
+    rows = [[str(index), *(str(matrix[row, index]) for row in shown)] for index in range(ENCODING_WIDTH)]
+    table = grid(["index", *(f"`{bank.policies[row].key}`" for row in shown)], rows)
+    return f"{table}\nSHA-256 of the whole matrix of the bank `{bank.name}`: `{encoding_digest(bank)}`.\n"
+
+
+def _rule_row(rule: Mapping[str, Any]) -> list[str]:
+    clause = rule["clause"].removeprefix("spec/")
+    return [
+        f'<a id="{rule["id"].lower()}"></a>`{rule["id"]}`',
+        rule["title"],
+        rule["kind"],
+        rule["level"],
+        rule["grain"],
+        rule.get("stage", ""),
+        code(rule.get("streams", ())),
+        code(rule.get("requires", ())),
+        f"[{clause}]({clause})",
+    ]
+
+
+def _rules_region() -> str:
+    catalogue = load_resource("rules.json")
+    header = ["rule", "title", "kind", "level", "grain", "stage", "streams", "requires", "clause"]
+    parts = []
+    for area, title in catalogue["areas"].items():
+        rows = [_rule_row(rule) for rule in catalogue["rules"] if rule["id"].startswith(f"BD-{area}-")]
+        parts.append(f"### {area}: {title}\n\n{grid(header, rows)}")
+    return "\n".join(parts)
+
+
+def _limits_region() -> str:
+    limits = load_resource("limits.json")["limits"]
+    rows = [[f"`{name}`", f"{it['value']:,}", it["unit"], it["description"]] for name, it in limits.items()]
+    return grid(["limit", "value", "unit", "what it bounds"], rows)
+
+
+REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
+    {
+        "streams": _streams_region,
+        "layer-documents": _layer_documents_region,
+        "patterns": _patterns_region,
+        "masks": _masks_region,
+        "conditions": _conditions_region,
+        "bank": _bank_region,
+        "encoding": _encoding_region,
+        "rules": _rules_region,
+        "limits": _limits_region,
+        **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
+    }
+)
+"""Markdown of every generated region, by name."""
+
+
+def render_regions(text: str) -> str:
+    """`text` of a chapter with every generated region rendered afresh.
+
+    Raises:
+        UsageError: A region has a name that `REGIONS` does not know.
+    """
+
+    def region(match: re.Match[str]) -> str:
+        opening, name, closing = match.groups()
+        if name not in REGIONS:
+            raise UsageError(f"generated region {name!r} is unknown; there are {sorted(REGIONS)}")
+        return f"{opening}\n{REGIONS[name]()}\n{closing}"
+
+    return _REGION.sub(region, text)
