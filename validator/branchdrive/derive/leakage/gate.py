@@ -27,7 +27,7 @@ from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.derive.leakage.sensitivity import Sensitivity, sensitivity
 from branchdrive.derive.leakage.table import Kind, checked
 
-__all__ = ["Gate", "Outcome", "Place", "Verdict", "leakage_gate"]
+__all__ = ["Gate", "Outcome", "Place", "Verdict", "dealt", "gate_verdict", "leakage_gate", "strongest_places"]
 
 Array = NDArray[np.float64]
 Verdict = Literal["pass", "fail", "inconclusive"]
@@ -130,22 +130,27 @@ def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = 
     if num_groups < protocol.num_folds:
         return result("inconclusive", f"{num_groups} groups cannot fill {protocol.num_folds} folds.")
 
-    # Deal the groups, so that folds, which are runs, hold every `num_folds`-th of them.
-    x = x[np.argsort(np.arange(num_groups) % protocol.num_folds, kind="stable")]
+    x = dealt(x, protocol.num_folds)
     battery = Battery.of(x, protocol, seed=seed)
     observed = battery.observed()
     null = battery.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes)
     p = [p_value(value, column) for value, column in zip(observed.tolist(), null.T, strict=True)]
     tests = tuple(map(Outcome, STATISTICS, observed.tolist(), p, holm(p).tolist()))
-    places = _places(battery, null[:, STATISTICS.index("max_t")], protocol.num_named)
+    places = strongest_places(battery, null[:, STATISTICS.index("max_t")], protocol.num_named)
     reference = battery.reference
     del battery  # makes room for those of the replicates
     effect = sensitivity(x, reference, null, protocol=protocol, seed=seed)
-    verdict, reason = _verdict(tests, protocol)
+    verdict, reason = gate_verdict(tests, protocol)
     return result(verdict, reason, bandwidth=reference.bandwidth, tests=tests, places=places, effect=effect)
 
 
-def _verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdict, str]:
+def dealt(features: Array, num_folds: int) -> Array:
+    """Groups dealt in turn, so that folds, which are runs, hold every `num_folds`-th of them."""
+    return features[np.argsort(np.arange(len(features)) % num_folds, kind="stable")]
+
+
+def gate_verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdict, str]:
+    """Verdict and reason of the statistics of features that were examined, at least one statistic."""
     strongest = min(tests, key=lambda test: test.p_adjusted)
     least = len(tests) / (protocol.num_permutations + 1)
     if strongest.p_adjusted <= protocol.alpha:
@@ -158,8 +163,8 @@ def _verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdict, s
     return "pass", f"No adjusted p is at most {protocol.alpha:g}; the smallest is {strongest.p_adjusted:.2g}."
 
 
-def _places(battery: Battery, null: Array, num_named: int) -> tuple[Place, ...]:
-    """Places of the largest ``|t|``, largest first."""
+def strongest_places(battery: Battery, null: Array, num_named: int) -> tuple[Place, ...]:
+    """Places of the largest ``|t|``, largest first, with their p under the null distribution ``[B]`` of `max_t`."""
     table = battery.table
     scores = battery.max_t.scores(labels(identity(table.num_groups, table.num_actions)))[0]
     values = table.values

@@ -18,10 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "BOOTSTRAP",
     "FREQUENCIES",
+    "HELD_OUT",
     "PERMUTATIONS",
+    "RANDOM_LABELS",
     "REPLICATES",
     "REPLICATE_PLACES",
+    "TRAINING",
     "critical_value",
     "draw",
     "generator",
@@ -32,7 +36,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-PERMUTATIONS, FREQUENCIES, REPLICATES, REPLICATE_PLACES = range(4)
+PERMUTATIONS, FREQUENCIES, REPLICATES, REPLICATE_PLACES, HELD_OUT, BOOTSTRAP, RANDOM_LABELS, TRAINING = range(8)
 """Streams of randomness under one seed."""
 
 TIE = 1e-9

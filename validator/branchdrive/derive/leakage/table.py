@@ -36,6 +36,8 @@ __all__ = [
     "Kind",
     "Table",
     "checked",
+    "median_of_available",
+    "robust_sd",
     "step_limit",
     "tabulate",
     "within_group_rank",
@@ -123,12 +125,12 @@ def tabulate(features: ArrayLike, *, columns: tuple[Column, ...] | None = None, 
     x = checked(features)
     num_groups, num_actions, _ = x.shape
     unavailable = np.isnan(x)
-    median = _median_of_available(x, ~unavailable)
+    median = median_of_available(x, ~unavailable)
     x = np.where(unavailable, median, x)
     with np.errstate(over="ignore", invalid="ignore"):
         signed = np.where(x == median, 0.0, x - median)
     deviation = np.abs(signed)
-    sd = _robust_sd(deviation, unavailable) if sd is None else sd
+    sd = robust_sd(deviation, unavailable) if sd is None else sd
     raw: dict[Kind, NDArray[Any]] = {"value": x, "deviation": deviation, "unavailable": unavailable}
     columns = _varying(raw) if columns is None else columns
 
@@ -175,7 +177,7 @@ def _varying(raw: dict[Kind, NDArray[Any]]) -> tuple[Column, ...]:
     return tuple(found)
 
 
-def _median_of_available(x: Array, available: NDArray[np.bool_]) -> Array:
+def median_of_available(x: Array, available: NDArray[np.bool_]) -> Array:
     """Median over the available rows of each group, ``[groups, 1, features]``; 0 where there is none."""
     ordered = np.sort(x, axis=1)
     count = available.sum(axis=1, keepdims=True)
@@ -185,7 +187,7 @@ def _median_of_available(x: Array, available: NDArray[np.bool_]) -> Array:
     return np.where(np.isnan(median), 0.0, median)
 
 
-def _robust_sd(deviation: Array, unavailable: NDArray[np.bool_]) -> Array:
+def robust_sd(deviation: Array, unavailable: NDArray[np.bool_]) -> Array:
     """Robust standard deviation over available rows of finite deviation, ``[features]``; 0 where nothing deviates."""
     use = ~unavailable & np.isfinite(deviation)
     sd = np.zeros(deviation.shape[2])

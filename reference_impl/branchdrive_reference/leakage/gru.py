@@ -1,0 +1,126 @@
+"""Recurrent classifier of actions for the paper's battery, with torch on one CPU thread.
+
+A GRU reads the sequence of a replay, and a linear layer turns its last state into log-probabilities of the
+actions. It is fitted by Adam on cross entropy in batches of whole groups; the weights of the epoch with the
+least validation loss score, in float64, so that equal rows have equal scores. One seed gives one result on
+one machine.
+
+Source: paper VI-A for the kind; sizes are this project's choice.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import Tensor, nn
+
+from branchdrive.derive.leakage.sequence import SequenceScores, SequenceTask
+
+__all__ = ["GruClassifier", "gru"]
+
+
+@dataclass(frozen=True)
+class GruClassifier:
+    """A sequence classifier.
+
+    Attributes:
+        hidden: Width of the recurrent state.
+        batch_groups: Groups of a batch.
+        learning_rate: Of Adam.
+        max_epochs: Epochs at most, at least 1.
+        patience: Epochs without a lesser validation loss after which training ends.
+    """
+
+    hidden: int = 24
+    batch_groups: int = 16
+    learning_rate: float = 1e-3
+    max_epochs: int = 30
+    patience: int = 5
+
+    @property
+    def settings(self) -> Mapping[str, int | float | str]:
+        """Everything that is fixed before data are seen."""
+        return {"name": "gru", "torch": str(torch.__version__), **asdict(self)}
+
+    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
+        """Log-probabilities of the rows to test.
+
+        Args:
+            task: Standardised sequences, each partition with at least one group.
+            seed: Of weights and batches, below 2**64.
+        """
+        with _one_thread(seed):
+            train, val, test = (torch.from_numpy(part.copy()).float() for part in task)
+            network = _Network(train.shape[3], self.hidden, train.shape[1])
+            optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
+            best, best_loss, best_epoch, epoch = network.weights(), float("inf"), 1, 0
+            while epoch < self.max_epochs and epoch - best_epoch < self.patience:
+                epoch += 1
+                for groups in torch.randperm(len(train)).split(self.batch_groups):
+                    optimizer.zero_grad()
+                    network.loss(train[groups]).backward()
+                    optimizer.step()
+                with torch.no_grad():
+                    loss = float(network.loss(val))
+                if loss < best_loss:
+                    best, best_loss, best_epoch = network.weights(), loss, epoch
+            network.restore(best)
+            with torch.no_grad():
+                scores = network.double().log_probability(test.double())
+        return SequenceScores(scores.numpy(), epoch, best_epoch)
+
+
+gru = GruClassifier()
+"""The classifier as the audit finds it."""
+
+
+class _Network:
+    """Recurrent layer and readout."""
+
+    def __init__(self, num_variables: int, hidden: int, num_classes: int) -> None:
+        self._layers = nn.ModuleDict(
+            {"recurrent": nn.GRU(num_variables, hidden, batch_first=True), "readout": nn.Linear(hidden, num_classes)}
+        )
+
+    def parameters(self) -> Iterator[nn.Parameter]:
+        return self._layers.parameters()
+
+    def weights(self) -> dict[str, Tensor]:
+        return copy.deepcopy(self._layers.state_dict())
+
+    def restore(self, weights: Mapping[str, Tensor]) -> None:
+        self._layers.load_state_dict(weights)
+
+    def double(self) -> _Network:
+        self._layers.double()
+        return self
+
+    def log_probability(self, rows: Tensor) -> Tensor:
+        """``[groups, actions, classes]`` of sequences ``[groups, actions, steps, variables]``."""
+        _, last = self._layers["recurrent"](rows.flatten(0, 1))
+        scores: Tensor = torch.log_softmax(self._layers["readout"](last[0]), dim=1)
+        return scores.reshape(rows.shape[0], rows.shape[1], -1)
+
+    def loss(self, rows: Tensor) -> Tensor:
+        return -self.log_probability(rows).diagonal(dim1=1, dim2=2).mean()
+
+
+@contextmanager
+def _one_thread(seed: int) -> Iterator[None]:
+    """One thread, deterministic algorithms and a seeded generator; afterwards everything is as before."""
+    threads = torch.get_num_threads()
+    deterministic = torch.are_deterministic_algorithms_enabled()
+    warn_only = torch.is_deterministic_algorithms_warn_only_enabled()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        torch.set_num_threads(1)
+        torch.use_deterministic_algorithms(True)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+            torch.use_deterministic_algorithms(deterministic, warn_only=warn_only)
