@@ -22,10 +22,13 @@ if TYPE_CHECKING:
     from branchdrive.contract.policy import ActuatorRule, Command, Policy
     from branchdrive.dataset.group import BranchGroup
     from branchdrive.dataset.group_writer import GroupWriter
+    from branchdrive.dataset.model_input import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
+    from branchdrive.dataset.model_layer import ModelLayer, open_model
     from branchdrive.dataset.reader import Dataset, open_dataset
     from branchdrive.dataset.rollout import Rollout
     from branchdrive.dataset.rollout_writer import RolloutWriter
     from branchdrive.dataset.writer import DatasetWriter
+    from branchdrive.derive.feature import InputContract
     from branchdrive.derive.risk import risk_evidence
     from branchdrive.errors import BranchDriveError, ContractError, DatasetError, DecodeError, LimitError, UsageError
 
@@ -47,11 +50,17 @@ __all__ = [
     "Executor",
     "Finding",
     "GroupWriter",
+    "InputContract",
     "LimitError",
+    "MixedInputs",
+    "ModelLayer",
+    "ModelTargets",
     "Policy",
+    "PrivilegedInputs",
     "Report",
     "Rollout",
     "RolloutWriter",
+    "SensorInputs",
     "Software",
     "Tolerances",
     "UsageError",
@@ -64,6 +73,7 @@ __all__ = [
     "load_action_bank",
     "load_waivers",
     "open_dataset",
+    "open_model",
     "risk_evidence",
     "validate",
 ]
@@ -86,11 +96,17 @@ _HOME = {
     "Executor": "audit.worker",
     "Finding": "audit.finding",
     "GroupWriter": "dataset.group_writer",
+    "InputContract": "derive.feature",
     "LimitError": "errors",
+    "MixedInputs": "dataset.model_input",
+    "ModelLayer": "dataset.model_layer",
+    "ModelTargets": "dataset.model_input",
     "Policy": "contract.policy",
+    "PrivilegedInputs": "dataset.model_input",
     "Report": "audit.report",
     "Rollout": "dataset.rollout",
     "RolloutWriter": "dataset.rollout_writer",
+    "SensorInputs": "dataset.model_input",
     "Software": "contract.descriptor",
     "Tolerances": "contract.descriptor",
     "UsageError": "errors",
@@ -103,6 +119,7 @@ _HOME = {
     "load_action_bank": "contract.bank",
     "load_waivers": "audit.waiver",
     "open_dataset": "dataset.reader",
+    "open_model": "dataset.model_layer",
     "risk_evidence": "derive.risk",
     "validate": "audit.engine",
 }

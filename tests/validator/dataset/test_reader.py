@@ -187,7 +187,7 @@ def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_written_out(
     assert written_out_bytes(stored) == num_bytes
     for limit, is_refused in ((num_bytes, False), (num_bytes - 1, True)):
         limits = dataclasses.replace(spec_limits(), max_table_decoded_bytes=limit)
-        monkeypatch.setattr("branchdrive.dataset.shard.spec_limits", lambda limits=limits: limits)
+        monkeypatch.setattr("branchdrive.dataset.table_file.spec_limits", lambda limits=limits: limits)
         if is_refused:
             with pytest.raises(DatasetError, match=f"its text is {num_bytes:,} bytes long"):
                 shard.decode("rollouts")

@@ -14,9 +14,12 @@ from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.errors import UsageError
 
 __all__ = [
+    "CARD_FILE",
     "DESCRIPTOR_FILE",
     "IDENTITY_LAYERS",
     "LAYERS",
+    "LEAKAGE_FILE",
+    "LICENCE_FILE",
     "MANIFEST_FILE",
     "MAX_SHARD_INDEX",
     "RAW_DIR",
@@ -33,6 +36,15 @@ DESCRIPTOR_FILE = "branchdrive.json"
 
 MANIFEST_FILE = "MANIFEST.sha256"
 """Digests of every other file; written last."""
+
+CARD_FILE = "CARD.md"
+"""Dataset card of a release."""
+
+LEAKAGE_FILE = "quality/leakage.json"
+"""Results of the leakage audit, where one was run."""
+
+LICENCE_FILE = "LICENCE.txt"
+"""Licence of a release."""
 
 RAW_DIR = "raw"
 """Folder of the raw layer, one folder per shard."""

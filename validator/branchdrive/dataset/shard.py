@@ -12,18 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from branchdrive.contract.columns import TABLES, Table, table_schema
-from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.columns import TABLES, Table
 from branchdrive.dataset.layout import RAW_DIR, shard_index, shard_name
-from branchdrive.dataset.parquet import decode_table, written_out_bytes
 from branchdrive.dataset.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
-from branchdrive.dataset.untrusted import list_names, read_file
-from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.dataset.table_file import conform, read_table
+from branchdrive.dataset.untrusted import list_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["RowsByRollout", "Shard", "conform", "find_shards", "rollouts_of"]
+__all__ = ["RowsByRollout", "Shard", "find_shards", "rollouts_of"]
 
 
 @dataclass(frozen=True)
@@ -49,27 +47,7 @@ class Shard:
             DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
                 text would be larger than a decoded table may be, written out for every row.
         """
-        content = read_file(self.root, self.path(name), spec_limits().max_table_bytes)
-        try:
-            table = decode_table(content, name)
-        except DecodeError as error:
-            raise DatasetError(f"{self.root}: {self.path(name)!r}: {error}") from error
-        found, declared = _types(table.schema), _types(table_schema(name))
-        if found != declared:
-            columns = sorted(column for column in found | declared if found.get(column) != declared.get(column))
-            raise DatasetError(f"{self.root}: {self.path(name)!r}: columns {columns} are not as columns.json declares")
-        nulls = [
-            field.name for field in table_schema(name) if not field.nullable and table.column(field.name).null_count
-        ]
-        if nulls:
-            raise DatasetError(f"{self.root}: {self.path(name)!r}: columns {nulls} hold nulls and must not")
-        num_bytes, limit = written_out_bytes(table), spec_limits().max_table_decoded_bytes
-        if num_bytes > limit:
-            raise DatasetError(
-                f"{self.root}: {self.path(name)!r}: its text is {num_bytes:,} bytes long, written out for every row, "
-                f"and may be {limit:,}; run `branchdrive-validate`"
-            )
-        return table
+        return read_table(self.root, self.path(name), name)
 
     def table(self, name: str) -> pa.Table:
         """The table `name` with the declared schema; see `decode` for errors."""
@@ -119,23 +97,3 @@ def rollouts_of(records: Iterable[dict[str, Any]], rows: Mapping[str, RowsByRoll
         Rollout(record, RolloutTables({name: table[record["rollout_id"]] for name, table in rows.items()}))
         for record in records
     ]
-
-
-def conform(table: pa.Table, name: str) -> pa.Table:
-    """`table` with exactly the declared schema of the table `name`: plain strings, declared metadata."""
-    import pyarrow as pa
-
-    schema = table_schema(name)
-    columns = [table.column(field.name).cast(field.type) for field in schema]
-    return pa.Table.from_arrays(columns, schema=schema).combine_chunks()
-
-
-def _types(schema: pa.Schema) -> dict[str, pa.DataType]:
-    """Type of every column by name, text without its dictionary and lists without the name of their element."""
-    import pyarrow as pa
-
-    types = {}
-    for field in schema:
-        type_ = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
-        types[field.name] = pa.list_(type_.value_type) if pa.types.is_list(type_) else type_
-    return types

@@ -1,0 +1,1 @@
+"""Releases for learning with torch. Needs the extra ``branchdrive[models]``."""

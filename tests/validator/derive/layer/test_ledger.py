@@ -1,0 +1,118 @@
+"""The ledger: rounds in order, nothing new under equal digests, and every other look at the test partition counted."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from branchdrive.derive.layer.ledger import EVENTS, ledger_problems, num_test_openings, opened, recorded
+
+A, B = ({"split_digest": split * 64, "thresholds_digest": fitted * 64} for split, fitted in ("ab", "cd"))
+
+
+def edited(ledger: dict[str, Any], i: int, **fields: Any) -> dict[str, Any]:
+    entries = [dict(entry) for entry in ledger["entries"]]
+    entries[i] |= fields
+    return {"entries": entries}
+
+
+def test_a_first_round_fixes_validates_and_opens() -> None:
+    ledger = opened(None, **A)
+    assert ledger["entries"] == [
+        {"number": 1, "event": "thresholds_fixed", "partition": "train", **A},
+        {"number": 2, "event": "validation_evaluated", "partition": "val", **A},
+        {"number": 3, "event": "test_opened", "partition": "test", **A},
+    ]
+    assert num_test_openings(ledger) == 1
+    assert ledger_problems(ledger, **A) == []
+
+
+def test_the_same_release_opens_nothing_new() -> None:
+    once = opened(None, **A)
+    assert opened(once, **A) == once
+
+
+def test_other_digests_are_another_opening() -> None:
+    first = opened(None, **A)
+    second = opened(first, **B)
+    assert second["entries"][:3] == first["entries"]
+    assert num_test_openings(second) == 2
+    assert ledger_problems(second, **B) == []
+    assert len(first["entries"]) == 3
+
+
+def test_going_back_to_digests_of_before_is_a_choice_made_after_looking() -> None:
+    assert num_test_openings(opened(opened(opened(None, **A), **B), **A)) == 3
+
+
+def test_a_round_that_was_interrupted_goes_on() -> None:
+    begun = recorded(None, "thresholds_fixed", **A)
+    assert num_test_openings(begun) == 0
+    assert opened(begun, **A) == opened(None, **A)
+
+
+def test_a_round_that_was_broken_off_stays_in_the_ledger() -> None:
+    ledger = opened(recorded(None, "thresholds_fixed", **A), **B)
+    assert [entry["event"] for entry in ledger["entries"]] == ["thresholds_fixed", *EVENTS]
+    assert ledger_problems(ledger, **B) == []
+
+
+@pytest.mark.parametrize("event", ["validation_evaluated", "test_opened"])
+def test_no_step_of_a_round_is_skipped(event: str) -> None:
+    with pytest.raises(ValueError, match="has not happened under these digests"):
+        recorded(None, event, **A)
+    with pytest.raises(ValueError, match="has not happened under these digests"):
+        recorded(opened(None, **A), event, **B)
+
+
+def test_unknown_events_are_refused() -> None:
+    with pytest.raises(ValueError, match="'calibration_opened', not one of"):
+        recorded(None, "calibration_opened", **A)
+
+
+@given(st.lists(st.sampled_from([A, B]), min_size=1, max_size=8))
+def test_openings_are_the_changes_of_digests(rounds: list[dict[str, str]]) -> None:
+    ledger: dict[str, Any] | None = None
+    for digests in rounds:
+        ledger = opened(ledger, **digests)
+    assert ledger is not None
+    assert num_test_openings(ledger) == 1 + sum(a != b for a, b in pairwise(rounds))
+    assert ledger_problems(ledger, **rounds[-1]) == []
+
+
+def test_a_ledger_of_other_digests_is_stale() -> None:
+    assert [problem.place for problem in ledger_problems(opened(None, **A), **B)] == [
+        "/entries/2/split_digest",
+        "/entries/2/thresholds_digest",
+    ]
+
+
+def test_a_ledger_without_a_test_opening_is_not_finished() -> None:
+    begun = recorded(None, "thresholds_fixed", **A)
+    assert ledger_problems(begun, **A) == [("/entries/0/event", "test_opened", "thresholds_fixed")]
+    assert ledger_problems({"entries": []}, **A) == [("/entries", "a round that ends with test_opened", "no entry")]
+
+
+LIES: dict[str, tuple[dict[str, Any], str]] = {
+    "a number": (edited(opened(None, **A), 1, number=5), "/entries/1/number"),
+    "a partition": (edited(opened(None, **A), 0, partition="val"), "/entries/0/partition"),
+    "thresholds that changed after validation": (edited(opened(None, **B), 2, **A), "/entries/2/event"),
+    "a first opening that was erased": (
+        {"entries": [dict(entry, number=i + 1) for i, entry in enumerate(opened(None, **A)["entries"][1:])]},
+        "/entries/0/event",
+    ),
+    "a round twice": (
+        {"entries": [dict(entry, number=i + 1) for i, entry in enumerate(opened(None, **A)["entries"] * 2)]},
+        "/entries/3/event",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LIES)
+def test_a_ledger_that_was_tampered_with_is_found(case: str) -> None:
+    ledger, place = LIES[case]
+    assert [problem.place for problem in ledger_problems(ledger, **A)] == [place]

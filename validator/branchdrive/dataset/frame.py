@@ -1,0 +1,74 @@
+"""Frames of derived layers as Arrow tables with the declared schema, and back.
+
+Source: spec/10-layers.md#tables.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from branchdrive.contract.columns import declared_table, table_schema
+from branchdrive.derive.layer.frame import Frame, Values
+from branchdrive.errors import ContractError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["from_arrow", "to_arrow"]
+
+
+def to_arrow(name: str, frame: Frame) -> pa.Table:
+    """Arrow table of the declared schema; masked entries are null.
+
+    Raises:
+        ContractError: Columns are not those declared, or values do not fit their type.
+    """
+    import pyarrow as pa
+
+    schema = table_schema(name)
+    if set(frame) != set(schema.names):
+        raise ContractError(
+            f"table `{name}`: columns {sorted(set(frame) ^ set(schema.names))} are missing or undeclared"
+        )
+    try:
+        columns = [_array(frame[field.name], field.type) for field in schema]
+    except (pa.ArrowException, ValueError, OverflowError) as error:
+        raise ContractError(f"table `{name}`: {error}") from error
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _array(values: Values, kind: pa.DataType) -> pa.Array:
+    import pyarrow as pa
+
+    plain, absent = np.ma.getdata(values), np.ma.getmaskarray(values)
+    if plain.dtype == object:
+        return pa.array([None if gone else cell for cell, gone in zip(plain.tolist(), absent, strict=True)], kind)
+    return pa.array(plain, mask=absent).cast(kind)
+
+
+def from_arrow(table: pa.Table, name: str) -> dict[str, Values]:
+    """Frame of a table that has the declared columns; a nullable column is a masked array."""
+    return {column.name: _values(table[column.name], column.nullable) for column in declared_table(name).columns}
+
+
+def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    array = chunked.combine_chunks()
+    if isinstance(array, pa.ChunkedArray):
+        array = pa.concat_arrays(array.chunks)
+    absent = array.is_null().to_numpy(zero_copy_only=False)
+    kind = array.type
+    if pa.types.is_list(kind):
+        plain = np.empty(len(array), dtype=object)
+        for i, cell in enumerate(array):
+            plain[i] = np.array(cell.as_py() or [], np.float64)
+    elif pa.types.is_string(kind) or pa.types.is_dictionary(kind):
+        plain = np.array(array.cast(pa.string()).to_pylist(), dtype=object)
+    else:
+        filler: Any = False if pa.types.is_boolean(kind) else 0
+        plain = np.asarray(pc.fill_null(array, pa.scalar(filler, kind)).to_numpy(zero_copy_only=False))
+    return np.ma.masked_array(plain, absent) if nullable else plain

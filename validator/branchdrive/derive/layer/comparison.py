@@ -1,0 +1,56 @@
+"""Comparison of a stored document with the one that follows from data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from branchdrive.derive.layer.problem import Problem
+
+__all__ = ["document_problems"]
+
+_SHOWN_CHARACTERS = 80
+
+
+def document_problems(expected: Any, found: Any, *, tolerance: float = 0.0) -> list[Problem]:
+    """Places where `found` is not `expected`, both JSON data, by JSON pointer.
+
+    Args:
+        expected: What follows from the data.
+        found: What the layer says.
+        tolerance: Numbers may differ by ``tolerance * (1 + |expected|)``; integers and fractions compare as numbers.
+    """
+    return list(_problems("", expected, found, tolerance))
+
+
+def _problems(pointer: str, expected: Any, found: Any, tolerance: float) -> Iterator[Problem]:
+    match expected, found:
+        case dict(), dict():
+            for key in [*expected, *(key for key in found if key not in expected)]:
+                place = f"{pointer}/{str(key).replace('~', '~0').replace('/', '~1')}"
+                if key in expected and key in found:
+                    yield from _problems(place, expected[key], found[key], tolerance)
+                else:
+                    yield Problem(
+                        place, *(_shown(side[key]) if key in side else "nothing" for side in (expected, found))
+                    )
+        case list(), list() if len(expected) == len(found):
+            for i, (one, other) in enumerate(zip(expected, found, strict=True)):
+                yield from _problems(f"{pointer}/{i}", one, other, tolerance)
+        case list(), list():
+            yield Problem(pointer, f"{len(expected)} entries", f"{len(found)} entries")
+        case _ if _is_number(expected) and _is_number(found):
+            if not abs(expected - found) <= tolerance * (1 + abs(expected)):
+                yield Problem(pointer, _shown(expected), _shown(found))
+        case _:
+            if type(expected) is not type(found) or expected != found:
+                yield Problem(pointer, _shown(expected), _shown(found))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _shown(value: Any) -> str:
+    text = ascii(value)
+    return text if len(text) <= _SHOWN_CHARACTERS else f"{text[: _SHOWN_CHARACTERS - 3]}..."

@@ -1,0 +1,106 @@
+"""Frames: the rows of one table as numpy columns, and how rows of two frames with the same key are paired.
+
+A frame is a plain mapping from column names to arrays of one length. Text is an array of objects, a
+column with masked entries is a masked array, and a list column holds an array in every cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Alignment", "Frame", "align", "concat", "num_rows", "sort_rows", "take"]
+
+Values: TypeAlias = "NDArray[Any] | np.ma.MaskedArray[Any, Any]"
+Frame: TypeAlias = Mapping[str, Values]
+Index = NDArray[np.int64]
+
+
+class Alignment(NamedTuple):
+    """Pairs of rows of two frames with equal keys.
+
+    Attributes:
+        expected: Rows of the first that have a partner ``[pairs]``.
+        found: Their partners in the second ``[pairs]``.
+        missing: Rows of the first without a partner.
+        extra: Rows of the second without a partner, and all but the first of rows with one key.
+    """
+
+    expected: Index
+    found: Index
+    missing: Index
+    extra: Index
+
+
+def num_rows(frame: Frame) -> int:
+    """Number of rows; 0 without columns."""
+    return next((len(values) for values in frame.values()), 0)
+
+
+def take(frame: Frame, rows: NDArray[Any]) -> dict[str, Values]:
+    """Rows by index or mask, in that order."""
+    return {name: values[rows] for name, values in frame.items()}
+
+
+def concat(frames: Sequence[Frame]) -> dict[str, Values]:
+    """Rows of frames with equal columns, one after the other.
+
+    Raises:
+        ValueError: There is no frame, or columns differ.
+    """
+    if not frames or any(frame.keys() != frames[0].keys() for frame in frames):
+        raise ValueError("frames of the same columns, at least one")
+    return {name: _joined([frame[name] for frame in frames]) for name in frames[0]}
+
+
+def _joined(parts: Sequence[Values]) -> Values:
+    if any(np.ma.isMaskedArray(part) for part in parts):
+        joined: Values = np.ma.concatenate(parts)  # type: ignore[no-untyped-call]
+        return joined
+    return np.concatenate(parts)
+
+
+def sort_rows(frame: Frame, key: Sequence[str], orders: Mapping[str, Sequence[str]] | None = None) -> dict[str, Values]:
+    """Rows in ascending order of their key; a text column in `orders` follows the order of its words there."""
+    columns = []
+    for name in key:
+        words = (orders or {}).get(name)
+        values = np.ma.getdata(frame[name])
+        if words is not None:
+            place = {word: i for i, word in enumerate(words)}
+            values = np.array([place.get(word, len(place)) for word in values], np.int64)
+        elif values.dtype == object:
+            values = _codes([values])[0]
+        columns.append(values)
+    return take(frame, np.lexsort(columns[::-1]))
+
+
+def align(expected: Frame, found: Frame, key: Sequence[str]) -> Alignment:
+    """Pair the rows of two frames by the columns of `key`, which are unique in `expected`."""
+    left, right = (np.zeros(num_rows(frame), np.int64) for frame in (expected, found))
+    for name in key:
+        a, b = _codes([np.ma.getdata(frame[name]) for frame in (expected, found)])
+        width = int(max(a.max(initial=-1), b.max(initial=-1))) + 1
+        left, right = _codes([left * width + a, right * width + b])
+    order = np.argsort(right, kind="stable")
+    place = np.searchsorted(right[order], left)
+    is_there = place < len(right)
+    is_there[is_there] = right[order][place[is_there]] == left[is_there]
+    partner = order[place[is_there]]
+    lonely = np.ones(len(right), bool)
+    lonely[partner] = False
+    return Alignment(np.flatnonzero(is_there), partner, np.flatnonzero(~is_there), np.flatnonzero(lonely))
+
+
+def _codes(parts: Sequence[NDArray[Any]]) -> list[Index]:
+    """Ascending codes of values over all parts together."""
+    joined = np.concatenate(parts)
+    if joined.dtype == object:
+        words = {word: i for i, word in enumerate(sorted(set(joined.tolist())))}
+        codes = np.array([words[word] for word in joined.tolist()], np.int64)
+    else:
+        codes = np.unique(joined, return_inverse=True)[1].astype(np.int64)
+    return np.split(codes, np.cumsum([len(part) for part in parts])[:-1])

@@ -1,0 +1,122 @@
+"""The ledger: every time that a partition was opened for evaluation, in order.
+
+A round fixes thresholds on training groups, evaluates validation and only then opens the test partition, all
+under one split and one document of thresholds. Building the same release again opens nothing new; other
+digests after a look at the test partition are another opening, which a reader is told.
+
+Source: paper V-B (sealed test evaluation); spec/11-fidelity.md#ledger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from branchdrive.derive.layer.problem import Problem
+
+__all__ = ["EVENTS", "ledger_problems", "num_test_openings", "opened", "recorded"]
+
+EVENTS: Mapping[str, str] = MappingProxyType(
+    {"thresholds_fixed": "train", "validation_evaluated": "val", "test_opened": "test"}
+)
+"""Events of a round in order, and the partition that each is about."""
+
+_ORDER = list(EVENTS)
+_LAST = _ORDER[-1]
+
+
+def opened(ledger: Mapping[str, Any] | None, *, split_digest: str, thresholds_digest: str) -> dict[str, Any]:
+    """The ledger after a whole round; the same ledger where its last round has these digests.
+
+    Args:
+        ledger: Document ``ledger.json`` so far; None if there is none.
+        split_digest: Digest of ``split.json``.
+        thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
+    """
+    after = dict(ledger or {"entries": []})
+    for event in EVENTS:
+        after = recorded(after, event, split_digest=split_digest, thresholds_digest=thresholds_digest)
+    return after
+
+
+def recorded(
+    ledger: Mapping[str, Any] | None, event: str, *, split_digest: str, thresholds_digest: str
+) -> dict[str, Any]:
+    """The ledger after one event; the same ledger where the round of these digests has it already.
+
+    Args:
+        ledger: Document ``ledger.json`` so far; None if there is none.
+        event: One of `EVENTS`.
+        split_digest: Digest of ``split.json``.
+        thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
+
+    Raises:
+        ValueError: No such event, or the events before it in its round have not happened.
+    """
+    if event not in EVENTS:
+        raise ValueError(f"event {event!r}, not one of {_ORDER}")
+    entries = list((ledger or {"entries": []})["entries"])
+    digests = {"split_digest": split_digest, "thresholds_digest": thresholds_digest}
+    current = bool(entries) and _digests(entries[-1]) == digests
+    step = _ORDER.index(entries[-1]["event"]) if current else -1
+    place = _ORDER.index(event)
+    if place <= step:
+        return {"entries": entries}
+    if place != step + 1:
+        raise ValueError(f"{event!r} comes after {_ORDER[place - 1]!r}, which has not happened under these digests")
+    entries.append({"number": len(entries) + 1, "event": event, "partition": EVENTS[event], **digests})
+    return {"entries": entries}
+
+
+def num_test_openings(ledger: Mapping[str, Any]) -> int:
+    """How often the test partition was opened."""
+    return sum(entry["event"] == _LAST for entry in ledger["entries"])
+
+
+def ledger_problems(document: Mapping[str, Any], *, split_digest: str, thresholds_digest: str) -> list[Problem]:
+    """What is wrong with a ledger of a release with these digests.
+
+    Args:
+        document: ``ledger.json``, which conforms to its schema.
+        split_digest: Digest of the release's ``split.json``.
+        thresholds_digest: SHA-256 of the bytes of the release's ``thresholds.json``.
+    """
+    return [*_sequence_problems(document), *_current_problems(document, split_digest, thresholds_digest)]
+
+
+def _sequence_problems(document: Mapping[str, Any]) -> list[Problem]:
+    """Numbers count up, rounds go in order under one pair of digests, and no round repeats the one before."""
+    found: list[Problem] = []
+    before: Mapping[str, Any] | None = None
+    for i, entry in enumerate(document["entries"]):
+        place = f"/entries/{i}"
+        if entry["number"] != i + 1:
+            found.append(Problem(f"{place}/number", str(i + 1), str(entry["number"])))
+        if entry["partition"] != EVENTS[entry["event"]]:
+            found.append(Problem(f"{place}/partition", EVENTS[entry["event"]], str(entry["partition"])))
+        allowed = _next_events(before, entry)
+        if entry["event"] not in allowed:
+            found.append(Problem(f"{place}/event", " or ".join(allowed) or "no further entry", entry["event"]))
+        before = entry
+    return found
+
+
+def _next_events(before: Mapping[str, Any] | None, entry: Mapping[str, Any]) -> list[str]:
+    """Events that may follow: the next of the round under equal digests, else a new round."""
+    if before is None or _digests(before) != _digests(entry):
+        return _ORDER[:1]
+    return _ORDER[_ORDER.index(before["event"]) + 1 :][:1]
+
+
+def _current_problems(document: Mapping[str, Any], split_digest: str, thresholds_digest: str) -> list[Problem]:
+    """The last entry is that the test partition was opened under the release's own digests."""
+    if not document["entries"]:
+        return [Problem("/entries", f"a round that ends with {_LAST}", "no entry")]
+    last, place = document["entries"][-1], f"/entries/{len(document['entries']) - 1}"
+    wanted = {"event": _LAST, "split_digest": split_digest, "thresholds_digest": thresholds_digest}
+    return [Problem(f"{place}/{name}", value, str(last[name])) for name, value in wanted.items() if last[name] != value]
+
+
+def _digests(entry: Mapping[str, Any]) -> dict[str, str]:
+    return {name: entry[name] for name in ("split_digest", "thresholds_digest")}
