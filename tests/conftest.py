@@ -5,6 +5,10 @@ Choose the larger search with ``pytest --hypothesis-profile=thorough``.
 
 from __future__ import annotations
 
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: tests run side by side, one core each
+
 import socket
 from typing import TYPE_CHECKING, Any
 

@@ -8,8 +8,8 @@ Frames: world, x forward, y left, yaw counter-clockwise; steering positive to th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -108,6 +108,39 @@ ACTORS = (
 
 
 @dataclass(frozen=True)
+class Scene:
+    """Where a group drives, and among whom.
+
+    Attributes:
+        start: Progress and offset on the route and speed, in m and m/s, of the ego at the first tick.
+        noise: Standard deviation of the offset and the speed at which each replay starts beside the nominal;
+            ``None`` for steps of 0.001 from one attempt to the next.
+        moved_m: How much further than in the nominal the actors start, by place of the attempt.
+    """
+
+    route: Route
+    actors: tuple[Actor, ...]
+    town: str
+    scenario_type: str = "CutIn"
+    start: tuple[float, float, float] = (2.0, 0.4, 6.0)
+    noise: float | None = None
+    moved_m: Mapping[int, float] = field(default_factory=dict)
+
+    def departures(self, count: int, seed: int) -> Array:
+        """Offset and speed of each attempt beside those of the nominal, ``[2, attempts]``."""
+        if self.noise is None:
+            return np.tile(np.arange(count) * 0.001, (2, 1))
+        drawn = np.random.default_rng(seed).normal(0.0, self.noise, (2, count))
+        drawn[:, 0] = 0.0
+        return np.asarray(drawn)
+
+
+TOWNS = ("Town12", "Town13", "Town12")
+
+SCENES = tuple(Scene(*scene) for scene in zip(ROUTES, ACTORS, TOWNS, strict=True))
+
+
+@dataclass(frozen=True)
 class Plan:
     """One attempt to drive."""
 
@@ -172,12 +205,15 @@ def _expert(route: Route, x: Array, y: Array, yaw: Array, speed: Array, tick: in
     return np.stack([np.clip(steer, -1, 1), np.clip(throttle, 0, 1), np.clip(brake, 0, 1)], axis=1).astype(np.float32)
 
 
-def drive(route: Route, planned: Sequence[Plan], bank: ActionBank, num_ticks: int = NUM_TICKS) -> Drive:
+def drive(
+    scene: Scene, planned: Sequence[Plan], bank: ActionBank, num_ticks: int = NUM_TICKS, *, seed: int = 0
+) -> Drive:
     """Drive all attempts tick by tick; attempt 0 is the nominal whose commands the others store."""
-    count = len(planned)
-    first = np.arange(count) * 0.001  # replays start almost alike
-    x, y, yaw = (np.array(v) for v in route.point(np.full(count, 2.0), 0.4 + first))
-    speed = 6.0 + first
+    route, count = scene.route, len(planned)
+    aside, faster = scene.departures(count, seed)  # replays start almost alike
+    progress, offset, first_speed = scene.start
+    x, y, yaw = (np.array(v) for v in route.point(np.full(count, progress), offset + aside))
+    speed = first_speed + faster
     state = np.zeros((4, num_ticks, count))
     expert, applied = (np.zeros((num_ticks, count, 3), np.float32) for _ in range(2))
     active = np.zeros((num_ticks, count), bool)

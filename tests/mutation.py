@@ -9,13 +9,22 @@ from __future__ import annotations
 from tests.validator.audit.rules.case import REGISTRY, Boundary, Mutant, new_draft
 from tests.validator.audit.rules.cases import (
     attempts,
+    canonical,
     controls,
     documents,
     evidence,
+    features,
+    fidelity,
     groups,
     keys,
+    layers,
     layout,
+    leakage,
+    model,
     nulls,
+    quality,
+    release,
+    split,
     tables,
     trigger,
     values,
@@ -27,7 +36,10 @@ __all__ = [
     "AREAS", "BOUNDARIES", "MUTANTS", "Boundary", "Draft", "Mutant", "new_draft",
 ]  # fmt: skip
 
-AREAS = (layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups)
+AREAS = (
+    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
+    layers, canonical, quality, split, fidelity, model, features, leakage, release,
+)  # fmt: skip
 """Modules that define cases."""
 
 MUTANTS: tuple[Mutant, ...] = tuple(REGISTRY.mutants)

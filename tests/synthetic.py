@@ -22,7 +22,7 @@ from tests.driving import (
     BRANCH_TICK,
     EGO_BOX_M,
     NUM_TICKS,
-    ROUTES,
+    SCENES,
     STRIDE,
     TICK_S,
     TRIGGER_TICK,
@@ -30,6 +30,8 @@ from tests.driving import (
     Array,
     Drive,
     Plan,
+    Route,
+    Scene,
     drive,
     group_name,
     plans,
@@ -48,8 +50,8 @@ from branchdrive.derive.risk import risk_evidence
 __all__ = [
     "ACTORS", "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",
     "Tables", "bare_descriptor", "bare_tables", "base_tables", "concat", "descriptor", "evidence_columns",
-    "group_name", "make_group", "media_descriptor", "media_tables", "plans", "seal_dataset", "to_table",
-    "write_dataset",
+    "frames_table", "group_name", "make_group", "media_descriptor", "media_tables", "plans", "seal_dataset", "shared",
+    "to_table", "write_dataset",
 ]  # fmt: skip
 
 SHARDS = {"raw/shard-00000": (0, 1), "raw/shard-00001": (2,)}
@@ -57,17 +59,15 @@ SHARDS = {"raw/shard-00000": (0, 1), "raw/shard-00001": (2,)}
 
 Tables = dict[str, pa.Table]
 
-TOWNS = ("Town12", "Town13", "Town12")
 
-
-def _actor_columns(index: int, ticks: Array) -> dict[str, Any]:
-    route = ROUTES[index]
+def _actor_columns(scene: Scene, ticks: Array, moved_m: float) -> dict[str, Any]:
+    route = scene.route
     parts: list[dict[str, Any]] = []
-    for actor_id, actor in enumerate(ACTORS[index], start=1):
+    for actor_id, actor in enumerate(scene.actors, start=1):
         here = ticks[(ticks >= actor.first_tick) & (ticks <= actor.last_tick)]
         time_s = here * TICK_S
         x, y, heading = route.point(
-            actor.progress_m + actor.speed_mps * time_s, actor.offset_m + actor.lateral_mps * time_s
+            actor.progress_m + moved_m + actor.speed_mps * time_s, actor.offset_m + actor.lateral_mps * time_s
         )
         cos, sin = np.cos(heading), np.sin(heading)
         facing = heading + (np.pi if actor.speed_mps < 0 else 0.0)
@@ -90,8 +90,7 @@ def _actor_columns(index: int, ticks: Array) -> dict[str, Any]:
     return {name: values[order] for name, values in joined.items()}
 
 
-def _observation_columns(index: int, driven: Drive, i: int, ticks: Array) -> dict[str, Any]:
-    route = ROUTES[index]
+def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array) -> dict[str, Any]:
     x, y, yaw, speed = (values[ticks, i] for values in (driven.x_m, driven.y_m, driven.yaw_rad, driven.speed_mps))
     progress, offset, heading = route.locate(x, y)
     past = np.maximum(ticks - 1, 0)
@@ -130,9 +129,8 @@ def _control_columns(driven: Drive, i: int, num_ticks: int) -> dict[str, Any]:
     return columns
 
 
-def route_polyline(index: int) -> tuple[Array, Array]:
-    """Vertices of a group's route, every two metres."""
-    route = ROUTES[index]
+def route_polyline(route: Route) -> tuple[Array, Array]:
+    """Vertices of a route, every two metres."""
     x, y, _ = route.point(np.arange(0.0, route.length_m + 1, 2.0))
     return x, y
 
@@ -160,7 +158,9 @@ def evidence_columns(
     }  # fmt: skip
 
 
-def _record(index: int, plan: Plan, bank: ActionBank, num_ticks: int, num_observations: int) -> dict[str, Any]:
+def _record(
+    index: int, scene: Scene, plan: Plan, bank: ActionBank, num_ticks: int, num_observations: int
+) -> dict[str, Any]:
     group_id = group_name(index)
     policy = bank[plan.action_key]
     nominal_id = f"{group_id}.{bank.nominal.key}.a1"
@@ -168,12 +168,12 @@ def _record(index: int, plan: Plan, bank: ActionBank, num_ticks: int, num_observ
     for actuator in ("steer", "throttle", "brake"):
         rule = getattr(policy, actuator)
         effective[f"effective_{actuator}_rule"], effective[f"effective_{actuator}_value"] = rule.rule, rule.value
-    x, y = route_polyline(index)
+    x, y = route_polyline(scene.route)
     return {
         "rollout_id": plan.rollout_id(group_id), "group_id": group_id, "role": plan.role, "status": "complete",
         "status_reason": None, "attempt": plan.attempt, "protocol_variant": "v1", "action_key": plan.action_key,
-        "nominal_rollout_id": None if plan.role == "nominal" else nominal_id, "scenario_type": "CutIn",
-        "town": TOWNS[index], "route_id": f"route-{index}", "route_x_m": x, "route_y_m": y,
+        "nominal_rollout_id": None if plan.role == "nominal" else nominal_id, "scenario_type": scene.scenario_type,
+        "town": scene.town, "route_id": f"route-{index}", "route_x_m": x, "route_y_m": y,
         "environment": "ClearNoon", "seed": 2**53 + index, "repetition": index, "ego_length_m": EGO_BOX_M[0],
         "ego_width_m": EGO_BOX_M[1], "ego_height_m": EGO_BOX_M[2], "branch_tick": plan.branch_tick,
         "branch_frame": plan.branch_tick // STRIDE, "trigger_definition": "first-brake/1",
@@ -205,31 +205,40 @@ def to_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
 
 
 def make_group(
-    index: int, planned: Sequence[Plan] | None = None, *, bank: ActionBank | None = None, num_ticks: int = NUM_TICKS
+    index: int,
+    planned: Sequence[Plan] | None = None,
+    *,
+    scene: Scene | None = None,
+    bank: ActionBank | None = None,
+    num_ticks: int = NUM_TICKS,
 ) -> Tables:
     """Tables of one branch group, without media.
 
     Args:
-        index: Which group: route, actors and names follow from it.
+        index: Which group: names follow from it, and by default its scene.
         planned: Attempts, the nominal first; those of `plans` by default.
+        scene: Where it drives, and among whom.
         bank: The bank to drive.
         num_ticks: Control rows of every attempt.
     """
     bank = bank or load_action_bank()
     planned = plans(index, bank) if planned is None else planned
-    driven = drive(ROUTES[index], planned, bank, num_ticks)
+    scene = scene or SCENES[index]
+    driven = drive(scene, planned, bank, num_ticks, seed=index)
     ticks = np.arange(0, num_ticks, STRIDE)
-    actors, route = _actor_columns(index, ticks), route_polyline(index)
+    route = route_polyline(scene.route)
     streams: dict[str, list[dict[str, Any]]] = {name: [] for name in ("controls", "observations", "actors", "evidence")}
     for i in range(len(planned)):
-        observations = _observation_columns(index, driven, i, ticks)
+        actors = _actor_columns(scene, ticks, scene.moved_m.get(i, 0.0))
+        observations = _observation_columns(scene.route, driven, i, ticks)
         streams["controls"].append(_control_columns(driven, i, num_ticks))
         streams["observations"].append(observations)
         streams["actors"].append(actors)
         streams["evidence"].append(evidence_columns(observations, actors, route))
     tables = {
         "rollouts": pa.Table.from_pylist(
-            [_record(index, plan, bank, num_ticks, len(ticks)) for plan in planned], schema=table_schema("rollouts")
+            [_record(index, scene, plan, bank, num_ticks, len(ticks)) for plan in planned],
+            schema=table_schema("rollouts"),
         )
     }
     for name, parts in streams.items():
@@ -254,7 +263,7 @@ def concat(parts: Sequence[Tables]) -> Tables:
 @cache
 def base_tables() -> dict[str, Tables]:
     """Tables of the valid dataset by shard folder; shared by all callers, so never changed in place."""
-    return {folder: concat([make_group(index) for index in groups]) for folder, groups in SHARDS.items()}
+    return shared({folder: concat([make_group(index) for index in groups]) for folder, groups in SHARDS.items()})
 
 
 def descriptor() -> dict[str, Any]:
@@ -276,18 +285,22 @@ MEDIA_FILE = "media.bin"
 @cache
 def media_tables() -> dict[str, Tables]:
     """`base_tables` with an index of images: one set of views of every nominal rollout."""
-    shards = {}
-    for folder, groups in SHARDS.items():
-        rows = [(group_name(g), k, camera) for g in groups for k, camera in enumerate(STREAMS["rgb_surround"].cameras)]
-        frames = {
-            "rollout_id": [f"{group_id}.nominal.a1" for group_id, _, _ in rows], "tick": [BRANCH_TICK] * len(rows),
-            "camera": [camera for _, _, camera in rows], "file": [MEDIA_FILE] * len(rows),
-            "offset_bytes": [8 * k for _, k, _ in rows], "size_bytes": [8] * len(rows),
-            "checksum": [hashlib.sha256(bytes(8)).hexdigest()[:16] for _ in rows],
-            "encoding": ["jpeg"] * len(rows),
-        }  # fmt: skip
-        shards[folder] = {**base_tables()[folder], "frames": to_table("frames", frames)}
-    return shards
+    return shared(
+        {folder: {**base_tables()[folder], "frames": frames_table(groups)} for folder, groups in SHARDS.items()}
+    )
+
+
+def frames_table(groups: Sequence[int]) -> pa.Table:
+    """Index of one set of views of the nominal rollout of each group."""
+    rows = [(group_name(g), k, camera) for g in groups for k, camera in enumerate(STREAMS["rgb_surround"].cameras)]
+    frames = {
+        "rollout_id": [f"{group_id}.nominal.a1" for group_id, _, _ in rows], "tick": [BRANCH_TICK] * len(rows),
+        "camera": [camera for _, _, camera in rows], "file": [MEDIA_FILE] * len(rows),
+        "offset_bytes": [8 * k for _, k, _ in rows], "size_bytes": [8] * len(rows),
+        "checksum": [hashlib.sha256(bytes(8)).hexdigest()[:16] for _ in rows],
+        "encoding": ["jpeg"] * len(rows),
+    }  # fmt: skip
+    return to_table("frames", frames)
 
 
 def media_descriptor() -> dict[str, Any]:
@@ -315,18 +328,24 @@ def bare_descriptor() -> dict[str, Any]:
     return {**document, "streams": [name for name in document["streams"] if name != "actor_risk_evidence"]}
 
 
-_encoded: dict[int, tuple[pa.Table, bytes]] = {}
+_shared: dict[int, tuple[pa.Table, list[bytes]]] = {}
+"""Tables that many datasets hold, with their bytes once they are known."""
+
+
+def shared(tables: dict[str, Tables]) -> dict[str, Tables]:
+    """The same tables, whose bytes will be computed once; they live as long as the process."""
+    _shared.update({id(table): (table, []) for shard in tables.values() for table in shard.values()})
+    return tables
 
 
 def _bytes(table: pa.Table) -> bytes:
     """Parquet bytes; those of the shared tables are computed once."""
-    if id(table) in _encoded:
-        return _encoded[id(table)][1]
-    content = encode_table(table)
-    shared = [t for tables in (base_tables(), media_tables()) for shard in tables.values() for t in shard.values()]
-    if any(table is candidate for candidate in shared):
-        _encoded[id(table)] = (table, content)
-    return content
+    if id(table) not in _shared:
+        return encode_table(table)
+    known = _shared[id(table)][1]
+    if not known:
+        known.append(encode_table(table))
+    return known[0]
 
 
 def write_dataset(root: Path, tables: Mapping[str, Tables], document: Mapping[str, Any], *, seal: bool = True) -> None:

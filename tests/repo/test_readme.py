@@ -7,8 +7,9 @@ import shlex
 import subprocess
 import sys
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from tests.model_release import make_frames, write_release
 from tests.repo.checkout import ROOT
 from tests.synthetic import base_tables, descriptor, write_dataset
 
@@ -40,6 +41,15 @@ def test_the_reading_example_runs(tmp_path: Path) -> None:
     names: dict[str, object] = {}
     exec(block.replace("build/demo/dataset", str(tmp_path / "dataset")), names)
     assert [getattr(names[name], "shape", None) for name in ("speed", "past", "future")] == [(16, 1), (80, 3), (10, 4)]
+
+
+def test_the_loading_example_runs(tmp_path: Path) -> None:
+    root = write_release(tmp_path / "release", make_frames())
+    block = next(block for block in re.findall(r"```python\n(.*?)```", README, re.S) if "open_model" in block)
+    names: dict[str, Any] = {}
+    exec(block.replace("build/release", str(root)), names)
+    shapes = [names["train"].state.shape, names["train"].controls.shape, names["targets"].scalars.shape]
+    assert shapes == [(3, 16, 21), (3, 80, 3), (3, 13, 6)]
 
 
 def minimal_collector(root: Path) -> subprocess.CompletedProcess[str]:
@@ -83,7 +93,7 @@ def test_the_commands_and_their_options_exist(capsys: pytest.CaptureFixture[str]
     import io
 
     calls = [words for words in SHELL if words[0].startswith("branchdrive")]
-    assert {words[1] for words in calls if words[0] == "branchdrive"} >= {"collect", "study", "draw", "rules"}
+    assert {words[1] for words in calls if words[0] == "branchdrive"} >= {"collect", "build", "study", "draw", "rules"}
     for words in calls:
         command = "validate" if words[0] == "branchdrive-validate" else words[1]
         try:
@@ -110,7 +120,7 @@ def test_every_path_is_written_once_and_git_ignores_it() -> None:
     assert len(written) == len(set(written)) >= 7
     assert not any(path.startswith("build/demo/") for path in written)
     assert all(path.startswith("build/") for path in written)
-    assert "build/" in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    assert "/build/" in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
 
 
 def test_the_verdict_table_is_the_codes() -> None:

@@ -18,13 +18,14 @@ from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.errors import BranchDriveError
 
 if TYPE_CHECKING:
+    from branchdrive.audit.release.view import ReleaseView
     from branchdrive.audit.selection import Selection
     from branchdrive.audit.survey import Survey
     from branchdrive.audit.view import ShardView
 
 __all__ = [
-    "GROUP_RULES", "ROLLOUT_RULES", "SHARD_RULES", "SURVEY_RULES", "Mask", "RowCheck", "SubjectCheck", "SurveyCheck",
-    "group_rule", "rollout_rule", "shard_rule", "survey_rule",
+    "GROUP_RULES", "RELEASE_RULES", "ROLLOUT_RULES", "SHARD_RULES", "SURVEY_RULES", "Mask", "ReleaseCheck", "RowCheck",
+    "SubjectCheck", "SurveyCheck", "group_rule", "release_rule", "rollout_rule", "shard_rule", "survey_rule",
 ]  # fmt: skip
 
 Mask: TypeAlias = NDArray[np.bool_]
@@ -72,9 +73,31 @@ class SubjectCheck:
     describe: Callable[[int], Sighting]
 
 
+@dataclass(frozen=True)
+class ReleaseCheck:
+    """Result of a rule on the derived layers, or of a part of it.
+
+    Attributes:
+        examined: Subjects looked at.
+        num_bad: Violating subjects, exact.
+        sightings: Violations in order, made while they are read: only the first of them are.
+    """
+
+    examined: int
+    num_bad: int = 0
+    sightings: Iterable[Sighting] = ()
+
+    @classmethod
+    def of(cls, examined: int, sightings: Iterable[Sighting]) -> ReleaseCheck:
+        """Check with one sighting for every violating subject."""
+        seen = tuple(sightings)
+        return cls(max(examined, len(seen)), len(seen), seen)
+
+
 SurveyRule: TypeAlias = "Callable[[Survey], SurveyCheck]"
 ShardRule: TypeAlias = "Callable[[ShardView], Iterable[RowCheck]]"
 RolloutRule: TypeAlias = "Callable[[ShardView, Mask], SubjectCheck]"
+ReleaseRule: TypeAlias = "Callable[[ReleaseView], Iterable[ReleaseCheck]]"
 GroupRule: TypeAlias = "Callable[[ShardView, Selection, Mask], SubjectCheck]"
 
 SURVEY_RULES: dict[str, SurveyRule] = {}
@@ -85,12 +108,14 @@ ROLLOUT_RULES: dict[str, RolloutRule] = {}
 """Qualification rules on attempts; the mask says which to examine."""
 GROUP_RULES: dict[str, GroupRule] = {}
 """Qualification rules on branch groups, after the candidates are selected."""
+RELEASE_RULES: dict[str, ReleaseRule] = {}
+"""Rules on the derived layers, after the raw layer."""
 
 
 def _register(registry: dict[str, Callable[..., object]], rule_id: str, function: Callable[..., object]) -> None:
     if rule_id not in CATALOGUE:
         raise BranchDriveError(f"rule {rule_id!r} is not in schemas/v0.1/rules.json")
-    if any(rule_id in known for known in (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES)):
+    if any(rule_id in known for known in (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES, RELEASE_RULES)):
         raise BranchDriveError(f"rule {rule_id!r} is bound twice")
     registry[rule_id] = function
 
@@ -130,6 +155,16 @@ def group_rule(rule_id: str) -> Callable[[GroupRule], GroupRule]:
 
     def bind(function: GroupRule) -> GroupRule:
         _register(GROUP_RULES, rule_id, function)  # type: ignore[arg-type]
+        return function
+
+    return bind
+
+
+def release_rule(rule_id: str) -> Callable[[ReleaseRule], ReleaseRule]:
+    """Bind a function of a `ReleaseView` that yields checks to a rule id."""
+
+    def bind(function: ReleaseRule) -> ReleaseRule:
+        _register(RELEASE_RULES, rule_id, function)  # type: ignore[arg-type]
         return function
 
     return bind

@@ -7,26 +7,31 @@ files and sizes of row groups cannot change a verdict.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from branchdrive.audit.check import SURVEY_RULES
+from branchdrive.audit.check import RELEASE_RULES, SURVEY_RULES
 from branchdrive.audit.examine import VIEW_RULES
+from branchdrive.audit.extract.shard import merge
 from branchdrive.audit.finding import Finding, printable
 from branchdrive.audit.funnel import Funnel
+from branchdrive.audit.release.audit import ReleaseResult, ReleaseTask, audit_release
+from branchdrive.audit.release.view import RawLayer
 from branchdrive.audit.report import DatasetFacts, Report, RunOptions
-from branchdrive.audit.shard import ShardResult, ShardTask, audit_shard
+from branchdrive.audit.shard import Extraction, ShardResult, ShardTask, audit_shard
 from branchdrive.audit.survey import Survey, take_survey
 from branchdrive.audit.tally import Tally, failure_text
 from branchdrive.audit.verdict import decide
 from branchdrive.audit.waiver import Waiver, apply_waivers
 from branchdrive.audit.worker import Died, Executor, Failed, in_process
 from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.dataset.layout import LEAKAGE_FILE, RAW_DIR
 from branchdrive.dataset.manifest import Manifest
 from branchdrive.errors import UsageError
 
-__all__ = ["select_rules", "validate"]
+__all__ = ["Progress", "audit_shards", "judge_files", "select_rules", "validate"]
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished shards and the number of shards."""
@@ -52,6 +57,7 @@ def select_rules(patterns: Iterable[str]) -> frozenset[str]:
 def validate(
     root: Path | str,
     *,
+    raw: Path | str | None = None,
     select: Sequence[str] | None = None,
     ignore: Sequence[str] = (),
     hash_files: bool = True,
@@ -65,6 +71,7 @@ def validate(
 
     Args:
         root: The dataset folder.
+        raw: Folder of the dataset with the raw layer, for a detached release.
         select: Rule ids or prefixes to run; all by default.
         ignore: Rule ids or prefixes to leave out.
         hash_files: Whether to compare digests; without them the verdict is at best partial.
@@ -75,7 +82,7 @@ def validate(
         today: The date against which waivers expire; the current date by default.
 
     Raises:
-        UsageError: There is no dataset at `root`, or the options contradict each other.
+        UsageError: There is no dataset at `root` or `raw`, or the options contradict each other.
     """
     selected = (select_rules(select) if select is not None else frozenset(CATALOGUE)) - select_rules(ignore)
     qualifying = {rule_id for rule_id, info in CATALOGUE.items() if info.kind in ("structure", "qualification")}
@@ -86,33 +93,103 @@ def validate(
         )
     # Without the rule on digests, a damaged table is the matter of the rule on decoding.
     survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
-    results, errors = _audit_shards(survey, selected, executor, progress)
-    survey = survey.with_shards(tuple(results))
-    tallies = _merge(survey, selected)
+    source = _raw_survey(survey, raw)
+    extraction = _extraction(survey, selected)
+    results, errors = audit_shards(source, selected, extraction, executor, progress)
+    source = source.with_shards(tuple(results))
+    survey = source if source.root == survey.root else replace(survey, shards=source.shards)
+    release = _audit_derived(survey, source, selected, executor, errors)
+    survey = survey.with_digests(release.digests, release.unreadable)
+    tallies = _merge(survey, selected, release)
     outcomes = apply_waivers(tallies, waivers, today or date.today())
     funnel = Funnel()
     for result in results:
         funnel.add(result.funnel)
     is_read = not any(tally.unjudged for result in results for tally in result.tallies.values())
-    is_judged = survey.descriptor is not None and is_whole and is_read
+    is_judged = source.descriptor is not None and is_whole and is_read and bool(results or source.has_raw)
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
         decide(tallies.values(), errors),
-        _facts(survey),
+        _facts(survey, source),
         RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups),
         tuple(tallies.values()),
         funnel if is_judged else None,
+        release.population,
         tuple(outcomes),
         tuple(errors + rule_errors),
         _own_version(),
     )
 
 
-def _audit_shards(
-    survey: Survey, selected: frozenset[str], executor: Executor, progress: Progress | None
+def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
+    """The survey whose shards are the raw layer: of `survey` itself, or of the dataset at `raw`."""
+    if raw is None:
+        return survey
+    if survey.has_raw:
+        raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave the option for raw data away")
+    return take_survey(Path(raw), hash_files=survey.is_hashed)
+
+
+def _extraction(survey: Survey, selected: frozenset[str]) -> Extraction:
+    """What the derived layers need of the raw one."""
+    claimed = survey.descriptor.derived_layers if survey.descriptor else ()
+    wanted = [CATALOGUE[rule_id] for rule_id in RELEASE_RULES if rule_id in selected]
+    if not any(info.needs_raw and info.layer in claimed for info in wanted):
+        return "nothing"
+    return "rows and metamorphic steps" if LEAKAGE_FILE in survey.paths else "rows"
+
+
+def _audit_derived(
+    survey: Survey, source: Survey, selected: frozenset[str], executor: Executor, errors: list[str]
+) -> ReleaseResult:
+    """Audit of the derived layers, in a process of its own like that of a shard."""
+    if survey.descriptor is None or not survey.descriptor.derived_layers:
+        return ReleaseResult()
+    task = ReleaseTask(
+        survey.root,
+        survey.release_files,
+        tuple(entry.path for entry in survey.files),
+        survey.descriptor,
+        _raw_layer(source),
+        selected & frozenset(RELEASE_RULES),
+        survey.is_hashed,
+    )
+    for _, outcome in executor(audit_release, [task]):
+        if isinstance(outcome, ReleaseResult):
+            return outcome
+        reason = "the derived layers killed the process that read them within the memory limit, twice"
+        if isinstance(outcome, Failed):
+            reason = outcome.message
+        errors.append(f"derived layers: {reason}")
+    unjudged = {rule_id: Tally(rule_id, unjudged="the derived layers could not be judged") for rule_id in task.selected}
+    return ReleaseResult(tallies=unjudged)
+
+
+def _raw_layer(source: Survey) -> RawLayer:
+    if not source.shards:
+        return RawLayer(None, "the raw layer is not at hand; name its dataset with --raw")
+    digest = None
+    if source.is_hashed:
+        digest = Manifest.of(source.digests).layers.get(RAW_DIR)
+    lacking = next((shard.no_extract for shard in source.shards if shard.extract is None), None)
+    if lacking is None and source.descriptor is None:
+        lacking = "the descriptor beside the raw layer is unusable"
+    if lacking is not None:
+        return RawLayer(None, lacking, digest=digest, descriptor=source.descriptor)
+    extract = merge([shard.extract for shard in source.shards if shard.extract is not None])
+    for shard in source.shards:
+        shard.extract = None  # its rows live on in the whole
+    return RawLayer(extract, digest=digest, descriptor=source.descriptor)
+
+
+def audit_shards(
+    survey: Survey, selected: frozenset[str], extraction: Extraction, executor: Executor, progress: Progress | None
 ) -> tuple[list[ShardResult], list[str]]:
+    """Results of all shards, in order of their folders, and failures of the tool."""
     tasks = [
-        ShardTask(survey.root, folder, tuple(e.path for e in files), survey.descriptor, selected, survey.is_hashed)
+        ShardTask(
+            survey.root, folder, tuple(e.path for e in files), survey.descriptor, selected, survey.is_hashed, extraction
+        )
         for folder, files in survey.shard_folders.items()
     ]
     results: dict[int, ShardResult] = {}
@@ -159,7 +236,7 @@ def _unjudged(task: ShardTask) -> ShardResult:
     return ShardResult(task.folder, tallies=tallies)
 
 
-def _merge(survey: Survey, selected: frozenset[str]) -> dict[str, Tally]:
+def _merge(survey: Survey, selected: frozenset[str], release: ReleaseResult) -> dict[str, Tally]:
     """One tally per rule of the catalogue over the whole dataset."""
     tallies: dict[str, Tally] = {}
     for rule_id in CATALOGUE:
@@ -168,12 +245,28 @@ def _merge(survey: Survey, selected: frozenset[str]) -> dict[str, Tally]:
             tally.unjudged = "deselected"
         elif rule_id in SURVEY_RULES:
             _judge_survey(survey, tally, tallies)
+        elif rule_id in RELEASE_RULES:
+            if rule_id in release.tallies:
+                tallies[rule_id] = release.tallies[rule_id]
+            elif survey.descriptor is None:
+                tally.unjudged = "the descriptor is unusable"
+            else:
+                tally.is_claimed = False
         else:
             for shard in survey.shards:
                 tally.add(shard.tallies[rule_id])
             if survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
     return tallies
+
+
+def judge_files(survey: Survey) -> list[Tally]:
+    """Tallies of the rules on files and documents alone."""
+    tallies: dict[str, Tally] = {}
+    for rule_id in SURVEY_RULES:
+        tallies[rule_id] = Tally(rule_id)
+        _judge_survey(survey, tallies[rule_id], tallies)
+    return list(tallies.values())
 
 
 def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> None:
@@ -197,7 +290,7 @@ def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> No
         tally.keep(Finding.of(tally.rule_id, sighting) for sighting in check.sightings)
 
 
-def _facts(survey: Survey) -> DatasetFacts:
+def _facts(survey: Survey, source: Survey) -> DatasetFacts:
     rows: dict[str, int] = {}
     for shard in survey.shards:
         for name, count in shard.rows.items():
@@ -205,9 +298,10 @@ def _facts(survey: Survey) -> DatasetFacts:
     descriptor = survey.descriptor
     return DatasetFacts(
         path=printable(str(survey.root)),
+        raw_path=None if source is survey or source.root == survey.root else printable(str(source.root)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
-        identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.shards else None,
+        identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
         num_shards=len(survey.shards),
         num_files=len(survey.files),
         num_bytes=sum(entry.size for entry in survey.files),

@@ -15,9 +15,9 @@ import numpy as np
 from branchdrive.audit import rules as _bind_rules  # noqa: F401  (importing binds the rules)
 from branchdrive.audit.check import GROUP_RULES, ROLLOUT_RULES, SHARD_RULES, Mask, RowCheck, SubjectCheck
 from branchdrive.audit.finding import Finding, Sighting
-from branchdrive.audit.funnel import Funnel, funnel_of
+from branchdrive.audit.funnel import Funnel, Standing, funnel_of, standings_of
 from branchdrive.audit.rules.status import ATTEMPT_IS_COMPLETE
-from branchdrive.audit.selection import select_candidates
+from branchdrive.audit.selection import Selection, select_candidates
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
 from branchdrive.audit.view import ShardView, StreamView
 from branchdrive.contract.catalogue import CATALOGUE
@@ -32,12 +32,28 @@ VIEW_RULES = tuple(
 
 @dataclass
 class Examination:
-    """Outcome of the rules on one shard: tallies by rule, the funnel, and who failed what."""
+    """Outcome of the rules on one shard.
+
+    Attributes:
+        tallies: By rule.
+        selection: Candidates of the groups.
+        complies: Complete attempts that violate no rule ``[rollouts]``.
+        standings: How far each group gets ``[groups]``.
+        failed: Attempts that fail each rule on rows or attempts ``[rollouts]``.
+        failed_groups: Groups that fail each rule on groups ``[groups]``.
+    """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
-    funnel: Funnel = field(default_factory=Funnel)
+    selection: Selection = field(default_factory=lambda: Selection(np.zeros((0, 0), np.int64), np.zeros(0, np.int64)))
+    complies: Mask = field(default_factory=lambda: np.zeros(0, bool))
+    standings: list[Standing] = field(default_factory=list)
     failed: dict[str, Mask] = field(default_factory=dict)
     failed_groups: dict[str, Mask] = field(default_factory=dict)
+
+    @property
+    def funnel(self) -> Funnel:
+        """Groups that reach each stage."""
+        return funnel_of(self.standings)
 
 
 @np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
@@ -73,7 +89,8 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> Examina
 
     run(in_order, judge_attempts)
 
-    selection = select_candidates(view, ~_any(result.failed.values(), view.num_rollouts))
+    result.complies = view.complete & ~_any(result.failed.values(), view.num_rollouts)
+    selection = result.selection = select_candidates(view, result.complies)
     touched = np.any(broken[selection.chosen] & (selection.chosen >= 0), axis=1)
     in_order = [rule_id for rule_id in VIEW_RULES if rule_id in GROUP_RULES]
 
@@ -83,7 +100,7 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> Examina
         _count_subjects(tally, check, lambda g: {"group_id": view.group_ids[g]})
 
     run(in_order, judge_groups)
-    result.funnel = funnel_of(view, selection, result.failed, result.failed_groups)
+    result.standings = standings_of(view, selection, result.failed, result.failed_groups)
     return result
 
 

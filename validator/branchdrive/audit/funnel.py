@@ -18,7 +18,7 @@ from branchdrive.audit.selection import Selection
 from branchdrive.audit.view import ShardView
 from branchdrive.contract.catalogue import CATALOGUE
 
-__all__ = ["STAGES", "Funnel", "funnel_of"]
+__all__ = ["STAGES", "Funnel", "Standing", "funnel_of", "standings_of"]
 
 STAGES = {
     "discovered": "Groups discovered",
@@ -76,8 +76,23 @@ class Funnel:
         }
 
 
-def funnel_of(view: ShardView, selection: Selection, failed: dict[str, Mask], failed_groups: dict[str, Mask]) -> Funnel:
-    """Funnel of one shard.
+@dataclass(frozen=True)
+class Standing:
+    """How far one group gets: the stage at which it is lost, ``None`` if none, and the rules it fails there."""
+
+    lost_at: str | None = None
+    rules: tuple[str, ...] = ()
+
+    @property
+    def is_integrity_complete(self) -> bool:
+        """Whether the group reaches the stage `integrity`."""
+        return self.lost_at in (None, "eligibility")
+
+
+def standings_of(
+    view: ShardView, selection: Selection, failed: dict[str, Mask], failed_groups: dict[str, Mask]
+) -> list[Standing]:
+    """Standing of every group of a shard.
 
     Args:
         view: The shard.
@@ -85,7 +100,6 @@ def funnel_of(view: ShardView, selection: Selection, failed: dict[str, Mask], fa
         failed: Attempts that fail each structure or rollout rule ``[rollouts]``.
         failed_groups: Groups that fail each group rule ``[groups]``.
     """
-    funnel = Funnel(discovered=len(view.group_ids))
     by_stage: dict[str, dict[str, Mask]] = {stage: {} for stage in STAGES}
     for rule_id, groups in failed_groups.items():
         by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
@@ -94,12 +108,20 @@ def funnel_of(view: ShardView, selection: Selection, failed: dict[str, Mask], fa
         groups = np.zeros(len(view.group_ids), bool)
         groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
         by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
-    left = [True] * len(view.group_ids)
+    standings = [Standing()] * len(view.group_ids)
     for stage, rules in by_stage.items():
-        for g in range(len(left)):
-            reasons = [rule_id for rule_id, groups in rules.items() if groups[g]] if left[g] else []
-            if reasons:
-                left[g] = False
-                funnel.lost[stage] += 1
-                funnel.reasons[stage].update(reasons)
+        for g, standing in enumerate(standings):
+            reasons = tuple(rule_id for rule_id, groups in rules.items() if groups[g])
+            if reasons and standing.lost_at is None:
+                standings[g] = Standing(stage, reasons)
+    return standings
+
+
+def funnel_of(standings: list[Standing]) -> Funnel:
+    """Funnel of groups."""
+    funnel = Funnel(discovered=len(standings))
+    for standing in standings:
+        if standing.lost_at is not None:
+            funnel.lost[standing.lost_at] += 1
+            funnel.reasons[standing.lost_at].update(standing.rules)
     return funnel

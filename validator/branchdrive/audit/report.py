@@ -17,9 +17,14 @@ __all__ = ["DatasetFacts", "Report", "RunOptions"]
 
 @dataclass(frozen=True)
 class DatasetFacts:
-    """What was validated; `identity` is computed from the digests of this run, ``None`` without them."""
+    """What was validated.
+
+    `raw_path` is ``None`` unless the raw layer lies elsewhere; `identity` is computed from the digests of this
+    run, ``None`` without them.
+    """
 
     path: str
+    raw_path: str | None
     dataset_id: str | None
     dataset_version: str | None
     identity: str | None
@@ -49,6 +54,7 @@ class Report:
         verdict: What the rules together mean.
         tallies: One per rule of the catalogue, in catalogue order.
         funnel: ``None`` where rules that it needs were deselected or no shard could be judged.
+        population: The stored population of a release by partition, as its rules judged it; ``None`` without one.
         errors: Failures of the tool itself.
     """
 
@@ -57,6 +63,7 @@ class Report:
     options: RunOptions
     tallies: tuple[Tally, ...]
     funnel: Funnel | None
+    population: dict[str, Any] | None
     waivers: tuple[WaiverOutcome, ...]
     errors: tuple[str, ...]
     validator_version: str
@@ -70,7 +77,14 @@ class Report:
     def lacks_groups(self) -> bool:
         """Whether fewer groups qualify than `--require-groups` demands."""
         required = self.options.require_groups
-        return required is not None and (self.funnel is None or self.funnel.qualified < required)
+        return required is not None and (self.num_qualified or 0) < required
+
+    @property
+    def num_qualified(self) -> int | None:
+        """Groups that qualify: of the frozen population of a release, else by the funnel; ``None`` if not judged."""
+        if self.population is not None:
+            return int(self.population["stages"][-1]["total"])
+        return None if self.funnel is None else self.funnel.qualified
 
     @property
     def exit_code(self) -> int:
@@ -109,6 +123,7 @@ class Report:
             ],
             "findings": [finding.to_json() for finding in self.findings],
             "funnel": None if self.funnel is None else self.funnel.to_json(),
+            "population": self.population,
             "waivers": [outcome.to_json() for outcome in self.waivers],
             "errors": list(self.errors),
         }

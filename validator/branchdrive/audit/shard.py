@@ -10,15 +10,16 @@ import hashlib
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from branchdrive.audit.examine import VIEW_RULES, examine
+from branchdrive.audit.examine import VIEW_RULES, Examination, examine
+from branchdrive.audit.extract.shard import Extract, extract_shard
 from branchdrive.audit.finding import Sighting
 from branchdrive.audit.funnel import Funnel
 from branchdrive.audit.media import media_sightings
 from branchdrive.audit.tally import Tally
 from branchdrive.audit.view import ShardView
-from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.columns import TABLES, declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.parquet import decode_table
@@ -28,7 +29,18 @@ from branchdrive.errors import DatasetError, DecodeError, LimitError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["ColumnProblem", "ShardResult", "ShardTask", "audit_shard"]
+__all__ = [
+    "ColumnProblem",
+    "Extraction",
+    "ShardResult",
+    "ShardTask",
+    "audit_shard",
+    "metadata_problems",
+    "type_problems",
+]
+
+Extraction = Literal["nothing", "rows", "rows and metamorphic steps"]
+"""What the derived layers need of a shard."""
 
 _CHECKED_METADATA = ("unit", "frame", "shape", "track")
 
@@ -44,6 +56,7 @@ class ShardTask:
         descriptor: ``None`` where the dataset's descriptor is unusable: then rows cannot be judged.
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
+        extraction: What the derived layers need of the shard.
     """
 
     root: Path
@@ -52,6 +65,7 @@ class ShardTask:
     descriptor: Descriptor | None
     selected: frozenset[str]
     is_hashed: bool
+    extraction: Extraction = "nothing"
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,8 @@ class ShardResult:
     media_sightings: list[Sighting] = field(default_factory=list)
     tallies: dict[str, Tally] = field(default_factory=dict)
     funnel: Funnel = field(default_factory=Funnel)
+    extract: Extract | None = None
+    no_extract: str = "the raw layer could not be read"
 
 
 def audit_shard(task: ShardTask) -> ShardResult:
@@ -101,10 +117,8 @@ def audit_shard(task: ShardTask) -> ShardResult:
         table = _read_table(task, path, name, result)
         if table is not None:
             result.rows[name] = table.num_rows
-            result.type_problems[path] = _type_problems(table.schema, name)
-            result.metadata_problems[path] = (
-                [] if result.type_problems[path] else _metadata_problems(table.schema, name)
-            )
+            result.type_problems[path] = type_problems(table.schema, name)
+            result.metadata_problems[path] = [] if result.type_problems[path] else metadata_problems(table.schema, name)
             tables[name] = table
     frames = tables.get("frames")
     if frames is not None and not result.type_problems[f"{task.folder}/{TABLES['frames'].file_name}"]:
@@ -161,7 +175,8 @@ def _plain(kind: pa.DataType) -> pa.DataType:
     return kind.value_type if pa.types.is_dictionary(kind) and pa.types.is_string(kind.value_type) else kind
 
 
-def _type_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
+def type_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
+    """Columns of the stored table `name` that are missing, undeclared or of another type."""
     declared = table_schema(name)
     there = set(schema.names)
     problems = [ColumnProblem(f.name, f"{f.type}", "no such column") for f in declared if f.name not in there]
@@ -173,9 +188,10 @@ def _type_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
     return problems
 
 
-def _metadata_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
+def metadata_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
+    """Columns of the stored table `name` whose unit, frame, shape or track is not recorded as declared."""
     problems = []
-    for column in TABLES[name].columns:
+    for column in declared_table(name).columns:
         stored = schema.field(column.name).metadata or {}
         for key in _CHECKED_METADATA:
             wanted, found = column.metadata.get(key), stored.get(key.encode())
@@ -205,5 +221,19 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     view = ShardView(claimed, task.descriptor, file_prefix=task.folder)
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
-    examination = examine(view, task.selected)
-    result.tallies, result.funnel = examination.tallies, examination.funnel
+    # What attempts comply with takes every rule, also where only some are asked for.
+    examination = examine(view, task.selected if task.extraction == "nothing" else None)
+    result.tallies = {rule_id: tally for rule_id, tally in examination.tallies.items() if rule_id in task.selected}
+    result.funnel = examination.funnel
+    if task.extraction != "nothing":
+        _extract(task, view, examination, result)
+
+
+def _extract(task: ShardTask, view: ShardView, examination: Examination, result: ShardResult) -> None:
+    broken = [tally.rule_id for tally in examination.tallies.values() if tally.num_findings and tally.info.decides]
+    if broken:
+        result.no_extract = f"the raw layer breaks {broken[0]}"
+    elif any(tally.errors for tally in examination.tallies.values()):
+        result.no_extract = "a rule on the raw layer failed"
+    else:
+        result.extract = extract_shard(view, examination, metamorphic=task.extraction != "rows")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -20,9 +20,18 @@ from pydantic import ValidationError
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import Violation, parse_json, schema_violations
+from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.resources import SPEC_VERSION
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR, shard_index, unsafe_reason
+from branchdrive.dataset.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    shard_index,
+    unsafe_reason,
+)
 from branchdrive.dataset.manifest import Manifest, ManifestProblem, parse_manifest
 from branchdrive.dataset.untrusted import open_file, read_file
 from branchdrive.errors import DatasetError, UsageError
@@ -96,6 +105,15 @@ class Survey:
                     files.append(entry)
         return {folder: tuple(files) for folder, files in sorted(folders.items())}
 
+    @property
+    def release_files(self) -> tuple[str, ...]:
+        """Files of the derived layers that the descriptor claims, with card and licence beside them."""
+        if self.descriptor is None or not self.descriptor.derived_layers:
+            return ()
+        claimed = {path for layer in self.descriptor.derived_layers for path in LAYERS[layer].files}
+        claimed |= {CARD_FILE, LICENCE_FILE}
+        return tuple(entry.path for entry in self.files if entry.path in claimed)
+
     def is_damaged(self, path: str) -> bool:
         """Whether the file was read and its digest is not the manifest's."""
         stated = self.manifest.files.get(path) if self.manifest else None
@@ -110,6 +128,21 @@ class Survey:
     def paths(self) -> frozenset[str]:
         """Every path below the root."""
         return frozenset(entry.path for entry in self.entries)
+
+    @property
+    def has_raw(self) -> bool:
+        """Whether the dataset holds shards, or should."""
+        claims = self.descriptor is None or self.descriptor.has_raw
+        return claims or bool(self.shard_folders)
+
+    @property
+    def is_read(self) -> bool:
+        """Whether anything that has part in the identity was read."""
+        return bool(self.shards) or bool(self.release_files)
+
+    def with_digests(self, digests: Mapping[str, str], unreadable: Mapping[str, str]) -> Survey:
+        """This survey with digests of further files."""
+        return replace(self, digests={**self.digests, **digests}, unreadable={**self.unreadable, **unreadable})
 
     def with_shards(self, shards: tuple[ShardResult, ...]) -> Survey:
         """This survey with the shards' results and digests merged in."""
@@ -220,7 +253,7 @@ def _hash_outside(survey: Survey) -> Survey:
     """Digest what lies outside the shards and was not read yet."""
     digests, unreadable = dict(survey.digests), {}
     read_by_others = {entry.path for files in survey.shard_folders.values() for entry in files}
-    read_by_others |= {MANIFEST_FILE, *digests}
+    read_by_others |= {MANIFEST_FILE, *digests, *survey.release_files}
     limit = spec_limits().max_media_bytes
     for path, size in [(e.path, e.size) for e in survey.files if e.path not in read_by_others]:
         if size > limit:

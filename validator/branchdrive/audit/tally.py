@@ -95,7 +95,7 @@ class Tally:
         if self.errors:
             return self.errors[0].splitlines()[-1][:300]
         if not self.is_claimed:
-            return "the descriptor claims no stream that this rule is about"
+            return "the descriptor does not claim what this rule is about"
         if self.unjudged:
             return self.unjudged
         return None if self.examined else "no subject"

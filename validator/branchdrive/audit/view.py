@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import TABLES
+from branchdrive.contract.columns import TABLES, declared_table
 from branchdrive.contract.descriptor import Descriptor
 
 if TYPE_CHECKING:
@@ -58,6 +58,11 @@ class TableView:
             self._arrays[column] = chunked.chunk(0) if chunked.num_chunks == 1 else chunked.combine_chunks()
         return self._arrays[column]
 
+    @property
+    def arrow(self) -> pa.Table:
+        """The rows as they are seen here."""
+        return self._table
+
     def num_nulls(self, column: str) -> int:
         """Number of rows whose value is null."""
         return int(self._table[column].null_count)
@@ -78,7 +83,7 @@ class TableView:
 
     def _load(self, column: str) -> NDArray[Any]:
         array = self._array(column)
-        kind = TABLES[self.name][column].type
+        kind = declared_table(self.name)[column].type
         if kind == "string":
             codes, words = self.words(column)
             lookup = np.array([*words, ""], dtype=object)
@@ -105,7 +110,7 @@ class TableView:
         within a range prove that every value is finite and within it. Pieces are not joined for it.
         """
         if column not in self._extremes:
-            if TABLES[self.name][column].type.startswith("list"):
+            if declared_table(self.name)[column].type.startswith("list"):
                 pieces = [self.items(column)[0]]
             else:
                 pieces = [piece.drop_null().to_numpy() for piece in self._table[column].chunks]

@@ -10,9 +10,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -68,6 +70,7 @@ def in_process(
 def _prepare_process(max_bytes: int) -> None:
     """Let an interrupt end the process at once and in silence, and bound its memory."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:
         import resource
     except ImportError:  # no such limit on this platform
@@ -76,6 +79,27 @@ def _prepare_process(max_bytes: int) -> None:
     soft = max_bytes if hard == resource.RLIM_INFINITY else min(max_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+
+
+@contextmanager
+def _quiet_start() -> Iterator[None]:
+    """Hold interrupts back until a process is started: one that is cut off while it starts tells so at length."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    noted: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    if callable(handler):  # other threads may take the signal, whatever this one blocks
+        signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the new process inherits it
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if callable(handler):
+            signal.signal(signal.SIGINT, handler)
+        if noted:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
@@ -87,7 +111,9 @@ def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Fa
     """Run one task in a process of its own, so that only its own death is seen."""
     with _pool(1) as pool:
         try:
-            pool.submit(os.getpid).result()
+            with _quiet_start():
+                first = pool.submit(os.getpid)
+            first.result()
         except BrokenProcessPool:
             return Failed(
                 "worker processes die before they take up work; a script that validates with worker processes "
@@ -119,7 +145,8 @@ def isolated(jobs: int) -> Executor:
                 while (waiting and not is_broken) or running:
                     while waiting and not is_broken and len(running) < jobs:
                         try:
-                            future = pool.submit(_attempt, function, tasks[waiting[-1]])
+                            with _quiet_start():
+                                future = pool.submit(_attempt, function, tasks[waiting[-1]])
                         except BrokenProcessPool:  # another task's process died a moment ago
                             is_broken = True
                         else:

@@ -24,7 +24,11 @@ EXIT_USAGE = 2
 EXIT_FAILED = 4
 EXIT_INTERRUPTED = 130
 
-_BUILT_IN = {"validate": "branchdrive.cli.validate", "rules": "branchdrive.cli.rules"}
+_BUILT_IN = {
+    "validate": "branchdrive.cli.validate",
+    "build": "branchdrive.cli.build",
+    "rules": "branchdrive.cli.rules",
+}
 
 
 class Command(Protocol):
@@ -73,7 +77,7 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
         return EXIT_USAGE
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        stderr.write(f"{prog}: {place}{error.strerror or error}\n")
+        stderr.write(f"{prog}: {_on_one_line(f'{place}{error.strerror or error}')}\n")
         return EXIT_USAGE
     except Exception as error:  # a bug is no verdict on a dataset: it must not end in exit code 1
         from traceback import format_exc
@@ -119,6 +123,7 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
 
 _SUMMARIES = {
     "validate": "check a dataset against the specification",
+    "build": "build the derived layers of a release from a raw layer",
     "rules": "list the rules, or explain one",
     "collect": "collect a dataset in the reference world",
     "draw": "draw branch groups: the map, the actors and the futures of every candidate",

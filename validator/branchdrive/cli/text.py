@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from rich.console import Console
 from rich.markup import escape
@@ -18,9 +18,13 @@ from branchdrive.audit.finding import location_text, printable
 from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
 from branchdrive.audit.verdict import Verdict, is_waived
-from branchdrive.contract.catalogue import AREAS, CATALOGUE, RuleInfo
+from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
+from branchdrive.contract.catalogue import AREAS, CATALOGUE, Kind, RuleInfo
 
-__all__ = ["render_report", "render_rule", "render_rules"]
+if TYPE_CHECKING:
+    from branchdrive.build.build import BuildReport
+
+__all__ = ["render_build", "render_report", "render_rule", "render_rules"]
 
 FINDINGS_SHOWN = 5
 _PLAIN_WIDTH = 110
@@ -36,6 +40,14 @@ _MEANING: dict[Verdict, str] = {
     "invalid": "the dataset breaks the specification",
     "error": "the validator itself failed; this says nothing about the dataset",
 }
+
+
+_SECTIONS: dict[str, tuple[Kind, ...]] = {
+    "Violations": ("structure", "claim"),
+    "Why attempts and groups do not qualify": ("qualification",),
+    "Diagnostics": ("diagnostic",),
+}
+"""Sections of findings, and the kinds of rules in each."""
 
 
 def _console(stdout: TextIO, is_file: bool = False) -> tuple[Console, StringIO]:
@@ -65,11 +77,32 @@ def render_report(report: Report, stdout: TextIO, output: Path | None = None) ->
     _print_head(console, report)
     _print_findings(console, report)
     _print_funnel(console, report)
+    if report.population is not None:
+        console.print()
+        print_population(console, report.population)
     _print_waivers(console, report)
     _print_rules(console, report)
     for message in report.errors:
         console.print(Text(message, style="magenta"))
     _print_verdict(console, report)
+    return _lines(buffer)
+
+
+def render_build(report: BuildReport, stdout: TextIO) -> str:
+    """What a build made, as text: population, replay fidelity and leakage, as far as they were built."""
+    console, buffer = _console(stdout)
+    layers = ", ".join(report.layers) or "none"
+    console.print(Text(f"layers {layers}", style="bold"), Text(f"at {printable(str(report.target))}", style="dim"))
+    console.print(Text(f"identity {report.identity}", style="dim"))
+    documents = report.documents
+    if "quality/population.json" in documents:
+        console.print()
+        print_population(console, documents["quality/population.json"])
+        console.print()
+        print_retention(console, documents["quality/retention.json"])
+        console.print()
+        print_openings(console, documents["quality/ledger.json"])
+        print_leakage(console, documents.get("quality/leakage.json"))
     return _lines(buffer)
 
 
@@ -85,13 +118,15 @@ def _print_head(console: Console, report: Report) -> None:
     console.print(
         Text(f"{_count(facts.num_shards, 'shard')}, {_count(facts.num_files, 'file')}, {_size(facts.num_bytes)}")
     )
+    if facts.raw_path:
+        console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
     if facts.identity:
         console.print(Text(f"identity {facts.identity}", style="dim"))
 
 
 def _print_findings(console: Console, report: Report) -> None:
-    for title, deciding in (("Violations", True), ("Why attempts and groups do not qualify", False)):
-        failed = [t for t in report.tallies if t.num_findings and t.info.decides == deciding]
+    for title, kinds in _SECTIONS.items():
+        failed = [t for t in report.tallies if t.num_findings and t.info.kind in kinds]
         if failed:
             console.print()
             console.print(Text(title, style="bold"))
@@ -175,7 +210,7 @@ def _print_verdict(console: Console, report: Report) -> None:
         Text.assemble("Verdict: ", (report.verdict, _STYLE[report.verdict]), f" - {_MEANING[report.verdict]}")
     )
     if report.lacks_groups:
-        found = 0 if report.funnel is None else report.funnel.qualified
+        found = report.num_qualified or 0
         required = report.options.require_groups
         console.print(Text(f"{found} of {required} required branch groups qualify", style="bold red"))
 

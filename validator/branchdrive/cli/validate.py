@@ -15,7 +15,9 @@ from branchdrive.cli.progress import progress_bar
 SUMMARY = "check a dataset against the specification"
 
 
-def _at_least(low: int) -> Callable[[str], int]:
+def at_least(low: int) -> Callable[[str], int]:
+    """Parser of whole numbers of at least `low`."""
+
     def parse(text: str) -> int:
         value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
         if value < low:
@@ -28,28 +30,34 @@ def _at_least(low: int) -> Callable[[str], int]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument(
+        "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
+    )
     parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
     parser.add_argument("--output", metavar="FILE", type=Path, help="write the report there instead of to the terminal")
     parser.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
     parser.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
-    parser.add_argument("--jobs", metavar="N", type=_at_least(1), default=1, help="worker processes (default: 1)")
+    parser.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
     parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
-    parser.add_argument("--require-groups", metavar="N", type=_at_least(0), help="exit 1 unless N groups qualify")
+    parser.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Validate and print the report; the exit code is the verdict's."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: each has one core
     from branchdrive.audit.engine import validate
     from branchdrive.audit.waiver import load_waivers
     from branchdrive.audit.worker import isolated
     from branchdrive.cli.text import render_report
 
-    check_output(args.output, outside=args.dataset)
+    for root in (args.dataset, args.raw):
+        check_output(args.output, outside=root)
     waivers = load_waivers(args.waivers) if args.waivers else ()
     with progress_bar(stderr, "validating shards") as progress:
         report = validate(
             args.dataset,
+            raw=args.raw,
             select=args.select,
             ignore=args.ignore,
             hash_files=not args.no_hash,

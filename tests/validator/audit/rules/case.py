@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import pickle
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from tests import synthetic
 from tests.validator.audit.rules.draft import Draft
+from tests.validator.audit.rules.release import ReleaseDraft, detached_draft, release_draft
 
+from branchdrive.audit.engine import validate
+from branchdrive.audit.report import Report
+from branchdrive.audit.shard import ShardTask
+from branchdrive.audit.worker import in_process
 from branchdrive.contract.catalogue import CATALOGUE
 
-Edit: TypeAlias = Callable[[Draft], object]
-Base = Literal["full", "media", "bare"]
+Edit: TypeAlias = Callable[[Any], object]
+Base = Literal["full", "media", "bare", "release", "detached", "alone"]
+RELEASES: tuple[Base, ...] = ("release", "detached", "alone")
 
 SHARD_0, SHARD_1 = synthetic.SHARDS
 
@@ -22,6 +31,9 @@ BRAKE = "g0.brake_0.50.a1"
 ACCELERATE = "g0.accelerate_0.50.a1"
 STEER_LEFT = "g0.steer_left_0.10.a1"
 """Attempts of the first group that cases edit."""
+
+INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
+"""Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +64,11 @@ class Mutant:
         return CATALOGUE[self.rule].decides
 
     @property
+    def is_release(self) -> bool:
+        """Whether it is a release, whose groups and attempts are not all good."""
+        return self.base in RELEASES
+
+    @property
     def may_fail(self) -> frozenset[str]:
         """The rule and its declared consequences."""
         return frozenset({self.rule, *CATALOGUE[self.rule].consequences})
@@ -75,6 +92,11 @@ class Boundary:
     base: Base
     status: str
 
+    @property
+    def is_release(self) -> bool:
+        """Whether it is a release, whose groups and attempts are not all good."""
+        return self.base in RELEASES
+
 
 @dataclass
 class Registry:
@@ -91,38 +113,51 @@ def mutant(
     rule: str,
     *,
     at: dict[str, Any] | None = None,
-    base: Base = "full",
+    base: Base | None = None,
     findings: int = 1,
     lost: int | None = None,
     name: str | None = None,
 ) -> Callable[[Edit], Edit]:
-    """Register a function as a defect of `rule`; one of qualification costs one group unless `lost` differs."""
+    """Register a function as a defect of `rule`; one of qualification costs one group unless `lost` differs.
+
+    A rule on derived layers is broken in the release unless `base` differs.
+    """
 
     def register(edit: Edit) -> Edit:
         cost = int(CATALOGUE[rule].kind == "qualification") if lost is None else lost
         label = name or edit.__name__.strip("_")
         assert all((label, rule) != (known.name, known.rule) for known in REGISTRY.mutants), f"{rule} {label} twice"
-        REGISTRY.mutants.append(Mutant(rule, label, edit, base, at or {}, findings, cost))
+        REGISTRY.mutants.append(Mutant(rule, label, edit, base or _base_of(rule), at or {}, findings, cost))
         return edit
 
     return register
 
 
-def boundary(*rules: str, base: Base = "full", status: str = "pass", name: str | None = None) -> Callable[[Edit], Edit]:
+def boundary(
+    *rules: str, base: Base | None = None, status: str = "pass", name: str | None = None
+) -> Callable[[Edit], Edit]:
     """Register a function as a shape that `rules` must accept."""
 
     def register(edit: Edit) -> Edit:
         assert set(rules) <= set(CATALOGUE), rules
         label = name or edit.__name__.strip("_")
         assert all(label != known.name for known in REGISTRY.boundaries), f"{label} twice"
-        REGISTRY.boundaries.append(Boundary(rules, label, edit, base, status))
+        REGISTRY.boundaries.append(Boundary(rules, label, edit, base or _base_of(rules[0]), status))
         return edit
 
     return register
 
 
+def _base_of(rule: str) -> Base:
+    return "full" if CATALOGUE[rule].layer is None else "release"
+
+
 def new_draft(base: Base = "full") -> Draft:
-    """A valid dataset to edit: with actors and evidence, with media too, or without either."""
+    """A valid dataset to edit.
+
+    It has actors and evidence, with media too, or neither; or it is a release with media in place, detached beside
+    its raw dataset, or alone.
+    """
     match base:
         case "full":
             return Draft(synthetic.base_tables(), synthetic.descriptor())
@@ -130,3 +165,34 @@ def new_draft(base: Base = "full") -> Draft:
             return Draft(synthetic.media_tables(), synthetic.media_descriptor())
         case "bare":
             return Draft(synthetic.bare_tables(), synthetic.bare_descriptor())
+        case "release":
+            return release_draft()
+        case _:
+            return detached_draft(with_raw=base == "detached")
+
+
+def judged(draft: Draft, folder: Path) -> Report:
+    """Report on a draft that is written into `folder`; its raw dataset is named where it has one beside it."""
+    root = draft.write(folder / "dataset")
+    if not isinstance(draft, ReleaseDraft):
+        return validate(root)
+    return validate(root, raw=draft.raw_root(root), executor=remembering)
+
+
+_remembered: dict[str, bytes] = {}
+"""Audits of shards, pickled as between processes, by all that they depend on."""
+
+
+def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    """Executor that audits shards of the same bytes once: most defects of a release leave its raw layer as it is."""
+    for index, task in enumerate(tasks):
+        if not isinstance(task, ShardTask):
+            yield from ((index, outcome) for _, outcome in in_process(function, [task]))
+            continue
+        files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
+        claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
+        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.extraction))
+        if key not in _remembered:
+            ((_, outcome),) = in_process(function, [task])
+            _remembered[key] = pickle.dumps(outcome)
+        yield index, pickle.loads(_remembered[key])

@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from tests.synthetic import Tables, evidence_columns, group_name, seal_dataset, to_table, write_dataset
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.document import dump_json
 from branchdrive.dataset.layout import MANIFEST_FILE
 
 FileEdit = Callable[[Path], object]
@@ -37,6 +38,8 @@ class Draft:
     def __init__(self, tables: Mapping[str, Tables], document: Mapping[str, Any]) -> None:
         self.tables = {folder: dict(shard) for folder, shard in tables.items()}
         self.descriptor: dict[str, Any] = copy.deepcopy(dict(document))
+        self.texts: dict[str, str] = {}
+        self.documents: dict[str, dict[str, Any]] = {}
         self._unsealed: list[FileEdit] = []
         self._sealed: list[FileEdit] = []
         self.is_sealed = True
@@ -46,6 +49,8 @@ class Draft:
     def _matching(self, table: str, where: Mapping[str, Any]) -> Iterator[tuple[str, pa.Table, pa.Array]]:
         count = 0
         for folder, shard in self.tables.items():
+            if table not in shard:
+                continue
             rows = shard[table]
             mask = pa.array(np.ones(len(rows), bool))
             for column, value in where.items():
@@ -188,6 +193,10 @@ class Draft:
     def write(self, root: Path) -> Path:
         """Write the dataset into the new folder `root`."""
         write_dataset(root, self.tables, self.descriptor, seal=False)
+        for path, document in self.documents.items():
+            (root / path).write_bytes(dump_json(document))
+        for path, text in self.texts.items():
+            (root / path).write_bytes(text.encode())
         for edit in self._unsealed:
             edit(root)
         if self.is_sealed:

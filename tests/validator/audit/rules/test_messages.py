@@ -6,8 +6,12 @@ from pathlib import Path
 
 import pytest
 from tests.mutation import MUTANTS, new_draft
+from tests.validator.audit.rules.case import judged
 
 from branchdrive.audit.engine import validate
+
+SPLIT_DIGEST = "728b7774e60b13d2ee76983dd03595e50dca6e7b689be09a32df290424830a17"
+"""Digest of the split of the synthetic release."""
 
 BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
 
@@ -86,13 +90,38 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
             "9007199254740992 as in the nominal", "9007199254740993",
         ),
         ("BD-GRP-004", "one_action_branched_a_frame_later", "100 as in the nominal", "105"),
+        ("BD-LYR-003", "privileged_column_among_sensor_histories", "no undeclared column", "double"),
+        ("BD-LYR-006", "group_listed_in_two_partitions", "a key of its own", "the key of another row"),
+        ("BD-LYR-009", "contexts_in_reverse", "rows in the order of their key", "14 rows elsewhere"),
+        ("BD-CAN-002", "copy_chosen_in_place_of_the_first", "'g2.brake_0.50.a1'", "'g2.brake_0.50.a2'"),
+        ("BD-CAN-008", "attempt_left_unexplained", "a row with this key", "no such row"),
+        ("BD-CAN-008", "attempt_that_raw_does_not_have", "no row with this key, or one", "a row that nothing explains"),
+        ("BD-CAN-011", "two_attempts_selected", "neither selected nor kept", "selected"),
+        ("BD-QUA-006", "incomplete_bank_called_complete", "False", "True"),
+        ("BD-QUA-007", "group_with_another_reason", "'BD-BNK-001'", "'BD-BNK-002'"),
+        (
+            "BD-QUA-010", "group_neither_eligible_nor_lost",
+            "stages in order, lost exactly where not eligible", "no stage; not lost",
+        ),
+        ("BD-SPL-002", "twin_called_a_cluster_of_its_own", "route cluster 13", "route cluster 99"),
+        (
+            "BD-SPL-003", "cluster_in_two_partitions",
+            "one partition for all groups of route cluster 13", "train (g4), val (g5)",
+        ),
+        ("BD-SPL-007", "near_duplicate_let_through", "a near duplicate", "no near duplicate"),
+        ("BD-FID-006", "thresholds_of_another_split", SPLIT_DIGEST, "0" * 64),
+        ("BD-FID-010", "ledger_without_the_opening_of_test", "test_opened", "validation_evaluated"),
+        (
+            "BD-FID-012", "test_opened_under_other_thresholds_before",
+            "one opening of the test partition", "2 openings",
+        ),
     ],
 )  # fmt: skip
 def test_words_of_a_finding(rule: str, name: str, expected: str, found: str, tmp_path: Path) -> None:
     mutant = BY_NAME[rule, name]
     draft = new_draft(mutant.base)
     mutant.edit(draft)
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = judged(draft, tmp_path)
     words = [(finding.expected, finding.found) for finding in report.findings if finding.rule == rule]
     assert (expected, found) in words
 

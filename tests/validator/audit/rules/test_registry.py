@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
+from tests.validator.audit.rules.case import INHERITED, judged
 
 from branchdrive.audit import rules as bound_rules
-from branchdrive.audit.check import GROUP_RULES, ROLLOUT_RULES, SHARD_RULES, SURVEY_RULES
+from branchdrive.audit.check import GROUP_RULES, RELEASE_RULES, ROLLOUT_RULES, SHARD_RULES, SURVEY_RULES
 from branchdrive.audit.engine import validate
 from branchdrive.contract.catalogue import CATALOGUE, Grain, RuleInfo
 
-REGISTRIES = (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES)
+REGISTRIES = (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES, RELEASE_RULES)
 
 each_rule = pytest.mark.parametrize("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
 
@@ -32,8 +33,24 @@ def test_kind_fits_the_registry(rule: RuleInfo) -> None:
         assert rule.id in (GROUP_RULES if rule.grain == "group" else ROLLOUT_RULES)
         assert rule.stage is not None
     else:
-        assert rule.id in SURVEY_RULES or rule.id in SHARD_RULES
+        assert rule.id in SURVEY_RULES or rule.id in SHARD_RULES or rule.id in RELEASE_RULES
         assert rule.stage is None
+
+
+@each_rule
+def test_layer_fits_the_registry(rule: RuleInfo) -> None:
+    """Rules on derived layers, and no others, are about a claimed layer and may need the raw one."""
+    assert (rule.layer is not None) == (rule.id in RELEASE_RULES)
+    assert rule.layer is not None or not rule.needs_raw
+    assert rule.layer is None or not rule.streams
+
+
+def test_rules_need_raw_where_the_catalogue_says_so(tmp_path: Path) -> None:
+    """Without its raw layer a release is judged by every other rule on derived layers, and by no more."""
+    report = judged(new_draft("alone"), tmp_path)
+    words = {tally.rule_id: tally.status for tally in report.tallies if tally.info.layer is not None}
+    assert words == {rule_id: "skipped" if CATALOGUE[rule_id].needs_raw else "pass" for rule_id in RELEASE_RULES}
+    assert report.verdict == "partial"
 
 
 @each_rule
@@ -43,6 +60,7 @@ def test_grain_fits_the_registry(rule: RuleInfo) -> None:
         "SHARD_RULES": {"row", "rollout"},
         "ROLLOUT_RULES": {"rollout"},
         "GROUP_RULES": {"group"},
+        "RELEASE_RULES": {"dataset", "file", "document", "row", "group"},
     }
     (registry,) = (name for name, rules in zip(grains, REGISTRIES, strict=True) if rule.id in rules)
     assert rule.grain in grains[registry]
@@ -81,21 +99,37 @@ def test_declared_consequences_are_real(rule: RuleInfo, tmp_path: Path) -> None:
     for number, mutant in enumerate(mutant for mutant in MUTANTS if mutant.rule == rule.id):
         draft = new_draft(mutant.base)
         mutant.edit(draft)
-        report = validate(draft.write(tmp_path / str(number)))
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        report = judged(draft, folder)
         seen |= {tally.rule_id for tally in report.tallies if tally.status == "fail"} - {rule.id}
+        if mutant.is_release:
+            seen -= INHERITED
     assert seen == set(rule.consequences)
 
 
 def test_consequences_are_few() -> None:
-    assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 5
+    assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 6
 
 
 def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
-    report = validate(new_draft("media").write(tmp_path / "dataset"))
-    assert report.errors == ()
-    assert {tally.rule_id: tally.status for tally in report.tallies} == dict.fromkeys(CATALOGUE, "pass")
-    assert all(0 < tally.examined <= tally.total for tally in report.tallies)
-    assert (report.verdict, report.exit_code) == ("valid", 0)
+    """On the raw layer, where all is good, and on a release, where some attempts and groups are not."""
+    for base, failing in (("media", frozenset[str]()), ("release", INHERITED)):
+        folder = tmp_path / base
+        folder.mkdir()
+        report = judged(new_draft(base), folder)
+        assert report.errors == ()
+        claimed = {rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None or base == "release"}
+        words = {tally.rule_id: tally.status for tally in report.tallies}
+        assert {rule_id for rule_id, word in words.items() if word != "not-claimed"} == claimed
+        assert {rule_id for rule_id in claimed if words[rule_id] != "pass"} == failing
+        assert {rule_id for rule_id in claimed if words[rule_id] == "fail"} == failing
+        assert all(0 < tally.examined <= tally.total for tally in report.tallies if tally.rule_id in claimed)
+        assert (report.verdict, report.exit_code) == ("valid", 0)
+
+
+def test_what_a_release_inherits_is_qualification() -> None:
+    assert {CATALOGUE[rule_id].kind for rule_id in INHERITED} == {"qualification"}
 
 
 def test_every_group_of_the_dataset_qualifies(tmp_path: Path) -> None:
@@ -107,7 +141,7 @@ def test_every_group_of_the_dataset_qualifies(tmp_path: Path) -> None:
 
 def test_rules_on_streams_that_are_not_claimed_say_so(tmp_path: Path) -> None:
     report = validate(new_draft("bare").write(tmp_path / "dataset"))
-    unclaimed = {rule.id for rule in CATALOGUE.values() if rule.streams}
+    unclaimed = {rule.id for rule in CATALOGUE.values() if rule.streams or rule.layer is not None}
     status = {tally.rule_id: tally.status for tally in report.tallies}
     assert {rule_id for rule_id, word in status.items() if word == "not-claimed"} == unclaimed
     # Every mask is a mask of evidence.

@@ -21,9 +21,9 @@ from tests.validator.derive.layer.release import (
     reaching,
 )
 
-from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import LAYERS
+from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.layer.fidelity import with_passes
 from branchdrive.derive.layer.ledger import opened
 from branchdrive.derive.layer.variants import declared_variants, variants_document

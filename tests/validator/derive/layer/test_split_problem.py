@@ -17,7 +17,6 @@ from branchdrive.derive.layer.split_problem import (
     digest_problems,
     empty_problems,
     membership_problems,
-    numbering_problems,
     split_problems,
 )
 from branchdrive.derive.split import Calibration
@@ -93,13 +92,6 @@ def test_a_cluster_in_two_partitions_is_found() -> None:
     assert found.place == "train-0003"
     assert found.found == "train (train-0003), val (val-0000)"
     assert set(split_problems(refrozen(document, lied), lied)) >= {found}
-
-
-def test_clusters_that_are_numbered_otherwise_are_found() -> None:
-    _, groups = stored()
-    swapped = edited(edited(groups, "route_cluster", "test-0000", 1), "route_cluster", "test-0001", 0)
-    assert numbering_problems(swapped) == [("test-0000", "route cluster 0, the next in order of the groups", "1")]
-    assert cluster_problems(swapped) == []
 
 
 def test_a_stale_digest_is_found_where_a_group_moved() -> None:

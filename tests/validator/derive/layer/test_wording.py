@@ -47,7 +47,7 @@ def test_a_pass_comes_with_its_minimum_detectable_effect() -> None:
         "(606 groups, 12 actions and 24 features).",
         "This is why.",
         "Minimum detectable effect in one feature of one action: above 0.8 standard deviations.",
-        "Minimum detectable effect spread over many features of one action: 0.4 standard deviations.",
+        "Minimum detectable effect as a dose over all actions on a quarter of the features: 0.4 standard deviations.",
         "The battery of classifiers, a diagnostic beside the gate: 2 pass, 2 inconclusive, 2 not run.",
         "PyTorch is not installed.",
     ]

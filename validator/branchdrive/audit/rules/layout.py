@@ -9,9 +9,12 @@ from branchdrive.audit.check import SurveyCheck, survey_rule
 from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.survey import Entry, Survey
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.layout import (
+    CARD_FILE,
     DESCRIPTOR_FILE,
+    LICENCE_FILE,
     MANIFEST_FILE,
     RAW_DIR,
     STAGING_DIR,
@@ -142,24 +145,33 @@ def derived_digests_recompute(survey: Survey) -> SurveyCheck:
 def _has_place(entry: Entry) -> bool:
     match entry.path.split("/"):
         case [name]:
-            folder_names = (RAW_DIR, STAGING_DIR)
-            return name in (DESCRIPTOR_FILE, MANIFEST_FILE) if entry.kind == "file" else name in folder_names
+            if entry.kind == "file":
+                return name in (DESCRIPTOR_FILE, MANIFEST_FILE, CARD_FILE, LICENCE_FILE)
+            return name in (RAW_DIR, STAGING_DIR, *LAYERS)
         case [folder, *_] if folder == STAGING_DIR:
             return True
         case [folder, shard] if folder == RAW_DIR:
             return entry.kind != "file" and shard_index(shard) is not None
         case [folder, shard, *rest] if folder == RAW_DIR and shard_index(shard) is not None:
             return len(rest) == 1 and entry.kind == "file"
+        case [folder, _] if folder in LAYERS:
+            return entry.kind == "file" and entry.path in LAYERS[folder].files
         case _:
             return False
 
 
 @survey_rule("BD-LAY-009")
 def files_have_a_place(survey: Survey) -> SurveyCheck:
-    """The root holds descriptor, manifest and layers; shards hold tables of claimed streams and media."""
+    """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media."""
     plain = [e for e in survey.entries if e.kind in ("file", "folder") and unsafe_reason(e.path) is None]
     found = [Sighting("a place in the layout", "none", {"file": e.path}) for e in plain if not _has_place(e)]
     if survey.descriptor is not None:
+        unclaimed = {RAW_DIR, *LAYERS} - set(survey.descriptor.layers)
+        found += [
+            Sighting("what claimed layers have", "what no claim covers", {"file": e.path})
+            for e in plain
+            if e.path in unclaimed
+        ]
         has_media = "frames" in survey.descriptor.tables
         claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
         for files in survey.shard_folders.values():

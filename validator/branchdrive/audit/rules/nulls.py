@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from branchdrive.audit.check import RowCheck, shard_rule
 from branchdrive.audit.finding import quote
 from branchdrive.audit.view import ShardView, TableView
-from branchdrive.contract.columns import TABLES, Availability, Column
+from branchdrive.contract.columns import Availability, Column, declared_table
 from branchdrive.derive.risk import MIN_CLOSING_MPS, RANGE_M
 
 IMPOSSIBLE_TTC_S = RANGE_M / MIN_CLOSING_MPS
@@ -26,7 +26,7 @@ def _nullable(
     view: ShardView, accept: Callable[[Availability], bool]
 ) -> Iterator[tuple[TableView, Column, Availability]]:
     for name in view.table_names:
-        for column in TABLES[name].columns:
+        for column in declared_table(name).columns:
             if column.available is not None and accept(column.available):
                 yield view[name], column, column.available
 
@@ -47,7 +47,7 @@ def required_columns_hold_no_null(view: ShardView) -> Iterator[RowCheck]:
     """A column without availability has a value in every row."""
     for name in view.table_names:
         table = view[name]
-        for column in TABLES[name].columns:
+        for column in declared_table(name).columns:
             if not column.nullable:
                 bad = np.flatnonzero(~table.valid(column.name)) if table.num_nulls(column.name) else NONE
                 yield RowCheck(name, column.name, len(table), bad, lambda _: ("a value", "null"))

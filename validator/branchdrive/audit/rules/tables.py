@@ -55,7 +55,7 @@ def shards_hold_claimed_tables(survey: Survey) -> SurveyCheck:
 
     A table that the manifest lists and nobody finds is a missing file, not a missing claim.
     """
-    if survey.descriptor is None:
+    if survey.descriptor is None or not (survey.descriptor.has_raw or survey.shards):
         return SurveyCheck(0, ())
     listed = survey.manifest.files if survey.manifest else {}
     wanted = [

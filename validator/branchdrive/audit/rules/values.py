@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from branchdrive.audit.check import RowCheck, shard_rule
 from branchdrive.audit.finding import quote
 from branchdrive.audit.view import ShardView, TableView
-from branchdrive.contract.columns import PATTERNS, TABLES, Column
+from branchdrive.contract.columns import PATTERNS, Column, declared_table
 from branchdrive.contract.limits import spec_limits
 
 MAX_EXTENT_M = 100.0
@@ -23,7 +23,7 @@ NONE = np.zeros(0, np.intp)
 
 def _columns(view: ShardView, wanted: Callable[[Column], bool]) -> Iterator[tuple[TableView, Column]]:
     for name in view.table_names:
-        for column in TABLES[name].columns:
+        for column in declared_table(name).columns:
             if wanted(column):
                 yield view[name], column
 

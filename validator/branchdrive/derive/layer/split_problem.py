@@ -20,7 +20,7 @@ from branchdrive.derive.split import CALIBRATION, SHARES, split_digest
 
 __all__ = [
     "calibration_problems", "cluster_problems", "count_problems", "digest_problems", "empty_problems",
-    "membership_problems", "numbering_problems", "split_problems",
+    "membership_problems", "split_problems",
 ]  # fmt: skip
 
 
@@ -29,7 +29,6 @@ def split_problems(document: Mapping[str, Any], groups: Frame) -> list[Problem]:
     return [
         *membership_problems(groups),
         *cluster_problems(groups),
-        *numbering_problems(groups),
         *digest_problems(document, groups),
         *empty_problems(groups),
         *calibration_problems(document, groups),
@@ -75,16 +74,6 @@ def cluster_problems(groups: Frame) -> list[Problem]:
         for cluster, home in homes.items()
         if len(home) > 1
     ]
-
-
-def numbering_problems(groups: Frame) -> list[Problem]:
-    """Clusters are numbered from 0 in order of the sorted groups; told at the first group that departs."""
-    seen: set[int] = set()
-    for group_id, cluster in sorted(clusters_of(groups).items()):
-        if cluster not in seen and cluster != len(seen):
-            return [Problem(group_id, f"route cluster {len(seen)}, the next in order of the groups", str(cluster))]
-        seen.add(cluster)
-    return []
 
 
 def digest_problems(document: Mapping[str, Any], groups: Frame) -> list[Problem]:

@@ -24,7 +24,7 @@ UNITS: Mapping[str, str] = MappingProxyType({"pair": "pairs", "bank": "complete 
 
 _PLACES_SHOWN = 3
 
-_PATTERNS = {"one": "in one feature of one action", "dense": "spread over many features of one action"}
+_PATTERNS = {"one": "in one feature of one action", "dense": "as a dose over all actions on a quarter of the features"}
 
 _VERDICTS = {
     "pass": "passes: replays before the branch did not tell the actions apart",

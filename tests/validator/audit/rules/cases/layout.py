@@ -361,5 +361,5 @@ def folder_in_a_shard(d: Draft) -> None:
 
 
 @mutant("BD-LAY-009", at={"file": "canonical"})
-def layer_that_cannot_be_claimed_yet(d: Draft) -> None:
+def layer_that_is_not_claimed(d: Draft) -> None:
     d.before_seal(lambda root: (root / "canonical").mkdir())

@@ -1,0 +1,346 @@
+"""Defects and limits of the tables of the model layer: contexts, histories, candidates, targets and images."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from tests.synthetic_release import NOISY
+from tests.validator.audit.rules.case import boundary, mutant
+from tests.validator.audit.rules.release import ReleaseDraft
+
+TRAIN, VAL, TEST = "g0", "g18", "g12"
+"""A context of each partition; no scaling depends on the last two."""
+
+PER_GROUP = ("contexts", "state", "past_controls", "expert", "surroundings", "candidates", "scalars", "trajectories")
+ALL = tuple(f"BD-MOD-{number:03d}" for number in range(1, 21))
+JUDGED_ALONE = ("BD-MOD-001", "BD-MOD-002", "BD-MOD-003", "BD-MOD-004", "BD-MOD-009", "BD-MOD-010", "BD-MOD-015",
+                "BD-MOD-017", "BD-MOD-018", "BD-MOD-019", "BD-MOD-020")  # fmt: skip
+
+
+def swap(d: ReleaseDraft, table: str, columns: tuple[str, ...], one: dict[str, Any], other: dict[str, Any]) -> None:
+    """Exchange values of two rows."""
+    for column in columns:
+        values = [d.value(table, column, **key) for key in (one, other)]
+        for key, value in zip((other, one), values, strict=True):
+            d.set(table, column, value, **key)
+
+
+def shift(d: ReleaseDraft, table: str, group: str, ticks: int) -> int:
+    """Give every row of a history the values of the row so many ticks later, where there is one; rows that changed."""
+    rows = d.take(table, group_id=group).to_pylist()
+    by_offset = {row["offset_ticks"]: row for row in rows}
+    changed = 0
+    for row in rows:
+        later = by_offset.get(row["offset_ticks"] + ticks)
+        if later is None:
+            continue
+        changed += any(later[name] != row[name] for name in row if name != "offset_ticks")
+        for column in row:
+            if column not in ("group_id", "offset_ticks"):
+                d.set(table, column, later[column], group_id=group, offset_ticks=row["offset_ticks"])
+    return changed
+
+
+# Limits
+
+
+@boundary(*ALL)
+def release_with_every_array(d: ReleaseDraft) -> None:
+    assert len(d.frame("contexts")["group_id"]) == 15
+
+
+@boundary(*JUDGED_ALONE, base="alone")
+def model_layer_without_raw(d: ReleaseDraft) -> None:
+    assert d.raw is None
+
+
+@boundary(*(rule for rule in ALL if rule not in JUDGED_ALONE), base="alone", status="skipped")
+def model_layer_while_raw_is_not_at_hand(d: ReleaseDraft) -> None:
+    assert d.raw is None
+
+
+@boundary(*ALL, base="detached")
+def model_layer_with_raw_beside(d: ReleaseDraft) -> None:
+    assert d.raw is not None
+
+
+def within(value: float, share: float = 0.9) -> float:
+    return value + share * 1e-6 * (1 + abs(value))
+
+
+@boundary("BD-MOD-005")
+def statewithin_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("state", ("speed_mps", "rel_x_m"), within, group_id=TEST)
+
+
+@boundary("BD-MOD-006")
+def brake_of_negative_zero(d: ReleaseDraft) -> None:
+    assert d.take("past_controls", group_id=TEST)["brake"].to_pylist() == [0.0] * 80
+    d.set("past_controls", "brake", -0.0, group_id=TEST)
+
+
+@boundary("BD-MOD-011")
+def branch_posewithin_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("candidates", ("offset_x_m", "offset_y_m", "offset_yaw_rad"), within, group_id=TEST)
+
+
+@boundary("BD-MOD-012", "BD-MOD-013")
+def targetswithin_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("scalars", ("mean_jerk_mps3", "max_accel_mps2"), within, group_id=TEST)
+
+
+@boundary("BD-MOD-014", "BD-MOD-015")
+def trajectorieswithin_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("trajectories", ("x_m", "y_m", "speed_mps"), within, group_id=TEST)
+
+
+# BD-MOD-001, BD-MOD-002: contexts
+
+
+@mutant("BD-MOD-001", at={"table": "contexts", "group_id": TEST})
+def group_of_the_test_partition_left_out(d: ReleaseDraft) -> None:
+    for table in (*PER_GROUP, "media_index"):
+        d.drop(table, group_id=TEST)
+
+
+@mutant("BD-MOD-001", at={"table": "contexts", "group_id": "g16"})
+def group_that_fails_replay_taken_in(d: ReleaseDraft) -> None:
+    assert "g16" in NOISY
+    d.set("group_quality", "core_valid", True, group_id="g16")
+    d.reseal("model")
+    d.set("group_quality", "core_valid", False, group_id="g16")
+    d.reseal("card")
+
+
+@mutant("BD-MOD-002", at={"table": "contexts", "group_id": TEST, "column": "partition"})
+def context_of_another_partition(d: ReleaseDraft) -> None:
+    d.set("contexts", "partition", "val", group_id=TEST)
+
+
+@mutant("BD-MOD-002", at={"table": "contexts", "group_id": "g10", "column": "extended_valid"})
+def context_called_extended_valid(d: ReleaseDraft) -> None:
+    d.set("contexts", "extended_valid", True, group_id="g10")
+
+
+@mutant("BD-MOD-002", at={"table": "contexts", "group_id": TEST, "column": "nominal_rollout_id"})
+def context_of_another_nominal(d: ReleaseDraft) -> None:
+    d.set("contexts", "nominal_rollout_id", "g12.nominal.a2", group_id=TEST)
+
+
+# BD-MOD-003, BD-MOD-004: rows
+
+
+@mutant("BD-MOD-003", at={"table": "state", "group_id": TEST, "offset_ticks": -75})
+def oldest_state_missing(d: ReleaseDraft) -> None:
+    d.drop("state", group_id=TEST, offset_ticks=-75)
+
+
+@mutant("BD-MOD-003", at={"table": "past_controls", "group_id": TEST, "offset_ticks": -1})
+def latest_control_missing(d: ReleaseDraft) -> None:
+    d.drop("past_controls", group_id=TEST, offset_ticks=-1)
+
+
+@mutant("BD-MOD-003", at={"table": "state", "group_id": TEST, "offset_ticks": -3})
+def state_between_observations(d: ReleaseDraft) -> None:
+    d.duplicate("state", {"offset_ticks": -3}, group_id=TEST, offset_ticks=0)
+    d.sort("state")
+
+
+@mutant("BD-LYR-007", at={"table": "state", "group_id": TEST, "offset_ticks": 5, "column": "offset_ticks"})
+def state_of_the_future(d: ReleaseDraft) -> None:
+    d.duplicate("state", {"offset_ticks": 5}, group_id=TEST, offset_ticks=0)
+    d.sort("state")
+
+
+@mutant("BD-LYR-007", at={"table": "past_controls", "group_id": TEST, "offset_ticks": 0, "column": "offset_ticks"})
+def control_at_the_branch_in_the_past(d: ReleaseDraft) -> None:
+    d.duplicate("past_controls", {"offset_ticks": 0}, group_id=TEST, offset_ticks=-1)
+    d.sort("past_controls")
+
+
+@mutant("BD-MOD-004", at={"table": "candidates", "group_id": TEST, "action_key": "brake_0.50"})
+def candidate_missing(d: ReleaseDraft) -> None:
+    d.drop("candidates", group_id=TEST, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-004", at={"table": "scalars", "group_id": TEST, "action_key": "nominal"})
+def targets_of_the_nominal_missing(d: ReleaseDraft) -> None:
+    d.drop("scalars", group_id=TEST, action_key="nominal")
+
+
+@mutant("BD-MOD-004", at={"table": "trajectories", "group_id": TEST, "action_key": "brake_0.50", "step": 10})
+def last_step_missing(d: ReleaseDraft) -> None:
+    d.drop("trajectories", group_id=TEST, action_key="brake_0.50", step=10)
+
+
+# BD-MOD-005 .. BD-MOD-008: histories
+
+
+@mutant("BD-MOD-005", at={"table": "state", "group_id": TEST, "offset_ticks": 0, "column": "speed_mps"})
+def speed_off_by_a_thousandth(d: ReleaseDraft) -> None:
+    d.set("state", "speed_mps", lambda v: v + 1e-3, group_id=TEST, offset_ticks=0)
+
+
+@mutant("BD-MOD-005", at={"table": "state", "group_id": TEST}, findings=15)
+def states_of_an_observation_later(d: ReleaseDraft) -> None:
+    assert shift(d, "state", TEST, 5) == 15
+
+
+@mutant("BD-MOD-005", at={"table": "state", "group_id": TEST, "column": "route_offset_m"}, findings=16)
+def states_in_another_frame(d: ReleaseDraft) -> None:
+    d.set("state", "route_offset_m", lambda v: -v, group_id=TEST)
+
+
+@mutant("BD-MOD-006", at={"table": "past_controls", "group_id": TEST}, findings=79)
+def controls_of_a_tick_later(d: ReleaseDraft) -> None:
+    assert shift(d, "past_controls", TEST, 1) == 79
+
+
+@mutant("BD-MOD-006", at={"table": "past_controls", "group_id": TEST, "offset_ticks": -1, "column": "brake"})
+def brake_before_the_branch(d: ReleaseDraft) -> None:
+    d.set("past_controls", "brake", 0.5, group_id=TEST, offset_ticks=-1)
+
+
+@mutant("BD-MOD-006", at={"table": "past_controls", "group_id": TEST, "offset_ticks": -1, "column": "throttle"})
+def throttle_off_by_one_bit(d: ReleaseDraft) -> None:
+    def next_up(value: float) -> float:
+        return float(np.nextafter(np.float32(value), np.float32(2)))
+
+    d.set("past_controls", "throttle", next_up, group_id=TEST, offset_ticks=-1)
+
+
+@mutant("BD-MOD-007", at={"table": "expert", "group_id": TEST, "offset_ticks": 0, "column": "pedestrian_hazard"})
+def hazard_of_the_future(d: ReleaseDraft) -> None:
+    d.set("expert", "pedestrian_hazard", lambda v: not v, group_id=TEST, offset_ticks=0)
+
+
+@mutant("BD-MOD-007", at={"table": "expert", "group_id": TEST, "column": "target_speed_mps"})
+def target_speed_of_the_future(d: ReleaseDraft) -> None:
+    d.set("expert", "target_speed_mps", lambda v: v - 4.0, group_id=TEST, offset_ticks=-5)
+
+
+@mutant("BD-MOD-008", at={"table": "surroundings", "group_id": TEST, "offset_ticks": 0, "column": "num_actors"})
+def actor_more(d: ReleaseDraft) -> None:
+    d.set("surroundings", "num_actors", lambda v: v + 1, group_id=TEST, offset_ticks=0)
+
+
+@mutant(
+    "BD-MOD-008", at={"table": "surroundings", "group_id": TEST, "offset_ticks": 0, "column": "separation_available"}
+)
+def separation_hidden(d: ReleaseDraft) -> None:
+    d.set("surroundings", "separation_available", False, group_id=TEST, offset_ticks=0)
+    d.set("surroundings", "separation_m", None, group_id=TEST, offset_ticks=0)
+
+
+# BD-MOD-009 .. BD-MOD-011: candidates
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "action_key": "brake_0.30", "column": "encoding"}, findings=2)
+def encodings_permuted(d: ReleaseDraft) -> None:
+    frame = d.frame("actions")
+    keys, vectors = frame["action_key"].tolist(), frame["encoding"].copy()
+    one, other = keys.index("brake_0.30"), keys.index("brake_0.50")
+    vectors[one], vectors[other] = frame["encoding"][other], frame["encoding"][one]
+    d.put("actions", {**frame, "encoding": vectors})
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "action_key": "brake_0.30", "column": "position"}, findings=2)
+def candidates_renumbered(d: ReleaseDraft) -> None:
+    swap(d, "actions", ("position",), {"action_key": "brake_0.30"}, {"action_key": "brake_0.50"})
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "action_key": "brake_0.50", "column": "family"})
+def family_of_another_actuator(d: ReleaseDraft) -> None:
+    d.set("actions", "family", d.value("actions", "family", action_key="nominal"), action_key="brake_0.50")
+
+
+@mutant("BD-MOD-010", at={"table": "candidates", "group_id": TEST, "column": "rollout_id"}, findings=2)
+def candidates_swapped(d: ReleaseDraft) -> None:
+    one, other = ({"group_id": TEST, "action_key": key} for key in ("brake_0.30", "accelerate_0.30"))
+    swap(d, "candidates", ("rollout_id",), one, other)
+
+
+@mutant("BD-MOD-010", at={"table": "candidates", "group_id": "g9", "action_key": "brake_0.50"})
+def candidate_that_broke_a_rule(d: ReleaseDraft) -> None:
+    d.set("candidates", "rollout_id", "g9.brake_0.50.a1", group_id="g9", action_key="brake_0.50")
+
+
+@mutant("BD-MOD-011", at={"table": "candidates", "group_id": TEST, "column": "offset_x_m"})
+def branch_pose_off_by_a_millimetre(d: ReleaseDraft) -> None:
+    d.set("candidates", "offset_x_m", lambda v: v + 1e-3, group_id=TEST, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-011", at={"table": "candidates", "group_id": TEST, "column": "offset_x_m"}, findings=12)
+def branch_poses_called_identical(d: ReleaseDraft) -> None:
+    d.set("candidates", ("offset_x_m", "offset_y_m", "offset_yaw_rad"), 0.0, group_id=TEST)
+
+
+# BD-MOD-012 .. BD-MOD-015: targets
+
+
+@mutant("BD-MOD-012", at={"table": "scalars", "group_id": TEST, "column": "min_separation_m"})
+def separation_off_by_a_thousandth(d: ReleaseDraft) -> None:
+    d.set("scalars", "min_separation_m", lambda v: v + 1e-3, group_id=TEST, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-012", at={"table": "scalars", "group_id": TEST}, findings=2)
+def targets_swapped(d: ReleaseDraft) -> None:
+    one, other = ({"group_id": TEST, "action_key": key} for key in ("brake_0.30", "accelerate_0.30"))
+    swap(d, "scalars", ("mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps"), one, other)
+
+
+@mutant("BD-MOD-012", at={"table": "scalars", "group_id": TEST, "column": "max_yaw_rate_radps"}, findings=10)
+def yaw_rates_in_degrees(d: ReleaseDraft) -> None:
+    d.set("scalars", "max_yaw_rate_radps", lambda v: v * 180 / np.pi, group_id=TEST)
+
+
+@mutant("BD-MOD-013", at={"table": "scalars", "group_id": TEST, "column": "mean_jerk_available"})
+def mask_off(d: ReleaseDraft) -> None:
+    where = {"group_id": TEST, "action_key": "brake_0.50"}
+    d.set("scalars", "mean_jerk_available", False, **where)
+    d.set("scalars", "mean_jerk_mps3", None, **where)
+
+
+@mutant("BD-MOD-013", at={"table": "scalars", "group_id": TEST, "column": "min_ttc_available"}, findings=13)
+def dangerous_group_without_times_to_collision(d: ReleaseDraft) -> None:
+    d.set("scalars", "min_ttc_available", False, group_id=TEST)
+    d.set("scalars", "min_ttc_s", None, group_id=TEST)
+
+
+@mutant("BD-MOD-014", at={"table": "trajectories", "group_id": TEST, "step": 5, "column": "y_m"})
+def position_off_by_a_millimetre(d: ReleaseDraft) -> None:
+    d.set("trajectories", "y_m", lambda v: v + 1e-3, group_id=TEST, action_key="brake_0.50", step=5)
+
+
+@mutant("BD-MOD-014", at={"table": "trajectories", "group_id": TEST, "column": "y_m"}, findings=10)
+def trajectory_mirrored(d: ReleaseDraft) -> None:
+    d.set("trajectories", "y_m", lambda v: -v, group_id=TEST, action_key="steer_left_0.10")
+
+
+@mutant("BD-MOD-015", at={"table": "scalars", "group_id": TEST, "column": "displacement_m"}, base="alone")
+def displacement_of_another_trajectory(d: ReleaseDraft) -> None:
+    d.set("scalars", "displacement_m", lambda v: v + 1e-3, group_id=TEST, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-015", at={"table": "scalars", "group_id": TEST, "column": "displacement_m"}, base="alone", findings=13)
+def trajectories_lengthened(d: ReleaseDraft) -> None:
+    d.set("trajectories", "x_m", lambda v: v * 1.01, group_id=TEST, step=10)
+
+
+# BD-MOD-016: images
+
+
+@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "front", "column": "offset_bytes"})
+def index_that_points_elsewhere(d: ReleaseDraft) -> None:
+    d.set("media_index", "offset_bytes", lambda v: v + 8, group_id=TEST, camera="front")
+
+
+@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "front", "column": "rollout_id"})
+def images_of_an_intervention(d: ReleaseDraft) -> None:
+    d.set("media_index", "rollout_id", "g12.brake_0.50.a1", group_id=TEST, camera="front")
+
+
+@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "front"})
+def image_left_out(d: ReleaseDraft) -> None:
+    d.drop("media_index", group_id=TEST, camera="front")

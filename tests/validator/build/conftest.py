@@ -1,0 +1,57 @@
+"""A small raw layer to build from, a release that was built from it undisturbed, and audits without a classifier."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.synthetic_release import raw_descriptor, raw_tables
+from tests.validator.audit.rules.draft import Draft
+from tests.validator.build.running import build
+
+from branchdrive.build.build import STAGES
+from branchdrive.derive.leakage.sequence import Unavailable
+
+
+@pytest.fixture(scope="session")
+def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of a dataset with a raw layer alone; read-only by agreement."""
+    return Draft(raw_tables(), raw_descriptor()).write(tmp_path_factory.mktemp("raw") / "dataset")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_classifier() -> Iterator[None]:
+    """Recurrent tests are the subject of others, and slow."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("branchdrive.build.leakage.sequence_classifier", lambda: Unavailable("none in this test"))
+        yield
+
+
+@pytest.fixture(scope="session")
+def built(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of the release of `raw` with every layer in place, without an audit; read-only by agreement."""
+    root = shutil.copytree(raw, tmp_path_factory.mktemp("built") / "dataset")
+    build(root)
+    return root
+
+
+@pytest.fixture(scope="session")
+def audited(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of the same release with an audit; read-only by agreement."""
+    root = shutil.copytree(built, tmp_path_factory.mktemp("audited") / "dataset")
+    build(root, stages=STAGES)
+    return root
+
+
+@pytest.fixture
+def dataset(raw: Path, tmp_path: Path) -> Path:
+    """A copy of `raw` of one's own."""
+    return shutil.copytree(raw, tmp_path / "dataset")
+
+
+@pytest.fixture
+def release(built: Path, tmp_path: Path) -> Path:
+    """A copy of `built` of one's own."""
+    return shutil.copytree(built, tmp_path / "release")

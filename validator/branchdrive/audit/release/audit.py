@@ -1,0 +1,180 @@
+"""Audit of the derived layers, from bytes to tallies: the function that a worker runs once a dataset.
+
+Each file is read once; that buffer is hashed and decoded in full. Source: spec/07-rules.md#trust.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from branchdrive.audit import rules as _bind_rules  # noqa: F401  (importing binds the rules)
+from branchdrive.audit.check import RELEASE_RULES
+from branchdrive.audit.finding import Finding, Sighting
+from branchdrive.audit.release.view import NotAtHandError, RawLayer, ReleaseView
+from branchdrive.audit.shard import metadata_problems, type_problems
+from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
+from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.layout import CARD_FILE, LICENCE_FILE
+from branchdrive.dataset.parquet import decode_table
+from branchdrive.dataset.untrusted import open_file
+from branchdrive.errors import DatasetError, DecodeError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["ReleaseResult", "ReleaseTask", "audit_release"]
+
+
+@dataclass(frozen=True)
+class ReleaseTask:
+    """What a worker needs to audit the derived layers.
+
+    Attributes:
+        root: The dataset folder.
+        files: Files of the claimed layers, with card and licence beside them.
+        names: Every regular file with a safe path below the root.
+        descriptor: The dataset's descriptor.
+        raw: The raw layer, as far as it is at hand.
+        selected: Rules to run.
+        is_hashed: Whether to digest the files.
+    """
+
+    root: Path
+    files: tuple[str, ...]
+    names: tuple[str, ...]
+    descriptor: Descriptor
+    raw: RawLayer
+    selected: frozenset[str]
+    is_hashed: bool
+
+
+@dataclass
+class ReleaseResult:
+    """What became of the derived layers."""
+
+    tallies: dict[str, Tally] = field(default_factory=dict)
+    digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    population: dict[str, Any] | None = None
+
+
+@dataclass
+class _Files:
+    """Files as they are read: what decodes, what parses, and what is wrong by rule."""
+
+    tables: dict[str, pa.Table] = field(default_factory=dict)
+    documents: dict[str, Any] = field(default_factory=dict)
+    contents: dict[str, bytes] = field(default_factory=dict)
+    problems: dict[str, list[Sighting]] = field(default_factory=dict)
+
+    def note(self, rule_id: str, sighting: Sighting) -> None:
+        self.problems.setdefault(rule_id, []).append(sighting)
+
+
+def audit_release(task: ReleaseTask) -> ReleaseResult:
+    """Read and judge the derived layers that the descriptor claims."""
+    result, files = ReleaseResult(), _Files()
+    for name in task.descriptor.derived_layers:
+        for table in LAYERS[name].tables:
+            _read_table(task, f"{name}/{table}.parquet", table, files, result)
+        for document in LAYERS[name].documents.values():
+            _read_document(task, f"{name}/{document.name}", document.schema, files, result)
+    for path in (CARD_FILE, LICENCE_FILE):
+        if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
+            files.contents[path] = content
+    view = ReleaseView(
+        task.descriptor, files.tables, files.documents, files.contents, task.raw, frozenset(task.names), files.problems
+    )
+    result.population = files.documents.get("quality/population.json")
+    # Rules on structure come first and always run: they say which tables the others can trust.
+    for rule_id, info in CATALOGUE.items():
+        if rule_id in RELEASE_RULES and (rule_id in task.selected or info.kind == "structure"):
+            tally = _judge(view, rule_id)
+            if rule_id in task.selected:
+                result.tallies[rule_id] = tally
+    return result
+
+
+def _read(task: ReleaseTask, path: str, limit: int, result: ReleaseResult) -> bytes | None:
+    if path not in task.files:
+        return None
+    try:
+        with open_file(task.root, path) as stream:
+            content = stream.read(min(os.fstat(stream.fileno()).st_size, limit) + 1)
+    except (DatasetError, OSError) as error:
+        result.unreadable[path] = str(error)
+        return None
+    if task.is_hashed and len(content) <= limit:
+        result.digests[path] = hashlib.sha256(content).hexdigest()
+    return content
+
+
+def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: ReleaseResult) -> None:
+    content = _read(task, path, spec_limits().max_table_bytes, result)
+    if content is None:
+        return
+    try:
+        table = decode_table(content, name)
+    except DecodeError as error:
+        files.note("BD-LYR-002", Sighting("a table that decodes within the limits", str(error), {"file": path}))
+        return
+    wrong = type_problems(table.schema, name)
+    for problem in wrong:
+        place: dict[str, str | int] = {"file": path, "column": problem.column}
+        files.note("BD-LYR-003", Sighting(problem.expected, problem.found, place))
+    if not wrong:
+        files.tables[name] = table
+        for problem in metadata_problems(table.schema, name):
+            files.note(
+                "BD-LYR-004", Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
+            )
+
+
+def _read_document(task: ReleaseTask, path: str, schema: str, files: _Files, result: ReleaseResult) -> None:
+    content = _read(task, path, spec_limits().max_document_bytes, result)
+    if content is None:
+        return
+    files.contents[path] = content
+    try:
+        document = parse_json(content)
+    except (ValueError, RecursionError) as error:
+        files.note("BD-LYR-005", Sighting("a JSON document within the limits", str(error), {"file": path}))
+        return
+    violations = schema_violations(document, schema)
+    for v in violations:
+        files.note("BD-LYR-005", Sighting(v.expected, v.found, {"file": path, "pointer": v.pointer or "/"}))
+    if not violations:
+        files.documents[path] = document
+
+
+@np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
+def _judge(view: ReleaseView, rule_id: str) -> Tally:
+    info, tally = CATALOGUE[rule_id], Tally(rule_id)
+    if info.layer is not None and not view.claims(info.layer):
+        tally.is_claimed = False
+        return tally
+    try:
+        for check in RELEASE_RULES[rule_id](view):
+            tally.examined += check.examined
+            tally.total += check.examined
+            tally.num_findings += check.num_bad
+            room = MAX_FINDINGS_PER_RULE - len(tally.findings)
+            tally.keep([Finding.of(rule_id, sighting) for sighting in islice(check.sightings, max(room, 0))])
+    except NotAtHandError as reason:
+        tally.unjudged = str(reason)
+    except MemoryError:
+        raise
+    except Exception:  # a failing rule is a bug of this tool and must not hide the other rules
+        tally.errors.append(failure_text(rule_id))
+    return tally

@@ -1,0 +1,149 @@
+"""Comparisons of stored rows with expected ones, as checks of rules.
+
+A real number agrees with ``x`` where it lies within ``1e-6 (1 + |x|)``: the same formula on another
+machine gives other last bits. Everything else agrees where it is equal. Source: spec/10-layers.md#derivation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.audit.check import ReleaseCheck
+from branchdrive.audit.finding import Sighting, quote
+from branchdrive.audit.release.view import ReleaseView
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.layer import table_path
+from branchdrive.derive.layer.frame import Frame, Values, num_rows
+
+__all__ = [
+    "TOLERANCE",
+    "columns_agree",
+    "differs",
+    "frames_agree",
+    "place",
+    "problems_found",
+    "rows_agree",
+    "rows_are",
+    "shown",
+]
+
+TOLERANCE = 1e-6
+"""Largest distance between a stored and a recomputed real number ``x``, in units of ``1 + |x|``."""
+
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+Place = dict[str, str | int]
+
+
+def place(table: str, frame: Frame, row: int, column: str | None = None) -> Place:
+    """Location of a row: its file, its table and its key."""
+    found: Place = {"file": table_path(table), "table": table}
+    if column is not None:
+        found["column"] = column
+    for name in LAYER_TABLES[table].key:
+        value = frame[name][row]
+        found[name] = value if isinstance(value, str) else int(value)
+    return found
+
+
+def differs(expected: Values, found: Values, *, exact: bool = False) -> Mask:
+    """Cells that do not agree ``[rows]``; null agrees with null alone."""
+    absent, gone = np.ma.getmaskarray(expected), np.ma.getmaskarray(found)
+    a, b = np.ma.getdata(expected), np.ma.getdata(found)
+    if a.dtype.kind == "f" and not exact:
+        with np.errstate(invalid="ignore", over="ignore"):
+            apart = ~(np.abs(b - a) <= TOLERANCE * (1 + np.abs(a)))
+    else:
+        apart = np.asarray(a != b, bool)
+    return np.asarray((absent != gone) | (apart & ~absent & ~gone))
+
+
+def rows_agree(view: ReleaseView, table: str) -> Iterator[ReleaseCheck]:
+    """The stored rows of `table` are those that raw gives, by key: none is missing and none is more."""
+    expected, found, pairs = view.expected(table), view.frame(table), view.aligned(table)
+    yield _sets(table, expected, found, pairs.missing, pairs.extra)
+
+
+def rows_are(table: str, expected: Frame, found: Frame, missing: Index, extra: Index) -> Iterator[ReleaseCheck]:
+    """The stored rows are the expected ones, given those that are missing and those that are more."""
+    yield _sets(table, expected, found, missing, extra)
+
+
+def _sets(table: str, expected: Frame, found: Frame, missing: Index, extra: Index) -> ReleaseCheck:
+    def sightings() -> Iterator[Sighting]:
+        for row in missing.tolist():
+            yield Sighting("a row with this key", "no such row", place(table, expected, row))
+        for row in extra.tolist():
+            yield Sighting("no row with this key, or one", "a row that nothing explains", place(table, found, row))
+
+    examined = num_rows(expected) + len(extra)
+    return ReleaseCheck(examined, len(missing) + len(extra), sightings())
+
+
+def columns_agree(
+    view: ReleaseView, table: str, columns: Sequence[str], *, exact: bool = False, where: Mask | None = None
+) -> Iterator[ReleaseCheck]:
+    """Stored values of `columns` agree with what raw gives, in every row that both have; one subject a row.
+
+    Args:
+        view: The derived layers.
+        table: Table to examine.
+        columns: Its columns to examine.
+        exact: Whether real numbers must be equal.
+        where: Which of the paired rows to examine ``[pairs]``; all by default.
+    """
+    expected, found, pairs = view.expected(table), view.frame(table), view.aligned(table)
+    left, right = (pairs.expected, pairs.found) if where is None else (pairs.expected[where], pairs.found[where])
+    yield _cells(table, columns, expected, found, left, right, exact)
+
+
+def _cells(
+    table: str,
+    columns: Sequence[str],
+    expected: Frame,
+    found: Frame,
+    left: Index,
+    right: Index,
+    exact: bool,
+) -> ReleaseCheck:
+    apart = np.stack([differs(expected[c][left], found[c][right], exact=exact) for c in columns], axis=1)
+    bad = np.flatnonzero(apart.any(axis=1))
+
+    def sightings() -> Iterator[Sighting]:
+        for i in bad.tolist():
+            column = columns[int(np.argmax(apart[i]))]
+            wanted, value = expected[column][left[i]], found[column][right[i]]
+            where = place(table, found, int(right[i]), column)
+            yield Sighting(shown(wanted), shown(value), where)
+
+    return ReleaseCheck(len(left), len(bad), sightings())
+
+
+def frames_agree(
+    table: str, columns: Sequence[str], expected: Frame, found: Frame, left: Index, right: Index
+) -> Iterator[ReleaseCheck]:
+    """Values of paired rows are equal: for what follows from stored tables."""
+    yield _cells(table, columns, expected, found, left, right, True)
+
+
+def shown(value: Any) -> str:
+    """A cell for a finding."""
+    return "null" if value is np.ma.masked or value is None else quote(value)
+
+
+def problems_found(path: str, examined: int, problems: Iterable[tuple[str, object, object]]) -> ReleaseCheck:
+    """Check of a document: one problem is a JSON pointer, what was expected and what was found."""
+    return ReleaseCheck.of(
+        examined,
+        (Sighting(_words(expected), _words(found), {"file": path, "pointer": pointer or "/"})
+         for pointer, expected, found in problems),
+    )  # fmt: skip
+
+
+def _words(value: object) -> str:
+    """Text as it is, anything else as a cell: what is wrong with a document comes in words or in values."""
+    return value if isinstance(value, str) else shown(value)

@@ -1,0 +1,162 @@
+"""Fidelity rules: discrepancies, thresholds, validity, retention and ledger recompute.
+
+Source: paper V-B; spec/11-fidelity.md#pairs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from branchdrive.audit.check import ReleaseCheck, release_rule
+from branchdrive.audit.release.compare import columns_agree, frames_agree, problems_found, rows_agree
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.rules.split import SPLIT
+from branchdrive.derive.discrepancy import CORE, EXTENDED
+from branchdrive.derive.layer.comparison import document_problems
+from branchdrive.derive.layer.fidelity import (
+    retention_document,
+    threshold_document,
+    thresholds_of,
+    with_passes,
+    with_validity,
+)
+from branchdrive.derive.layer.frame import num_rows
+from branchdrive.derive.layer.ledger import ledger_problems, num_test_openings
+from branchdrive.derive.layer.wording import percent
+
+THRESHOLDS = "quality/thresholds.json"
+RETENTION = "quality/retention.json"
+LEDGER = "quality/ledger.json"
+TOLERANCE = 1e-9
+"""Relative difference up to which two intervals are one: a mean of counts and a quantile of them."""
+
+
+def thresholds_digest(view: ReleaseView) -> str:
+    """SHA-256 of the bytes of the stored thresholds."""
+    view.document(THRESHOLDS)
+    return hashlib.sha256(view.contents[THRESHOLDS]).hexdigest()
+
+
+@release_rule("BD-FID-001")
+def replays_have_a_pair(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """One pair for every selected intervention and compliant nominal replay of an integrity-complete group."""
+    yield from rows_agree(view, "pairs")
+
+
+@release_rule("BD-FID-002")
+def pairs_name_kind_and_action(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Group, kind and action of a pair are those of the attempt."""
+    yield from columns_agree(view, "pairs", ("group_id", "kind", "action_key"))
+
+
+@release_rule("BD-FID-003")
+def core_discrepancies_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Largest differences of pose, speed, controls and branch tick before the branch."""
+    yield from columns_agree(view, "pairs", [variable.name for variable in CORE])
+
+
+@release_rule("BD-FID-004")
+def extended_discrepancies_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Differences of what surrounds the ego, and whether they can be compared."""
+    masks = ("vehicle_comparable", "pedestrian_comparable", "has_pedestrian")
+    yield from columns_agree(view, "pairs", (*masks, *(variable.name for variable in EXTENDED)))
+
+
+@release_rule("BD-FID-005")
+def thresholds_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The 99 % quantile, higher order statistic, over eligible training groups alone."""
+    document = view.document(THRESHOLDS)
+    try:
+        expected = threshold_document(view.frame("pairs"), view.frame("group_quality"))
+    except ValueError as error:
+        yield problems_found(THRESHOLDS, 1, [("", "thresholds of training groups", str(error))])
+        return
+    expected["split_digest"] = document["split_digest"]  # the matter of the next rule
+    yield problems_found(THRESHOLDS, len(document["variables"]), document_problems(expected, document))
+
+
+@release_rule("BD-FID-006")
+def thresholds_carry_the_split(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The split digest of the thresholds and of the retention is that of the split."""
+    digest = view.document(SPLIT)["digest"]
+    for path in (THRESHOLDS, RETENTION):
+        found = view.document(path)["split_digest"]
+        yield problems_found(path, 1, [("/split_digest", digest, found)] if found != digest else [])
+
+
+@release_rule("BD-FID-007")
+def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """A pair passes exactly where every judged variable is within its threshold, exactly."""
+    pairs = view.frame("pairs")
+    try:
+        expected = with_passes(pairs, thresholds_of(view.document(THRESHOLDS)))
+    except ValueError as error:
+        raise NotAtHandError(f"{THRESHOLDS}: {error}") from error
+    rows = np.arange(num_rows(pairs))
+    yield from frames_agree("pairs", ("core_pass", "extended_pass"), expected, pairs, rows, rows)
+
+
+@release_rule("BD-FID-008")
+def groups_are_valid_where_pairs_pass(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """A group is valid exactly where it is eligible and all pairs of its bank pass."""
+    groups = view.frame("group_quality")
+    try:
+        expected = with_validity(groups, view.frame("pairs"))
+    except ValueError as error:
+        raise NotAtHandError(f"quality/pairs.parquet: {error}") from error
+    rows = np.arange(num_rows(groups))
+    yield from frames_agree("group_quality", ("core_valid", "extended_valid"), expected, groups, rows, rows)
+
+
+@release_rule("BD-FID-009")
+def retention_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Shares and intervals of pairs and banks that pass, by partition."""
+    document = view.document(RETENTION)
+    try:
+        expected = retention_document(
+            view.frame("pairs"),
+            view.frame("group_quality"),
+            thresholds_digest=thresholds_digest(view),
+            split_digest=document["split_digest"],
+            seed=int(document["seed"]),
+        )
+    except ValueError as error:
+        raise NotAtHandError(f"quality/pairs.parquet: {error}") from error
+    problems = document_problems(expected, document, tolerance=TOLERANCE)
+    yield problems_found(RETENTION, max(1, len(document["rows"])), problems)
+
+
+@release_rule("BD-FID-010")
+def ledger_records_openings(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Thresholds are fixed, then validation is evaluated, then test is opened, under the digests of the release."""
+    document = view.document(LEDGER)
+    digest = view.document(SPLIT)["digest"]
+    problems = ledger_problems(document, split_digest=digest, thresholds_digest=thresholds_digest(view))
+    yield problems_found(LEDGER, max(1, len(document["entries"])), problems)
+
+
+@release_rule("BD-FID-011")
+def retention_reaches_its_targets(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Of the test partition, 98 % of the pairs and 90 % of the banks pass the core variables."""
+    rows = [
+        (i, row)
+        for i, row in enumerate(view.document(RETENTION)["rows"])
+        if row["criterion"] == "core" and row["partition"] == "test" and row["met"] is not None
+    ]
+    missed = [
+        (f"/rows/{i}/share", f"at least {percent(row['target'], 0)} of {row['unit']}s", percent(row["share"]))
+        for i, row in rows
+        if not row["met"]
+    ]
+    yield problems_found(RETENTION, len(rows), missed)
+
+
+@release_rule("BD-FID-012")
+def test_was_opened_once(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The ledger holds one opening of the test partition."""
+    openings = num_test_openings(view.document(LEDGER))
+    problems = [("/entries", "one opening of the test partition", f"{openings} openings")] if openings > 1 else []
+    yield problems_found(LEDGER, 1, problems)

@@ -1,0 +1,178 @@
+"""Leakage rules: the audit was made of this release, its verdicts follow from its numbers, and structure tells nothing.
+
+Source: paper VI-A; spec/13-leakage.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from branchdrive.audit.check import ReleaseCheck, release_rule
+from branchdrive.audit.extract.metamorphic import STEPS
+from branchdrive.audit.extract.replay_input import replay_inputs
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.release.compare import problems_found
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.rules.model import FEATURES, model_arrays
+from branchdrive.contract.timing import HISTORY_OFFSETS
+from branchdrive.dataset.layout import LEAKAGE_FILE
+from branchdrive.derive.feature import SENSOR_PROFILE
+from branchdrive.derive.history import CONTROL_WINDOW
+from branchdrive.derive.layer.comparison import document_problems
+from branchdrive.derive.leakage.inputs import ReplayInputs
+from branchdrive.derive.leakage.metamorphic import metamorphic_document
+from branchdrive.derive.leakage.structural import ALPHA, MAX_CORRELATION, neighbours_p, telltales
+from branchdrive.derive.leakage.verify import (
+    battery_differences,
+    count_differences,
+    gate_differences,
+    input_differences,
+    statistic_differences,
+)
+from branchdrive.derive.target import TARGETS
+
+
+def _audit(view: ReleaseView) -> dict[str, Any] | None:
+    """Results of the leakage audit; ``None`` where the release has none and claims nothing."""
+    if LEAKAGE_FILE not in view.files:
+        return None
+    document: dict[str, Any] = view.document(LEAKAGE_FILE)
+    return document
+
+
+def _found(examined: int, problems: Iterable[tuple[str, object, object]]) -> ReleaseCheck:
+    return problems_found(LEAKAGE_FILE, examined, problems)
+
+
+def _recomputed(view: ReleaseView) -> ReplayInputs:
+    try:
+        return replay_inputs(view.extract.replays, view.frame("group_quality"), view.descriptor.action_bank)
+    except ValueError as error:
+        raise NotAtHandError(f"inputs of the leakage audit: {error}") from error
+
+
+@release_rule("BD-LKG-001")
+def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Groups of the audit, by partition, are the core-valid ones; its parts speak of the same groups."""
+    if (audit := _audit(view)) is None:
+        return
+    groups = view.frame("group_quality")
+    valid = np.asarray(groups["core_valid"], bool)
+    counts = dict(sorted(Counter(np.ma.filled(groups["partition"], "")[valid].tolist()).items()))
+    problems = [
+        (f"/inputs/num_groups{p.place}", p.expected, p.found)
+        for p in document_problems(counts, audit["inputs"]["num_groups"])
+    ]
+    yield _found(len(counts), [*problems, *count_differences(audit)])
+
+
+@release_rule("BD-LKG-002")
+def audit_inputs_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """What the audit saw is what raw says about replays before the branch, in the stored groups and partitions."""
+    if (audit := _audit(view)) is not None:
+        inputs = view.once(_recomputed)
+        groups_apart = {"/inputs/num_groups"}  # the matter of another rule
+        problems = [d for d in input_differences(audit, inputs) if not d.pointer.startswith(tuple(groups_apart))]
+        yield _found(inputs.num_groups, problems)
+
+
+@release_rule("BD-LKG-003")
+def gate_statistics_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Observed statistics and named places of the gate; its permutations are not repeated."""
+    if (audit := _audit(view)) is not None:
+        inputs = view.once(_recomputed)
+        if inputs.digest() != audit["inputs"]["digest"]:
+            raise NotAtHandError("the leakage audit saw other inputs")
+        yield _found(max(1, len(audit["gate"]["tests"])), _judged(statistic_differences, audit, inputs))
+
+
+def _judged(judge: Any, *arguments: Any) -> list[tuple[str, object, object]]:
+    try:
+        return list(judge(*arguments))
+    except ValueError as error:
+        return [("/protocol", "numbers within their ranges", str(error))]
+
+
+@release_rule("BD-LKG-004")
+def gate_verdict_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Holm's procedure and alpha give the adjusted p-values and the verdict."""
+    if (audit := _audit(view)) is not None:
+        yield _found(max(1, len(audit["gate"]["tests"])), _judged(gate_differences, audit))
+
+
+@release_rule("BD-LKG-005")
+def battery_statuses_follow(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Chance, controls and the rule of identical scores give the statuses of the battery."""
+    if (audit := _audit(view)) is not None:
+        examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
+        yield _found(examined, _judged(battery_differences, audit))
+
+
+@release_rule("BD-LKG-006")
+def metamorphic_steps_change_nothing(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Cutting, swapping or renaming the raw log changes no input: repeated here, and recorded by the release."""
+    if (audit := _audit(view)) is None:
+        return
+    changed, num_groups = view.extract.changed, len(view.extract.route_groups)
+    if changed is None:
+        raise NotAtHandError("the metamorphic steps were not taken")
+    expected = metamorphic_document(changed, num_groups)
+    problems = [
+        (f"/metamorphic{p.place}", p.expected, p.found) for p in document_problems(expected, audit["metamorphic"])
+    ]
+    problems += [
+        (f"/metamorphic/{step}", "no input that changes", f"{len(groups)} groups")
+        for step, groups in changed.items()
+        if groups
+    ]
+    yield _found(num_groups * len(STEPS), problems)
+
+
+@release_rule("BD-LKG-007")
+def gate_passes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The gate's verdict is a pass."""
+    if (audit := _audit(view)) is not None:
+        verdict = audit["gate"]["verdict"]
+        yield _found(1, [] if verdict == "pass" else [("/gate/verdict", "pass", verdict)])
+
+
+@release_rule("BD-LKG-008")
+def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Neighbours in the order of group ids share a partition no more often than chance has it."""
+    groups = view.frame("group_quality")
+    homes = dict(zip(groups["group_id"].tolist(), np.ma.filled(groups["partition"], "").tolist(), strict=True))
+    ordered = [homes[group] for group in sorted(homes) if homes[group]]
+    p = neighbours_p(ordered) if len(ordered) > 1 else 1.0
+    place: dict[str, str | int] = {
+        "file": "quality/group_quality.parquet",
+        "table": "group_quality",
+        "column": "group_id",
+    }
+    told = [Sighting(f"p above {ALPHA:g} that order and partition are unrelated", f"p = {p:.2g}", place)]
+    yield ReleaseCheck.of(int(len(ordered) > 1), told if p <= ALPHA else [])
+
+
+@release_rule("BD-LKG-009")
+def no_history_variable_tells_a_target(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """No variable of a sensor history ranks a target by itself, or repeats it."""
+    arrays = view.once(model_arrays)
+    size = len(arrays.groups)
+    variables = np.concatenate([arrays.state.reshape(size, -1), arrays.controls.reshape(size, -1)], axis=1)
+    names = [f"state {f.name} at tick {offset}" for offset in HISTORY_OFFSETS for f in SENSOR_PROFILE.state]
+    names += [f"past_controls {f.name} at tick {offset}" for offset in CONTROL_WINDOW for f in SENSOR_PROFILE.controls]
+    found = telltales(
+        variables, np.where(arrays.scalars.available, arrays.scalars.values, 0.0), arrays.scalars.available
+    )
+    sightings = [
+        Sighting(
+            f"a correlation of at most {MAX_CORRELATION:g}, and values of its own",
+            f"{t.how} with the target {TARGETS[t.target].name}",
+            {"file": FEATURES, "column": names[t.variable]},
+        )
+        for t in found
+    ]
+    yield ReleaseCheck.of(len(names), sightings)

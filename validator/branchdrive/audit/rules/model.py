@@ -1,0 +1,298 @@
+"""Model rules: inputs and targets of the frozen population recompute. Source: paper III-E, III-F; spec/12-model.md."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from branchdrive.audit.check import ReleaseCheck, release_rule
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.release.compare import (
+    columns_agree,
+    differs,
+    frames_agree,
+    place,
+    problems_found,
+    rows_are,
+    shown,
+)
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.rules.split import SPLIT
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.encoding import ENCODING_NAME
+from branchdrive.contract.timing import FUTURE_OBSERVATIONS
+from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
+from branchdrive.derive.layer.features import HISTORIES, feature_problems, target_mask
+from branchdrive.derive.layer.frame import Frame, align, take
+from branchdrive.derive.layer.model import action_rows, context_rows, duplicates_among
+from branchdrive.derive.layer.normalisation import recompute_problems
+from branchdrive.derive.layer.partition import assignment_of
+from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.errors import DatasetError
+
+FEATURES = "model/features.json"
+NORMALISATION = "model/normalisation.json"
+
+
+def _contexts(view: ReleaseView) -> Frame:
+    return context_rows(view.frame("group_quality"), view.frame("records"))
+
+
+def _groups(view: ReleaseView) -> list[str]:
+    groups: list[str] = view.frame("contexts")["group_id"].tolist()
+    return groups
+
+
+@release_rule("BD-MOD-001")
+def contexts_are_the_frozen_population(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """One context for every core-valid group that is no near duplicate, and no other."""
+    expected, found = _contexts(view), view.frame("contexts")
+    pairs = align(expected, found, ("group_id",))
+    yield from rows_are("contexts", expected, found, pairs.missing, pairs.extra)
+
+
+@release_rule("BD-MOD-002")
+def contexts_repeat_the_other_layers(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Partition, scenario, town, cluster, nominal and validity of a context."""
+    expected, found = _contexts(view), view.frame("contexts")
+    pairs = align(expected, found, ("group_id",))
+    columns = [column.name for column in LAYER_TABLES["contexts"].columns if column.name != "group_id"]
+    yield from frames_agree("contexts", columns, expected, found, pairs.expected, pairs.found)
+
+
+def _cross(axes: Mapping[str, list[object]]) -> Frame:
+    """Every combination of the labels of several key columns."""
+    sizes = [len(labels) for labels in axes.values()]
+    places = np.unravel_index(np.arange(int(np.prod(sizes))), sizes) if all(sizes) else [np.zeros(0, int)] * len(sizes)
+    columns = {}
+    for (name, labels), at in zip(axes.items(), places, strict=True):
+        kind = object if labels and isinstance(labels[0], str) else np.int64
+        columns[name] = np.array(labels, kind)[at] if labels else np.zeros(0, kind)
+    return columns
+
+
+def _complete(view: ReleaseView, table: str, axes: Mapping[str, list[object]]) -> Iterator[ReleaseCheck]:
+    expected, found = _cross(axes), view.frame(table)
+    pairs = align(expected, found, LAYER_TABLES[table].key)
+    yield from rows_are(table, expected, found, pairs.missing, pairs.extra)
+
+
+@release_rule("BD-MOD-003")
+def histories_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Observations at -75 .. 0 and controls at -80 .. -1 of every context, and no row beside them."""
+    for table, history in HISTORIES.items():
+        if table == "surroundings" and "actor_risk_evidence" not in view.descriptor.streams:
+            continue
+        yield from _complete(view, table, {"group_id": [*_groups(view)], "offset_ticks": [*history.offsets]})
+
+
+@release_rule("BD-MOD-004")
+def candidates_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Every action of the bank, and every step of its trajectory, for every context."""
+    axes: dict[str, list[object]] = {"group_id": [*_groups(view)], "action_key": [*view.descriptor.action_bank.keys]}
+    for table in ("candidates", "scalars"):
+        yield from _complete(view, table, axes)
+    yield from _complete(view, "trajectories", {**axes, "step": [*range(1, FUTURE_OBSERVATIONS + 1)]})
+
+
+def _values(table: str) -> list[str]:
+    return [column.name for column in LAYER_TABLES[table].columns if column.name not in LAYER_TABLES[table].key]
+
+
+@release_rule("BD-MOD-005")
+def state_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The 21 variables, from observations of the nominal at ``t_b - 80 .. t_b``."""
+    yield from columns_agree(view, "state", _values("state"))
+
+
+@release_rule("BD-MOD-006")
+def past_controls_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Controls that reached the vehicle at ``t_b - 80 .. t_b - 1``, exactly."""
+    yield from columns_agree(view, "past_controls", _values("past_controls"), exact=True)
+
+
+@release_rule("BD-MOD-007")
+def expert_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """What the privileged expert computed before the branch."""
+    yield from columns_agree(view, "expert", _values("expert"))
+
+
+@release_rule("BD-MOD-008")
+def surroundings_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Privileged evidence before the branch."""
+    yield from columns_agree(view, "surroundings", _values("surroundings"))
+
+
+@release_rule("BD-MOD-009")
+def actions_are_the_bank(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Keys, order, families and the bit-exact encoding of the bank."""
+    declared = view.descriptor.action_encoding
+    if declared is not None and declared.name != ENCODING_NAME:
+        raise NotAtHandError(f"the encoding {declared.name!r} is the dataset's own; only {ENCODING_NAME!r} recomputes")
+    expected, found = action_rows(view.descriptor.action_bank, encoded=declared is not None), view.frame("actions")
+    pairs = align(expected, found, ("action_key",))
+    yield from rows_are("actions", expected, found, pairs.missing, pairs.extra)
+    yield from frames_agree("actions", ("position", "family", "encoded"), expected, found, pairs.expected, pairs.found)
+    wrong = [
+        int(row)
+        for at, row in zip(pairs.expected, pairs.found, strict=True)
+        if shown_vector(expected["encoding"][at]) != shown_vector(found["encoding"][row])
+    ]
+    yield ReleaseCheck.of(
+        len(pairs.found),
+        [
+            Sighting("the vector of its policy", "another vector", place("actions", found, row, "encoding"))
+            for row in wrong
+        ],
+    )
+
+
+def shown_vector(cell: object) -> bytes | None:
+    """Bytes of an encoding, ``None`` where it is null."""
+    return None if cell is np.ma.masked or cell is None else np.asarray(cell, np.float64).tobytes()
+
+
+@release_rule("BD-MOD-010")
+def candidates_are_the_records(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The executed rollout of a candidate is the one that its canonical record names."""
+    candidates, records = view.frame("candidates"), view.frame("records")
+    pairs = align(records, candidates, LAYER_TABLES["records"].key)
+    yield ReleaseCheck.of(
+        0, [Sighting("a canonical record", "none", place("candidates", candidates, int(row))) for row in pairs.extra]
+    )
+    expected = {"rollout_id": np.ma.filled(records["rollout_id"], "none")}
+    yield from frames_agree("candidates", ("rollout_id",), expected, candidates, pairs.expected, pairs.found)
+
+
+@release_rule("BD-MOD-011")
+def branch_poses_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Where a candidate's own branch pose lies in the frame of the nominal's."""
+    yield from columns_agree(view, "candidates", ("offset_x_m", "offset_y_m", "offset_yaw_rad"))
+
+
+_MASKS = tuple(target_mask(target.name) for target in TARGETS)
+
+
+@release_rule("BD-MOD-012")
+def scalar_targets_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The six scalar targets, wherever raw and release agree that they are available."""
+    expected, found, pairs = view.expected("scalars"), view.frame("scalars"), view.aligned("scalars")
+    left, right = take(expected, pairs.expected), dict(take(found, pairs.found))
+    for target in TARGETS:
+        both = left[target_mask(target.name)] & right[target_mask(target.name)]
+        values = np.where(both, np.ma.getdata(right[target.name]), np.ma.getdata(left[target.name]))
+        right[target.name] = np.ma.masked_array(values, np.ma.getmaskarray(left[target.name]))
+    names = [target.name for target in TARGETS]
+    apart = np.stack([differs(left[name], right[name]) for name in names], axis=1)
+    bad = np.flatnonzero(apart.any(axis=1))
+
+    def sightings() -> Iterator[Sighting]:
+        for row in bad.tolist():
+            name = names[int(np.argmax(apart[row]))]
+            where = place("scalars", right, row, name)
+            yield Sighting(shown(left[name][row]), shown(right[name][row]), where)
+
+    yield ReleaseCheck(len(apart), len(bad), sightings())
+
+
+@release_rule("BD-MOD-013")
+def target_masks_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """A target is available exactly where the raw layer gives it."""
+    yield from columns_agree(view, "scalars", _MASKS)
+
+
+@release_rule("BD-MOD-014")
+def trajectories_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Ten steps in the frame of the rollout's own branch pose."""
+    yield from columns_agree(view, "trajectories", TRAJECTORY)
+
+
+@release_rule("BD-MOD-015")
+def displacement_is_the_last_step(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The displacement of a candidate is x of its last step."""
+    scalars, steps = view.frame("scalars"), view.frame("trajectories")
+    last = take(steps, steps["step"] == FUTURE_OBSERVATIONS)
+    pairs = align(last, scalars, LAYER_TABLES["scalars"].key)
+    there = scalars["displacement_available"][pairs.found]
+    left, right = pairs.expected[there], pairs.found[there]
+    wrong = differs(last["x_m"][left], np.ma.getdata(scalars["displacement_m"])[right])
+    bad = np.flatnonzero(wrong)
+    yield ReleaseCheck(
+        len(wrong),
+        len(bad),
+        (
+            Sighting(shown(last["x_m"][left[i]]), shown(scalars["displacement_m"][right[i]]),
+                     place("scalars", scalars, int(right[i]), "displacement_m"))
+            for i in bad.tolist()
+        ),
+    )  # fmt: skip
+
+
+@release_rule("BD-MOD-016")
+def media_indices_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Images of the nominal rollout before its branch."""
+    expected, found, pairs = view.expected("media_index"), view.frame("media_index"), view.aligned("media_index")
+    yield from rows_are("media_index", expected, found, pairs.missing, pairs.extra)
+    yield from columns_agree(view, "media_index", _values("media_index"))
+
+
+@release_rule("BD-MOD-017")
+def features_are_specified(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Features with their tracks, candidate order, contracts and arrays."""
+    yield problems_found(FEATURES, 1, feature_problems(view.document(FEATURES), view.descriptor))
+
+
+def model_arrays(view: ReleaseView) -> ModelArrays:
+    """Arrays of the stored model layer, groups in sorted order.
+
+    Raises:
+        NotAtHandError: A table is missing or incomplete.
+    """
+    tables = ("state", "past_controls", "expert", "surroundings", "actions", "scalars", "trajectories")
+    try:
+        return pack_arrays(
+            {name: view.frame(name) for name in tables}, sorted(_groups(view)), view.descriptor.action_bank.keys
+        )
+    except DatasetError as error:
+        raise NotAtHandError(f"the model layer is incomplete: {error}") from error
+
+
+def _assignment(view: ReleaseView) -> dict[str, str]:
+    return assignment_of(view.frame("group_quality"))
+
+
+@release_rule("BD-MOD-018")
+def normalisation_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Scalings of histories and targets over the training groups of the frozen population alone."""
+    document = view.document(NORMALISATION)
+    problems = recompute_problems(document, view.once(model_arrays), _assignment(view))
+    entries = sum(len(value) for value in document.values() if isinstance(value, list))
+    yield problems_found(NORMALISATION, entries, [p for p in problems if p.place != "/split_digest"])
+
+
+@release_rule("BD-MOD-019")
+def normalisation_carries_the_split(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The split digest of the normalisation is that of the split."""
+    digest, found = view.document(SPLIT)["digest"], view.document(NORMALISATION)["split_digest"]
+    yield problems_found(NORMALISATION, 1, [("/split_digest", digest, found)] if digest != found else [])
+
+
+@release_rule("BD-MOD-020")
+def contexts_are_no_near_duplicates(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """No context all but repeats one of another partition."""
+    contexts, groups = view.frame("contexts"), sorted(_groups(view))
+    homes = dict(zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True))
+    try:
+        found = duplicates_among(view.frame("state"), view.frame("past_controls"), groups, homes)
+    except (ValueError, DatasetError) as error:
+        raise NotAtHandError(f"contexts cannot be compared: {error}") from error
+    wanted = f"a distance of at least {found.threshold:.3g} to other partitions"
+    yield ReleaseCheck.of(
+        found.num_examined,
+        [
+            Sighting(wanted, f"{found.nearest.distance[row]:.3g} to {groups[int(found.nearest.row[row])]}",
+                     {"file": "model/contexts.parquet", "table": "contexts", "group_id": groups[row]})
+            for row in np.flatnonzero(found.flagged).tolist()
+        ],
+    )  # fmt: skip

@@ -1,0 +1,74 @@
+"""Release rules: the raw layer is the one that was named, and card and licence say what is true.
+
+Source: paper III-F, VI-D; spec/10-layers.md#release.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from branchdrive.audit.check import ReleaseCheck, release_rule
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.release.compare import problems_found, shown
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.rules.canonical import SOURCE
+from branchdrive.dataset.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
+from branchdrive.derive.layer.card import render_card, render_licence
+
+
+@release_rule("BD-REL-001")
+def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The digest of the raw layer at hand is the one in `source.json`."""
+    document = view.document(SOURCE)
+    if view.raw.digest is None:
+        raise NotAtHandError(view.raw.reason or "digests are off")
+    found = document["raw_layer"]
+    yield problems_found(SOURCE, 1, [("/raw_layer", view.raw.digest, found)] if found != view.raw.digest else [])
+
+
+@release_rule("BD-REL-002")
+def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Identity, version and action bank of the raw dataset are those of the release."""
+    document, raw = view.document(SOURCE), view.raw.descriptor
+    if raw is None:
+        raise NotAtHandError(view.raw.reason)
+    facts = [
+        ("/dataset_id", raw.dataset_id, document["dataset_id"]),
+        ("/dataset_version", raw.dataset_version, document["dataset_version"]),
+    ]
+    yield problems_found(SOURCE, len(facts), [fact for fact in facts if fact[1] != fact[2]])
+    same = raw.action_bank == view.descriptor.action_bank
+    place: dict[str, str | int] = {"file": "branchdrive.json", "pointer": "/action_bank"}
+    yield ReleaseCheck.of(1, [] if same else [Sighting("the action bank of the raw dataset", "another", place)])
+
+
+def _text(view: ReleaseView, path: str, expected: str) -> ReleaseCheck:
+    """A text file says what it must, to the byte; the first line that differs is shown.
+
+    A release must have it, and any other dataset may leave it out.
+    """
+    if path not in view.contents:
+        absent = [Sighting("the file", "no such file", {"file": path})] if view.claims("model") else []
+        return ReleaseCheck.of(len(absent), absent)
+    found = view.contents[path].decode("utf-8", "replace")
+    if found == expected:
+        return ReleaseCheck(1)
+    lines = list(zip([*expected.split("\n"), "the end"], [*found.split("\n"), "the end"], strict=False))
+    number, (wanted, line) = next((i, pair) for i, pair in enumerate(lines, start=1) if pair[0] != pair[1])
+    return ReleaseCheck.of(1, [Sighting(shown(wanted), shown(line), {"file": path, "line": number})])
+
+
+@release_rule("BD-REL-003")
+def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The card is the one that descriptor and documents give."""
+    names = ("population", "split", "thresholds", "retention", "ledger", "variants")
+    documents = {name: view.document(f"quality/{name}.json") for name in names}
+    leakage = view.document(LEAKAGE_FILE) if LEAKAGE_FILE in view.files else None
+    card = render_card(view.descriptor, view.document(SOURCE), **documents, leakage=leakage)
+    yield _text(view, CARD_FILE, card)
+
+
+@release_rule("BD-REL-004")
+def licence_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The licence file names the licence of the descriptor."""
+    yield _text(view, LICENCE_FILE, render_licence(view.descriptor.licence))

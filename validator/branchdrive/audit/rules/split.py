@@ -1,0 +1,105 @@
+"""Split rules: partitions are disjoint, complete and frozen. Source: paper V-E; spec/11-fidelity.md#split."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from branchdrive.audit.check import ReleaseCheck, release_rule
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.release.compare import place, problems_found
+from branchdrive.audit.release.view import ReleaseView
+from branchdrive.derive.layer.frame import num_rows
+from branchdrive.derive.layer.model import near_duplicate_flags
+from branchdrive.derive.layer.partition import assignment_of, cluster_of_groups, clusters_of
+from branchdrive.derive.layer.problem import Problem
+from branchdrive.derive.layer.split_problem import (
+    calibration_problems,
+    cluster_problems,
+    count_problems,
+    digest_problems,
+    empty_problems,
+    membership_problems,
+)
+
+SPLIT = "quality/split.json"
+TABLE: dict[str, str | int] = {"file": "quality/group_quality.parquet", "table": "group_quality"}
+
+
+def _of_groups(examined: int, problems: Iterable[Problem]) -> ReleaseCheck:
+    return ReleaseCheck.of(examined, (Sighting(p.expected, p.found, {**TABLE, "group_id": p.place}) for p in problems))
+
+
+@release_rule("BD-SPL-001")
+def complete_groups_have_a_partition(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Every integrity-complete group has a partition and a cluster, and no other group has."""
+    groups = view.frame("group_quality")
+    yield _of_groups(num_rows(groups), membership_problems(groups))
+
+
+@release_rule("BD-SPL-002")
+def clusters_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Route clusters by geometry, numbered in order of the sorted groups."""
+    extract, found = view.extract, clusters_of(view.frame("group_quality"))
+    expected = cluster_of_groups(extract.route_groups, extract.route_towns, extract.routes)
+    both = sorted(expected.keys() & found.keys())
+    apart = [g for g in both if expected[g] != found[g]]
+    yield _of_groups(
+        len(both), (Problem(g, f"route cluster {expected[g]}", f"route cluster {found[g]}") for g in apart)
+    )
+
+
+@release_rule("BD-SPL-003")
+def clusters_lie_in_one_partition(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """All groups of a route cluster are in one partition."""
+    groups = view.frame("group_quality")
+    yield _of_groups(len(set(clusters_of(groups).values())), cluster_problems(groups))
+
+
+@release_rule("BD-SPL-004")
+def split_digest_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The digest is that of the stored assignment: a group that moved, or is in two partitions, changes it."""
+    document, groups = view.document(SPLIT), view.frame("group_quality")
+    yield problems_found(SPLIT, 1, digest_problems(document, groups))
+
+
+@release_rule("BD-SPL-005")
+def partitions_are_large_enough(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Training, validation and test have a group each, and calibration what was asked of it."""
+    document, groups = view.document(SPLIT), view.frame("group_quality")
+    yield problems_found(SPLIT, 4, [*empty_problems(groups), *calibration_problems(document, groups)])
+
+
+@release_rule("BD-SPL-006")
+def split_counts_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Counts of groups and clusters are those of the stored assignment."""
+    document, groups = view.document(SPLIT), view.frame("group_quality")
+    yield problems_found(SPLIT, 1 + 2 * len(document["partitions"]), count_problems(document, groups))
+
+
+@release_rule("BD-SPL-007")
+def near_duplicates_are_marked(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Core-valid groups outside of training that all but repeat a context of another partition are marked."""
+    groups, frames = view.frame("group_quality"), view.extract.frames
+    complete = set(view.extract.route_groups)
+    judged = np.asarray(groups["core_valid"], bool)
+    if not set(groups["group_id"][judged].tolist()) <= complete & assignment_of(groups).keys():
+        judged &= np.array([g in complete and g in assignment_of(groups) for g in groups["group_id"].tolist()])
+    expected = near_duplicate_flags(
+        {**groups, "core_valid": judged}, frames["state"], frames["past_controls"], assignment_of(groups)
+    )
+    bad = np.flatnonzero(expected != np.asarray(groups["near_duplicate"], bool))
+    words = {True: "a near duplicate", False: "no near duplicate"}
+    yield ReleaseCheck(
+        len(expected),
+        len(bad),
+        (
+            Sighting(
+                words[bool(expected[row])],
+                words[not expected[row]],
+                place("group_quality", groups, row, "near_duplicate"),
+            )
+            for row in bad.tolist()
+        ),
+    )

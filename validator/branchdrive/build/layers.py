@@ -1,0 +1,146 @@
+"""Derived layers as they are built: frames, documents and bytes, and what of them a folder already holds."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.frame import from_arrow, to_arrow
+from branchdrive.dataset.layout import MANIFEST_FILE
+from branchdrive.dataset.manifest import parse_manifest
+from branchdrive.dataset.parquet import encode_table
+from branchdrive.dataset.table_file import read_table
+from branchdrive.dataset.untrusted import read_file
+from branchdrive.derive.layer.frame import Frame, Values, sort_rows
+from branchdrive.errors import DatasetError
+
+__all__ = ["LEDGER", "BuiltLayers", "load_layers"]
+
+LEDGER = "quality/ledger.json"
+"""Every opening of a partition."""
+
+
+@dataclass
+class BuiltLayers:
+    """Layers of one release.
+
+    Attributes:
+        keys: Action keys in presentation order, by which tables are sorted.
+        frames: Tables by name.
+        documents: Documents by path.
+        contents: Bytes of every file by path.
+    """
+
+    keys: tuple[str, ...]
+    frames: dict[str, dict[str, Values]] = field(default_factory=dict)
+    documents: dict[str, Any] = field(default_factory=dict)
+    contents: dict[str, bytes] = field(default_factory=dict)
+
+    def put_table(self, name: str, frame: Frame) -> None:
+        """Add a table; its rows are sorted by key.
+
+        Raises:
+            ContractError: Its columns are not those declared.
+        """
+        self.frames[name] = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": self.keys})
+        self.contents[table_path(name)] = encode_table(to_arrow(name, self.frames[name]))
+
+    def put_document(self, path: str, document: Any) -> None:
+        """Add a document."""
+        self.documents[path] = document
+        self.contents[path] = dump_json(document)
+
+    def digest(self, path: str) -> str:
+        """SHA-256 of a file's bytes."""
+        return hashlib.sha256(self.contents[path]).hexdigest()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Layers that are whole, in order."""
+        whole = []
+        for name, layer in LAYERS.items():
+            if not set(layer.required_files) <= self.contents.keys():
+                break
+            whole.append(name)
+        return tuple(whole)
+
+    def drop_after(self, layer: str) -> None:
+        """Forget every layer that is derived from `layer`, but not the ledger of openings."""
+        order = list(LAYERS)
+        for name in order[order.index(layer) + 1 :]:
+            for path in set(LAYERS[name].files) - {LEDGER}:
+                self.contents.pop(path, None)
+                self.documents.pop(path, None)
+            for table in LAYERS[name].tables:
+                self.frames.pop(table, None)
+
+
+def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
+    """Layers that the folder `root` holds whole, sound and as its manifest has them, up to the first that it does not.
+
+    The ledger of openings is kept whatever became of the files beside it: it is what nobody can compute again.
+    """
+    found, stated = BuiltLayers(keys), _stated_digests(root)
+    for layer in LAYERS.values():
+        read = BuiltLayers(keys)
+        try:
+            for name in layer.tables:
+                path = table_path(name)
+                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
+                read.frames[name] = from_arrow(read_table(root, path, name), name)
+            for document in layer.documents.values():
+                path = f"{layer.name}/{document.name}"
+                if not document.optional or (root / path).is_file():
+                    _load_document(read, root, path, document.schema)
+            _check_digests(read, root, stated)
+        except DatasetError:
+            with suppress(DatasetError):
+                _load_document(found, root, LEDGER, LAYERS["quality"].documents["ledger.json"].schema)
+            break
+        for mine, other in (
+            (found.frames, read.frames),
+            (found.documents, read.documents),
+            (found.contents, read.contents),
+        ):
+            mine.update(other)  # type: ignore[arg-type]
+    return found
+
+
+def _stated_digests(root: Path) -> dict[str, str]:
+    """SHA-256 of files by path, as the manifest has them; none without a manifest."""
+    try:
+        manifest, _ = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    except DatasetError:
+        return {}
+    return dict(manifest.files)
+
+
+def _check_digests(read: BuiltLayers, root: Path, stated: Mapping[str, str]) -> None:
+    """A layer that was interrupted while it was published is a mixture of two, whose files decode all the same."""
+    for path in read.contents:
+        if stated.get(path) != read.digest(path):
+            raise DatasetError(f"{root}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
+
+
+def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> None:
+    content = read_file(root, path, spec_limits().max_document_bytes)
+    try:
+        document = parse_json(content)
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{root}: {path!r} {error}; build the layer again") from error
+    violations = schema_violations(document, schema)
+    if violations:
+        first = violations[0]
+        raise DatasetError(
+            f"{root}: {path!r} at {first.pointer or '/'}: expected {first.expected}; build the layer again"
+        )
+    found.contents[path] = content
+    found.documents[path] = document

@@ -1,0 +1,131 @@
+"""`branchdrive build`: derived layers beside a raw layer, or as a detached release."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from branchdrive.cli.progress import progress_bar
+from branchdrive.cli.validate import at_least
+from branchdrive.errors import UsageError
+
+if TYPE_CHECKING:
+    from branchdrive.build.build import BuildReport
+    from branchdrive.derive.layer.variants import Variant
+    from branchdrive.derive.split import Calibration
+
+SUMMARY = "build the derived layers of a release from a raw layer"
+
+_STAGES = ("canonical", "quality", "leakage", "model")
+_MAX_SEED = 2**63 - 1
+
+
+def seed(text: str) -> int:
+    """A seed; `argparse` names this function in its messages."""
+    value = int(text)
+    if not 0 <= value <= _MAX_SEED:
+        raise argparse.ArgumentTypeError(f"{value} is not in 0 .. {_MAX_SEED}")
+    return value
+
+
+def calibration(text: str) -> tuple[int, int]:
+    """Least groups and clusters of a calibration partition; `argparse` names this function in its messages."""
+    parts = text.split(",")
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() and 0 < int(part) < 10**6 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r} is not GROUPS,CLUSTERS, two whole numbers above 0")
+    return int(parts[0]), int(parts[1])
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("dataset", metavar="DATASET", type=Path, help="dataset with a finished raw layer")
+    parser.add_argument(
+        "--output", metavar="RELEASE", type=Path, help="make a detached release there; it names its raw layer by digest"
+    )
+    parser.add_argument(
+        "--stage",
+        choices=_STAGES,
+        action="append",
+        help="carry out this stage only (repeatable; default: all, in order)",
+    )
+    parser.add_argument("--no-leakage", action="store_true", help="leave the leakage audit out; the card says so")
+    parser.add_argument(
+        "--seed", metavar="S", type=seed, default=0, help="seed of split, intervals and audit (default: 0)"
+    )
+    parser.add_argument(
+        "--calibration", metavar="GROUPS,CLUSTERS", type=calibration,
+        help="least groups and route clusters of a calibration partition (default: no such partition)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--variants", metavar="FILE", type=Path, help="JSON list of further populations: name, title, where"
+    )
+    parser.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Build and print the population of the release.
+
+    Raises:
+        UsageError: The options do not go together.
+        DatasetError: The raw layer cannot be built from.
+    """
+    from branchdrive.audit.worker import isolated
+    from branchdrive.build.build import build_release
+    from branchdrive.build.stage import BuildOptions
+
+    stages = tuple(args.stage or _STAGES)
+    if args.no_leakage:
+        if args.stage and "leakage" in args.stage:
+            raise UsageError("`--no-leakage` and `--stage leakage` contradict each other")
+        stages = tuple(stage for stage in stages if stage != "leakage")
+    options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants))
+    with progress_bar(stderr, "building") as show:
+        report = build_release(
+            args.dataset,
+            output=args.output,
+            stages=stages,
+            options=options,
+            executor=isolated(args.jobs),
+            progress=lambda stage, done, total, note: show(done, total, f"{stage} {note}".strip()),
+        )
+    stdout.write(_render(report, args.format, stdout))
+    stdout.flush()
+    return 0
+
+
+def _calibration(least: tuple[int, int] | None) -> Calibration | None:
+    from branchdrive.derive.split import Calibration
+
+    return None if least is None else Calibration(*least)
+
+
+def _variants(path: Path | None) -> tuple[Variant, ...]:
+    from branchdrive.contract.document import parse_json
+    from branchdrive.contract.limits import spec_limits
+    from branchdrive.derive.layer.variants import declared_variants
+
+    if path is None:
+        return ()
+    try:
+        with path.open("rb") as stream:
+            return declared_variants(parse_json(stream.read(spec_limits().max_document_bytes + 1)))
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
+def _render(report: BuildReport, form: str, stdout: TextIO) -> str:
+    if form == "json":
+        document: dict[str, Any] = {
+            "path": str(report.target),
+            "identity": report.identity,
+            "layers": list(report.layers),
+            "population": report.documents.get("quality/population.json"),
+            "retention": report.documents.get("quality/retention.json"),
+        }
+        return json.dumps(document, indent=2, sort_keys=True, allow_nan=False) + "\n"
+    from branchdrive.cli.text import render_build
+
+    return render_build(report, stdout)
