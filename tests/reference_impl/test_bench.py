@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import highway_env, paper
-from branchdrive_reference.bench.memory import run_measured
+from branchdrive_reference.bench import highway_env, paper, release
+from branchdrive_reference.bench.memory import peak_bytes, reset_peak, run_measured
+from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.simulator import measure_ticks_per_s
+from branchdrive_reference.collect.campaign import collect
 
 MIB = 2**20
 HOLD = "import time; held = bytearray({} << 20); time.sleep(0.6)"
@@ -26,8 +29,23 @@ def test_the_memory_of_a_command_is_that_of_its_tree() -> None:
     measured = run_measured([sys.executable, "-c", PARENT], sample_s=0.05)
     assert (measured.exit_code, measured.output) == (0, "over\n")
     assert measured.wall_s > 0.6
-    assert 60 * MIB < measured.largest_bytes < 90 * MIB
+    assert 60 * MIB < measured.largest_bytes == measured.worker_bytes < 90 * MIB
+    assert 4 * MIB < measured.main_bytes < 40 * MIB
     assert measured.largest_bytes + 4 * MIB < measured.together_bytes < measured.largest_bytes + 40 * MIB
+
+
+def test_a_peak_begins_anew() -> None:
+    code = "held = bytearray(60 << 20); del held; print(flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        before = peak_bytes(process.pid)
+        reset_peak(process.pid)
+        assert peak_bytes(process.pid) + 50 * MIB < before
+        process.communicate("\n")
+    assert peak_bytes(process.pid) == 0
 
 
 def test_highway_env_runs_with_as_many_vehicles() -> None:
@@ -59,3 +77,29 @@ def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
     (tmp_path / "dataset").write_text("in the way")
     with pytest.raises(BranchDriveError, match="`branchdrive collect` ended with 2"):
         list(paper.rows(tmp_path, num_groups=1, jobs=1))
+
+
+def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    collect(source, num_groups=8, seed=1)
+    before = {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
+    bench = ReleaseBench(source, calibration=(1, 1), num_seeds=2, repeats=1, jobs=1)
+    rows = {row.what.splitlines()[0]: row for row in release.rows(tmp_path / "bench", bench)}
+    stages = [name for name in rows if name.startswith("build: ")]
+    assert [name.split()[-1] for name in stages] == ["layer", "canonical", "quality", "leakage", "model"]
+    assert re.fullmatch(r"[0-9.]+ s\n[0-9]+ MiB, its largest worker [0-9]+ MiB", rows[stages[0]].measured)
+    assert all(re.fullmatch(r"[0-9.]+ s\n[0-9]+ MiB", rows[stage].measured) for stage in stages[1:])
+    assert rows[stages[3]].bar == "<= 10 min for 606 groups"
+    assert rows["population"].measured.splitlines()[0] == "Discovered branch groups: 8"
+    assert rows["validate the release, 1 worker(s)"].measured.endswith(" s, valid")
+    assert re.search(r" = [0-9.]+x$", rows["validation / (read + hash + decode)"].measured)
+    assert re.match(r"D = [01]\.[0-9]{3}, p = ", rows["gate's p-values of max_t against uniform"].measured)
+    assert {path: path.read_bytes() for path in source.rglob("*") if path.is_file()} == before
+
+
+def test_a_build_that_fails_is_no_measurement(tmp_path: Path) -> None:
+    with pytest.raises(BranchDriveError, match="is no folder"):
+        list(release.rows(tmp_path, ReleaseBench(tmp_path / "none")))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BranchDriveError, match="the build ended with 1"):
+        list(release.rows(tmp_path, ReleaseBench(tmp_path / "empty")))

@@ -14,8 +14,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from branchdrive.cli.build import calibration
+from branchdrive.cli.validate import at_least
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import highway_env, paper, simulator, startup, validation
+from branchdrive_reference.bench import highway_env, paper, release, simulator, startup, validation
+from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.row import Row
 
 NUM_VALIDATED_GROUPS = 384
@@ -25,6 +28,9 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
     """What is measured, by name; nothing is until its rows are asked for."""
     if args.paper:
         return {"collection of the paper's size": paper.rows(folder, num_groups=args.groups)}
+    if args.release:
+        bench = ReleaseBench(args.dataset, args.groups, args.calibration, num_seeds=args.seeds)
+        return {"a release": release.rows(folder, bench)}
     return {
         "simulator and expert": simulator.rows(),
         "highway-env beside them": highway_env.rows(),
@@ -36,11 +42,34 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
 def main() -> None:
     """Run the benchmarks and print the table."""
     parser = argparse.ArgumentParser("branchdrive_reference.bench", description=__doc__)
-    parser.add_argument("--paper", action="store_true", help="collect and validate the preset `paper` instead")
+    subject = parser.add_mutually_exclusive_group()
+    subject.add_argument("--paper", action="store_true", help="collect and validate the preset `paper` instead")
+    subject.add_argument(
+        "--release", action="store_true", help="build and validate a release of the preset `benchmark` instead"
+    )
     parser.add_argument(
-        "--groups", type=int, help=f"groups to validate (default: {NUM_VALIDATED_GROUPS}; with --paper: the preset's)"
+        "--groups",
+        type=at_least(1),
+        help=f"groups to validate (default: {NUM_VALIDATED_GROUPS}; with --paper and --release: the preset's)",
+    )
+    parser.add_argument("--dataset", metavar="PATH", type=Path, help="with --release: copy this dataset, collect none")
+    parser.add_argument(
+        "--calibration",
+        metavar="GROUPS,CLUSTERS",
+        type=calibration,
+        default=ReleaseBench.calibration,
+        help="with --release: as of `branchdrive build` (default: 88,48)",
+    )
+    parser.add_argument(
+        "--seeds",
+        metavar="S",
+        type=at_least(1),
+        default=ReleaseBench.num_seeds,
+        help=f"with --release: seeds of the check of the leakage gate (default: {ReleaseBench.num_seeds})",
     )
     args = parser.parse_args()
+    if args.dataset and (args.groups or not args.release):
+        parser.error("--dataset goes with --release, and without --groups")
     try:
         _run(args)
     except BranchDriveError as error:

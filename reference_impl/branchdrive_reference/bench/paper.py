@@ -7,27 +7,19 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from branchdrive.audit.verdict import EXIT_CODES
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench.memory import Measured, run_measured
+from branchdrive_reference.bench.command import minutes, run_branchdrive, size
+from branchdrive_reference.bench.memory import Measured
 from branchdrive_reference.bench.row import Row
 
 __all__ = ["rows"]
 
 _SEED = 7
 _JOBS = 2
-
-
-def _branchdrive(*arguments: str) -> Measured:
-    return run_measured([sys.executable, "-m", "branchdrive.cli", *arguments])
-
-
-def _minutes(measured: Measured) -> str:
-    return f"{measured.wall_s / 60:.1f} min" if measured.wall_s >= 60 else f"{measured.wall_s:.1f} s"
 
 
 def _memory(measured: Measured) -> str:
@@ -48,22 +40,21 @@ def rows(folder: Path, *, num_groups: int | None = None, jobs: int = _JOBS) -> I
     """
     dataset = str(folder / "dataset")
     options = ("--preset", "paper", "--seed", str(_SEED), "--jobs", str(jobs))
-    collected = _branchdrive("collect", dataset, *options, *(("--groups", str(num_groups)) if num_groups else ()))
+    collected = run_branchdrive("collect", dataset, *options, *(("--groups", str(num_groups)) if num_groups else ()))
     speed = re.search(r"^ticks +([0-9,]+) in .* ([0-9,]+) ticks/s$", collected.output, re.M)
     if collected.exit_code != 0 or speed is None:
         raise BranchDriveError(f"`branchdrive collect` ended with {collected.exit_code}: {collected.output}")
-    size = f"{num_groups:,} groups of preset `paper`" if num_groups else "preset `paper`"
-    yield Row(f"collect {size}, {jobs} worker(s)", _minutes(collected), "<= 60 min")
+    what = f"{num_groups:,} groups of preset `paper`" if num_groups else "preset `paper`"
+    yield Row(f"collect {what}, {jobs} worker(s)", minutes(collected.wall_s), "<= 60 min")
     yield Row("ticks, writing included", f"{speed[1]} at {speed[2]} ticks/s")
     yield Row("peak memory of the collector and its workers", _memory(collected), "<= 2 GiB")
 
-    validated = _branchdrive("validate", dataset, "--jobs", str(jobs), "--format", "json")
+    validated = run_branchdrive("validate", dataset, "--jobs", str(jobs), "--format", "json")
     if validated.exit_code not in set(EXIT_CODES.values()) - {EXIT_CODES["error"]}:
         raise BranchDriveError(f"`branchdrive validate` ended with {validated.exit_code}")
     report = json.loads(validated.output)
-    facts = report["dataset"]
-    size = f"{facts['num_groups']:,} groups, {facts['num_rollouts']:,} rollouts, {facts['num_bytes'] / 2**20:,.0f} MiB"
-    yield Row(f"validate them, {jobs} worker(s)\n{size}", f"{_minutes(validated)}, {report['verdict']}", "<= 60 min")
+    told = f"{minutes(validated.wall_s)}, {report['verdict']}"
+    yield Row(f"validate them, {jobs} worker(s)\n{size(report['dataset'])}", told, "<= 60 min")
     yield Row("peak memory of the validator and its workers", _memory(validated), "<= 2 GiB")
     if report["funnel"]:
         stages = (f"{stage['groups']:,} {stage['title'].lower()}" for stage in report["funnel"]["stages"])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.build import seed
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import Fault, parse_faults
@@ -27,7 +28,6 @@ SUMMARY = "collect a dataset in the reference world"
 
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
-_MAX_SEED = 2**63 - 1
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0
 _MAX_LISTED = 10
@@ -38,14 +38,6 @@ def count(text: str) -> int:
     value = int(text)
     if not 1 <= value <= _MAX_COUNT:
         raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MAX_COUNT}")
-    return value
-
-
-def seed(text: str) -> int:
-    """The seed of a collection; `argparse` names this function in its messages."""
-    value = int(text)
-    if not 0 <= value <= _MAX_SEED:
-        raise argparse.ArgumentTypeError(f"{value} is not in 0 .. {_MAX_SEED}")
     return value
 
 

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.audit.extract.future import targets_of
+from branchdrive.audit.extract.replay import Pairs
 from branchdrive.audit.view import ShardView
 from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.derive.target import TARGETS
 from branchdrive_reference.study.candidate import choose_candidates, good_attempts, have_complete_attempts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
-from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results, targets_of
+from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results
 
 __all__ = ["Banks", "Facts", "Fidelity", "Groups", "shard_facts"]
 
@@ -176,16 +178,16 @@ def _fidelity(view: ShardView, good: Mask) -> Fidelity:
     has_nominal = (nominal >= 0) & view.role("nominal")[nominal]
     is_replay = view.role("nominal_replay")
 
-    def pairs(subjects: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def pairs(subjects: Mask) -> Pairs:
         rows = np.flatnonzero(subjects)
-        return rows, nominal[rows]
+        return Pairs(rows, nominal[rows])
 
     compared = has_nominal & good & good[nominal]
     whole = is_replay & has_nominal & view.complete & view.complete[nominal]
-    equal = equal_records(view, *pairs(whole))
+    equal = equal_records(view, pairs(whole))
     return Fidelity(
-        discrepancies(view, *pairs(compared & view.role("intervention"))),
-        discrepancies(view, *pairs(compared & is_replay)),
+        discrepancies(view, pairs(compared & view.role("intervention"))),
+        discrepancies(view, pairs(compared & is_replay)),
         np.stack([equal.get(table, np.ones(whole.sum(), bool)) for table in COMPARED_TABLES], axis=1),
         np.array([(is_replay & ~whole).sum()]),
     )

@@ -1,4 +1,4 @@
-"""Outcomes of candidates: targets, and whether the ego touched anything."""
+"""Outcomes of rollouts: whether the ego touched anything, and what a nominal's result counts."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView, TableView
+from branchdrive.audit.view import ShardView
+from branchdrive.audit.window import take_float, window_rows
 from branchdrive.contract.timing import FUTURE_OFFSETS
-from branchdrive.derive.target import Motion, Risk, Targets, scalar_targets
-from branchdrive_reference.study.window import window_rows
 
-__all__ = ["RESULTS", "Collisions", "NominalResults", "collisions", "nominal_results", "targets_of"]
+__all__ = ["RESULTS", "Collisions", "NominalResults", "collisions", "nominal_results"]
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -26,27 +25,6 @@ RESULTS = {
     "result_num_off_road_infractions": "departures from the road",
 }
 """What a rollout's result counts, by column."""
-
-
-def _take(table: TableView, column: str, rows: Index) -> NDArray[np.float64]:
-    """Values of a numeric column at `rows`, float64, NaN where null."""
-    values = np.asarray(table[column][rows], np.float64)
-    return np.where(table.valid(column)[rows], values, np.nan)
-
-
-def targets_of(view: ShardView, rollouts: Index) -> Targets:
-    """Scalar targets of rollouts with whole windows; what needs evidence is absent where none is claimed."""
-    rows = window_rows(view, view.observations, rollouts, (0, *FUTURE_OFFSETS))
-    motion = Motion(*(_take(view.observations, name, rows) for name in Motion._fields))
-    shape = (len(rollouts), len(FUTURE_OFFSETS))
-    nothing, never = np.full(shape, np.nan), np.zeros(shape, bool)
-    if "evidence" not in view:
-        return scalar_targets(motion, Risk(nothing, never, nothing, never))
-    evidence = view.stream("evidence")
-    rows = window_rows(view, evidence, rollouts, FUTURE_OFFSETS)
-    separation, ttc = (_take(evidence, name, rows) for name in ("separation_m", "ttc_s"))
-    has_separation, has_ttc = (evidence[f"{name}_available"][rows] for name in ("separation", "ttc"))
-    return scalar_targets(motion, Risk(separation, has_separation, ttc, has_ttc))
 
 
 class Collisions(NamedTuple):
@@ -80,5 +58,5 @@ class NominalResults(NamedTuple):
 
 def nominal_results(view: ShardView, rollouts: Index) -> NominalResults:
     """Results of `rollouts` as recorded."""
-    counts = [_take(view.rollouts, column, rollouts) for column in RESULTS]
+    counts = [take_float(view.rollouts, column, rollouts) for column in RESULTS]
     return NominalResults(view.rollouts.equals("result_completion", "completed")[rollouts], np.stack(counts, axis=1))

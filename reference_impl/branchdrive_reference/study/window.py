@@ -1,42 +1,23 @@
-"""Rows of the canonical windows of a shard's rollouts, and which rollouts hold every one of them.
+"""Rollouts of a shard that hold every canonical window, and that intervene as their policy says.
 
 Source: spec/02-time-frames-units.md#windows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView, StreamView
-from branchdrive.contract.timing import (
-    ACTIVE_TICKS,
-    CONTROL_HISTORY_TICKS,
-    FUTURE_OFFSETS,
-    HISTORY_OFFSETS,
-    PREDECESSOR_OFFSET,
-)
+from branchdrive.audit.view import ShardView
+from branchdrive.audit.window import EVIDENCE_OFFSETS, window_rows
+from branchdrive.contract.timing import ACTIVE_TICKS, CONTROL_HISTORY_TICKS, PREDECESSOR_OFFSET
 
-__all__ = ["EVIDENCE_OFFSETS", "active_as_declared", "window_rows", "windows_are_whole"]
+__all__ = ["active_as_declared", "windows_are_whole"]
 
-Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-EVIDENCE_OFFSETS = (*HISTORY_OFFSETS, *FUTURE_OFFSETS)
-"""Offsets of the evidence window from ``t_b``: -75, -70, .. 50."""
 
 _OBSERVATION_OFFSETS = (PREDECESSOR_OFFSET, *EVIDENCE_OFFSETS)
 _CONTROL_OFFSETS = range(-CONTROL_HISTORY_TICKS, ACTIVE_TICKS + 1)
-
-
-def window_rows(view: ShardView, stream: StreamView, rollouts: Index, offsets: Sequence[int]) -> Index:
-    """Rows of `stream` at ``t_b + offset``, ``[rollouts, offsets]``; -1 where there is none or more than one."""
-    ticks = view.branch_tick[rollouts][:, None] + np.asarray(offsets)
-    rows = stream.find(np.broadcast_to(rollouts[:, None], ticks.shape), ticks)
-    is_repeated = np.append(stream.repeats, False)[rows + 1]
-    return np.where(is_repeated, -1, rows)
 
 
 def windows_are_whole(view: ShardView) -> Mask:
