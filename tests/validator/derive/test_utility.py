@@ -19,6 +19,7 @@ from branchdrive.derive.utility import (
     desirability,
     extreme_shares,
     fit_scale,
+    predicted_utility,
     utility,
 )
 
@@ -137,3 +138,16 @@ def test_units_and_origins_do_not_matter(rows: list[tuple[float, ...]], factor: 
     if (np.minimum(1, factor) * (scale.q95 - scale.q05) > 1e-3).all():
         moved = utility(there, fit_scale(there), PROFILES["comfort"])
         np.testing.assert_allclose(moved, utility(here, scale, PROFILES["comfort"]), atol=1e-8)
+
+
+def test_a_prediction_has_a_utility_for_every_candidate() -> None:
+    rows = np.full((2, 3, 6), 5.0)
+    rows[..., 2] = 10.0
+    assert predicted_utility(rows, UNIT, PROFILES["progress"]) == pytest.approx(np.full((2, 3), 0.75))
+
+
+def test_a_prediction_that_is_no_number_is_refused() -> None:
+    with pytest.raises(ValueError, match="^1 predicted values are not finite$"):
+        predicted_utility(np.array([0, 1, np.nan, 0, 0, 0]), UNIT, PROFILES["progress"])
+    with pytest.raises(ValueError, match="available nowhere in training"):
+        predicted_utility(np.zeros(6), Scale(np.full(5, np.nan), np.ones(5)), PROFILES["progress"])

@@ -30,6 +30,7 @@ __all__ = [
     "desirability",
     "extreme_shares",
     "fit_scale",
+    "predicted_utility",
     "utility",
 ]
 
@@ -102,6 +103,26 @@ def desirability(targets: Targets, scale: Scale) -> Array:
 def utility(targets: Targets, scale: Scale, profile: Profile) -> Array:
     """Weighted mean of desirabilities in ``[0, 1]``, shape ``[...]``; NaN where a weighed target is unavailable."""
     return np.asarray(desirability(targets, scale) @ profile.weights)
+
+
+def predicted_utility(scalars: Array, scale: Scale, profile: Profile) -> Array:
+    """Utility of predicted targets, shape ``[...]``: a prediction is there for every target.
+
+    Args:
+        scalars: ``[..., 6]`` in the order of `TARGETS`, physical units.
+        scale: Quantiles of the training partition.
+        profile: What is preferred.
+
+    Raises:
+        ValueError: A prediction or the scale of a weighed target is no finite number.
+    """
+    found = np.asarray(scalars, np.float64)
+    if not np.isfinite(found).all():
+        raise ValueError(f"{np.count_nonzero(~np.isfinite(found))} predicted values are not finite")
+    if not np.isfinite(scale).all():
+        raise ValueError("a weighed target has no quantiles: it was available nowhere in training")
+    with np.errstate(over="ignore"):
+        return utility(Targets(found, np.ones(found.shape, np.bool_)), scale, profile)
 
 
 def extreme_shares(utilities: Array) -> tuple[Array, Array]:

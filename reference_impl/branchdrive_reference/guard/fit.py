@@ -1,0 +1,132 @@
+"""Fit of the learned risk on out-of-fold training predictions, by two convex programs and one knapsack per profile.
+
+With standardised features ``f`` of an intervention, ``d`` its executed separation minus the nominal one::
+
+    logistic   min mean log(1 + exp(z)) - [d < -eps] z + r |w|^2          z = w f + b
+    severity   min mean huber_1(v f + c - min(max(-d - eps, 0), 3)) + r |v|^2
+
+both under the signs that `risk_features.FEATURES` demands of the weights. Out of fold, because residuals of
+groups that a predictor was fitted on are too small.
+
+Source: this project's choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.derive.guard.calibration import ALPHA
+from branchdrive.derive.guard.path import TOLERANCE_M, price_grid
+from branchdrive.derive.guard.risk_features import FEATURES, risk_features, seed_spread_m
+from branchdrive.derive.guard.risk_fit import SEVERITY_M, PriceGrid, RiskFit, standardised
+from branchdrive.derive.target import TARGETS, Targets
+from branchdrive.derive.utility import PROFILES, Profile, Scale, predicted_utility
+from branchdrive.errors import UsageError
+from branchdrive_reference.guard.knapsack import knapsack
+from branchdrive_reference.guard.program import cvxpy, solve
+
+__all__ = ["PENALTY", "fit_risk"]
+
+Array = NDArray[np.float64]
+
+PENALTY = 2e-3
+"""``r``, on standardised weights."""
+
+_HUBER_M = 1.0
+_SEPARATION = [target.name for target in TARGETS].index("min_separation_m")
+
+
+def fit_risk(
+    scalars: Array,
+    outcomes: Targets,
+    *,
+    nominal: int,
+    scale: Scale,
+    profiles: Mapping[str, Profile] = PROFILES,
+    tolerance_m: float = TOLERANCE_M,
+    alpha: float = ALPHA,
+    penalty: float = PENALTY,
+) -> RiskFit:
+    """Fit the risk of losing separation on training groups that have every separation; others are left out.
+
+    Args:
+        scalars: Out-of-fold predicted targets of training groups ``[seeds, groups, candidates, 6]``.
+        outcomes: Their executed targets ``[groups, candidates, 6]``.
+        nominal: Place of the nominal candidate.
+        scale: Quantiles of the training partition.
+        profiles: Profiles that get a price grid.
+        tolerance_m: ``eps``.
+        alpha: Budget of the knapsack.
+        penalty: ``r``, above 0.
+
+    Raises:
+        UsageError: Shapes do not match, or training holds no violation or nothing but violations.
+        ValueError: A prediction is not finite.
+        ProgramError: A program was not solved to optimality.
+    """
+    if scalars.ndim != 4 or scalars.shape[1:] != outcomes.values.shape:
+        raise UsageError(
+            f"predictions {list(scalars.shape)} and outcomes {list(outcomes.values.shape)} do not match: "
+            "[seeds, groups, candidates, 6] and [groups, candidates, 6]"
+        )
+    known = outcomes.available[..., _SEPARATION].all(axis=1)
+    found, separation = scalars[:, known], outcomes.values[known, :, _SEPARATION]
+    difference = np.delete(separation - separation[:, nominal, None], nominal, axis=1)
+    violated = difference < -tolerance_m
+    if not violated.any() or violated.all():
+        raise UsageError(
+            f"{int(violated.sum())} of {violated.size} interventions of {len(separation)} training groups lose "
+            f"more than {tolerance_m:g} m of separation; a risk is learned from some that do and some that do not"
+        )
+    spread_m = seed_spread_m(found, nominal=nominal)
+    features = risk_features(found, nominal=nominal, tolerance_m=tolerance_m, spread_m=spread_m)
+    features = np.delete(features, nominal, axis=1)
+    flat = features.reshape(-1, len(FEATURES))
+    centre, spread = flat.mean(axis=0), flat.std(axis=0)
+    spread = np.where(spread > 1e-9, spread, 1.0)
+    rows = standardised(flat, centre, spread)
+    label = violated.reshape(-1).astype(np.float64)
+    severity = np.clip(-difference - tolerance_m, 0.0, SEVERITY_M).reshape(-1)
+
+    def logistic_loss(z: Any) -> Any:
+        return cvxpy.logistic(z) - cvxpy.multiply(label, z)
+
+    def severity_loss(z: Any) -> Any:
+        return cvxpy.huber(z - severity, _HUBER_M)
+
+    weights, offset = _fit(rows, logistic_loss, penalty, "logistic fit of violations")
+    severity_weights, severity_offset = _fit(rows, severity_loss, penalty, "Huber fit of their severity")
+    probability = (0.5 + 0.5 * np.tanh((rows @ weights + offset) / 2.0)).reshape(violated.shape)
+    grids = {}
+    for name, profile in profiles.items():
+        utilities = predicted_utility(found.mean(axis=0), scale, profile)
+        gains = np.delete(utilities - utilities[:, nominal, None], nominal, axis=1)
+        price = knapsack(gains, probability, alpha=alpha).dual_price
+        grids[name] = PriceGrid(dual_price=price, prices=price_grid(price))
+    return RiskFit(
+        features=tuple(feature.name for feature in FEATURES),
+        tolerance_m=float(tolerance_m),
+        spread_m=spread_m,
+        centre=tuple(centre.tolist()),
+        spread=tuple(spread.tolist()),
+        logistic=tuple(weights.tolist()),
+        logistic_offset=offset,
+        severity=tuple(severity_weights.tolist()),
+        severity_offset=severity_offset,
+        grids=grids,
+    )
+
+
+def _fit(rows: Array, loss: Callable[[Any], Any], penalty: float, name: str) -> tuple[Array, float]:
+    """Weights ``[features]`` and offset of one fit; weights that the solver left beyond their sign are 0."""
+    weights, offset = cvxpy.Variable(rows.shape[1]), cvxpy.Variable()
+    signs = np.array([feature.sign for feature in FEATURES], np.float64)
+    bound = signs != 0
+    objective = cvxpy.sum(loss(rows @ weights + offset)) / len(rows) + penalty * cvxpy.sum_squares(weights)
+    solve(cvxpy.Problem(cvxpy.Minimize(objective), [cvxpy.multiply(signs[bound], weights[bound]) >= 0]), name)
+    found = np.asarray(weights.value, np.float64)
+    return np.where(found * signs < 0, 0.0, found), float(offset.value)

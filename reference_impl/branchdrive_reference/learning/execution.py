@@ -1,0 +1,52 @@
+"""How torch computes here: on one thread, by deterministic algorithms, on a device that is there.
+
+One process has one thread: small matrices gain nothing from more, and threads of several processes that wait for
+each other on the same cores lose much. Runs side by side are processes, see `branchdrive_reference.learning.pool`.
+
+Source: measured, research of this project; torch notes on reproducibility.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+from branchdrive.errors import UsageError
+
+__all__ = ["DEVICES", "deterministic", "open_device"]
+
+DEVICES = ("cpu", "cuda", "auto")
+"""Names of devices; ``auto`` is ``cuda`` where there is one."""
+
+
+def open_device(name: str) -> torch.device:
+    """The device of a name in `DEVICES`.
+
+    Raises:
+        UsageError: There is no such device.
+    """
+    if name not in DEVICES:
+        raise UsageError(f"no device {name!r}; there are {', '.join(DEVICES)}")
+    has_cuda = torch.cuda.is_available()
+    if name == "cuda" and not has_cuda:
+        raise UsageError("no CUDA device is here; use the device 'cpu'")
+    return torch.device("cuda" if has_cuda and name != "cpu" else "cpu")
+
+
+@contextmanager
+def deterministic() -> Iterator[None]:
+    """One thread and deterministic algorithms; afterwards everything is as before."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # CUDA is deterministic only with it
+    threads = torch.get_num_threads()
+    algorithms = torch.are_deterministic_algorithms_enabled()
+    warn_only = torch.is_deterministic_algorithms_warn_only_enabled()
+    torch.set_num_threads(1)
+    torch.use_deterministic_algorithms(True)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.use_deterministic_algorithms(algorithms, warn_only=warn_only)

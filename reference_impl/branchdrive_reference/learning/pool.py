@@ -1,0 +1,209 @@
+"""Training models side by side, one process for each model and seed, each with one thread.
+
+Which process trains a model changes none of its bits. An interruption reaches this process alone: it asks the
+workers to stop, and each stops after the epoch it is in, with its state written.
+
+Source: this project's choice.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.queues import SimpleQueue
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
+from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
+from branchdrive_reference.learning.configuration import Configuration
+from branchdrive_reference.learning.training import EpochReport, train_model
+
+__all__ = ["Task", "train_models", "training_tasks"]
+
+
+class Task(NamedTuple):
+    """One model with one seed."""
+
+    configuration: Configuration
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Model and seed, as errors name them."""
+        return f"{self.configuration.model.name}, seed {self.seed}"
+
+
+def training_tasks(configurations: Sequence[Configuration]) -> list[Task]:
+    """Every configuration with each of its seeds, in their order."""
+    return [Task(configuration, seed) for configuration in configurations for seed in configuration.seeds]
+
+
+def train_models(
+    release: str | Path,
+    folder: str | Path,
+    tasks: Sequence[Task],
+    *,
+    jobs: int = 1,
+    device: str = "cpu",
+    on_epoch: Callable[[EpochReport], None] | None = None,
+) -> list[Checkpoint]:
+    """Train all tasks; what is finished or begun in the folder is not done again.
+
+    Args:
+        release: Folder of a release with its model layer.
+        folder: Where checkpoints are written.
+        tasks: Models and seeds, none twice.
+        jobs: Processes; 1 is this process.
+        device: ``cpu``, ``cuda`` or ``auto``.
+        on_epoch: Called in this process after every epoch of every task.
+
+    Returns:
+        Checkpoints in the order of the tasks.
+
+    Raises:
+        UsageError: As `train_model`, or two tasks have one name.
+        DatasetError: As `train_model`.
+        BranchDriveError: A worker process died.
+        KeyboardInterrupt: The user interrupted; every training can go on.
+    """
+    paths = [checkpoint_path(Path(folder), task.configuration.model.name, task.seed) for task in tasks]
+    if len(set(paths)) < len(tasks):
+        raise UsageError(f"two of {len(tasks)} tasks have one model and seed; give each model its own name")
+    watch = on_epoch or _unseen
+    if min(jobs, len(tasks)) <= 1:
+        with deferred_interrupt() as raise_if_noted:
+
+            def between(report: EpochReport) -> None:
+                watch(report)
+                raise_if_noted()
+
+            return [
+                train_model(release, folder, task.configuration, seed=task.seed, device=device, on_epoch=between)
+                for task in tasks
+            ]
+    _in_workers(str(release), str(folder), tasks, min(jobs, len(tasks)), device, watch)
+    return [read_checkpoint(path) for path in paths]
+
+
+def _unseen(report: EpochReport) -> None:
+    """Nobody watches."""
+
+
+def _in_workers(
+    release: str, folder: str, tasks: Sequence[Task], jobs: int, device: str, watch: Callable[[EpochReport], None]
+) -> None:
+    with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
+        context = get_context("spawn")
+        stop, reports = context.Event(), context.SimpleQueue()
+        watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
+        pool = ProcessPoolExecutor(
+            jobs, context, _Worker.start, (_Worker(release, folder, device, stop, reports), watched)
+        )
+    watcher = _Watcher(reports, watch, stop)
+    watcher.start()
+    is_broken = False
+    try:
+        raise_if_noted()
+        with shielded_children():
+            running = [pool.submit(_Worker.train, task) for task in _longest_first(tasks)]
+        finished, _ = wait(running, return_when=FIRST_EXCEPTION)
+        for future in finished:
+            future.result()
+    except BrokenProcessPool as error:
+        is_broken = True
+        lifeline.close()  # the other workers do not hear the pool's request to terminate
+        raise BranchDriveError("a worker process died; run the same command again to go on from here") from error
+    except _StoppedError:
+        pass  # because the watcher raised
+    finally:
+        stop.set()
+        with deferred_interrupt(then=lifeline.close) as raise_if_noted:  # who insists does not wait for an epoch
+            pool.shutdown(wait=True, cancel_futures=True)
+        lifeline.close()
+        watched.close()
+        if not is_broken:  # a process that died may hold the lock of the queue
+            reports.put(None)
+            watcher.join()
+            reports.close()
+        raise_if_noted()
+    if watcher.error is not None:
+        raise watcher.error
+
+
+class _Watcher(threading.Thread):
+    """Passes on what workers report; if the one who watches raises, they are asked to stop."""
+
+    def __init__(
+        self, reports: SimpleQueue[EpochReport | None], watch: Callable[[EpochReport], None], stop: Event
+    ) -> None:
+        super().__init__(daemon=True)
+        self.error: BaseException | None = None
+        self._reports, self._watch, self._stop_event = reports, watch, stop
+
+    def run(self) -> None:
+        while (report := self._reports.get()) is not None:
+            if self.error is None:
+                try:
+                    self._watch(report)
+                except BaseException as error:  # raised again by who waits
+                    self.error = error
+                    self._stop_event.set()
+
+
+def _longest_first(tasks: Sequence[Task]) -> list[Task]:
+    """Tasks that read histories before others, so that no process ends with a long one alone."""
+    return sorted(tasks, key=lambda task: task.configuration.model.history is None)
+
+
+class _StoppedError(Exception):
+    """A worker stopped after an epoch; nobody waits for its checkpoint any more."""
+
+
+@dataclass
+class _Worker:
+    """What a worker process knows; `current` is the one of this process."""
+
+    release: str
+    folder: str
+    device: str
+    stop: Event
+    reports: SimpleQueue[EpochReport | None]
+
+    current: ClassVar[_Worker]
+
+    def start(self, watched: Connection) -> None:
+        threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
+        _Worker.current = self
+
+    def between(self, report: EpochReport) -> None:
+        self.reports.put(report)
+        if self.stop.is_set():
+            raise _StoppedError
+
+    @staticmethod
+    def train(task: Task) -> None:
+        worker = _Worker.current
+        if worker.stop.is_set():
+            raise _StoppedError
+        train_model(
+            worker.release,
+            worker.folder,
+            task.configuration,
+            seed=task.seed,
+            device=worker.device,
+            on_epoch=worker.between,
+        )
+
+
+def _exit_with_parent(watched: Connection) -> None:
+    watched.poll(None)  # nothing is ever sent
+    os._exit(1)

@@ -1,0 +1,103 @@
+"""Files of tensors with one document: safetensors, whole or refused, and the same bytes for the same content.
+
+The document stands in the metadata of the file as canonical JSON, beside a digest over it and every tensor's name,
+type, shape and bytes. Files are untrusted: they are bounded, hold no code, and what the digest does not confirm is
+refused. The digest finds damage; who wants to know that a file is the one that was locked compares its SHA-256.
+
+Source: safetensors format; limits are this project's choice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from branchdrive.contract.document import dump_json, parse_json
+from branchdrive.dataset.durable import replace_file
+from branchdrive.dataset.untrusted import read_file
+from branchdrive.errors import DatasetError
+
+try:
+    import safetensors
+    import safetensors.torch
+    from torch import Tensor
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"`branchdrive_reference.learning` needs the package {error.name!r}: pip install 'branchdrive[models]'",
+        name=error.name,
+    ) from error
+
+__all__ = ["TensorFile", "read_tensors", "write_tensors"]
+
+MAX_BYTES = 256 * 1024 * 1024
+"""Size of the largest file that is read."""
+
+_KEY = "branchdrive"
+_LENGTH_BYTES = 8
+
+
+class TensorFile(NamedTuple):
+    """Content of a file.
+
+    Attributes:
+        document: JSON data.
+        tensors: By name.
+        sha256: Of the whole file, hexadecimal.
+    """
+
+    document: dict[str, Any]
+    tensors: dict[str, Tensor]
+    sha256: str
+
+
+def write_tensors(path: Path, document: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
+    """Create or replace a file at once and durably."""
+    kept = {name: values.detach().cpu().contiguous() for name, values in tensors.items()}
+    about = dump_json({"document": document, "digest": _digest(document, kept)}).decode()
+    replace_file(path, safetensors.torch.save(kept, {_KEY: about}))
+
+
+def read_tensors(path: Path) -> TensorFile:
+    """Content of a file.
+
+    Raises:
+        DatasetError: There is no such file, it is too large, no file of this kind, or it was damaged.
+    """
+    content = read_file(path.parent, path.name, MAX_BYTES)
+    try:
+        about = _about(content)
+        tensors = {name: values.clone() for name, values in safetensors.torch.load(content).items()}
+        document = about["document"]
+        is_whole = isinstance(document, dict) and about == {
+            "document": document,
+            "digest": _digest(document, tensors),
+        }
+    except (KeyError, LookupError, TypeError, ValueError, RuntimeError, safetensors.SafetensorError) as error:
+        raise DatasetError(f"{path}: no tensors of this project ({_line(error)})") from error
+    if not is_whole:
+        raise DatasetError(f"{path}: its content is not the one that was written; make it anew")
+    return TensorFile(document, tensors, hashlib.sha256(content).hexdigest())
+
+
+def _about(content: bytes) -> Any:
+    size = int.from_bytes(content[:_LENGTH_BYTES], "little")
+    metadata = parse_json(content[_LENGTH_BYTES : _LENGTH_BYTES + size])["__metadata__"]
+    if list(metadata) != [_KEY]:
+        raise ValueError(f"its metadata are not `{_KEY}` alone")
+    return parse_json(metadata[_KEY].encode())
+
+
+def _digest(document: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256(dump_json(document))
+    for name in sorted(tensors):
+        values = tensors[name]
+        digest.update(f"\n{name} {values.dtype} {list(values.shape)}\n".encode())
+        digest.update(values.numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _line(error: Exception) -> str:
+    text = str(error).splitlines()
+    return f"{type(error).__name__}: {text[0][:120]}" if text else type(error).__name__

@@ -1,0 +1,224 @@
+"""Training one model with one seed, from a release to a checkpoint.
+
+All tensors of training and validation are in memory. An epoch takes the training groups in an order that seed and
+epoch decide, in batches of whole groups. After it the validation loss decides which weights are kept, and ends the
+training when it has not fallen for `patience` epochs. No other partition is read. There is no augmentation.
+
+The state is written every few epochs, and before an interruption is passed on: the same call goes on from there and
+comes to the same weights, bit for bit, on the same machine.
+
+Source: paper IV-B.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.optim import AdamW
+
+from branchdrive.dataset.durable import delete
+from branchdrive.dataset.model_layer import ModelLayer, open_model
+from branchdrive.derive.feature import InputContract
+from branchdrive.errors import UsageError
+from branchdrive_reference.learning.checkpoint import (
+    Checkpoint,
+    Curve,
+    checkpoint_path,
+    environment,
+    read_checkpoint,
+    write_checkpoint,
+)
+from branchdrive_reference.learning.configuration import Configuration, TrainingConfig
+from branchdrive_reference.learning.execution import deterministic, open_device
+from branchdrive_reference.learning.groups import BranchGroupDataset
+from branchdrive_reference.learning.loss import loss_terms
+from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, build_network, initialise
+from branchdrive_reference.learning.provenance import Provenance, provenance
+from branchdrive_reference.learning.stream import BATCHES, stream
+from branchdrive_reference.learning.training_state import TrainingState, read_state, state_path, write_state
+
+__all__ = ["EpochReport", "train_model"]
+
+SAVE_EVERY = 5
+"""Epochs between two states on disk."""
+
+_SHARED = ("actions",)
+"""Tensors that have no axis of groups."""
+
+
+class EpochReport(NamedTuple):
+    """Where a training is after an epoch.
+
+    Attributes:
+        model: Name of the model.
+        seed: Its seed.
+        epoch: Epochs done.
+        max_epochs: Epochs at most.
+        train_loss: Mean over the batches of the epoch.
+        val_loss: After the epoch.
+        best_epoch: Epoch of the least validation loss so far.
+    """
+
+    model: str
+    seed: int
+    epoch: int
+    max_epochs: int
+    train_loss: float
+    val_loss: float
+    best_epoch: int
+
+
+def train_model(
+    release: ModelLayer | str | Path,
+    folder: str | Path,
+    configuration: Configuration,
+    *,
+    seed: int,
+    device: str = "cpu",
+    on_epoch: Callable[[EpochReport], None] | None = None,
+) -> Checkpoint:
+    """Train, or go on where a training was interrupted, or take the checkpoint that is already there.
+
+    Args:
+        release: A release with its model layer.
+        folder: Where the checkpoint is written; it is created if it is not there.
+        configuration: Of the model and its training.
+        seed: Of weights and batches.
+        device: ``cpu``, ``cuda`` or ``auto``.
+        on_epoch: Called after every epoch; what it raises is passed on once the state is written.
+
+    Raises:
+        UsageError: There is no training or validation group, no such device, the seed is none, the loss is no number,
+            or the folder holds a checkpoint of the same name that was trained otherwise.
+        DatasetError: The release, or what the folder holds of the training, cannot be read.
+    """
+    layer = release if isinstance(release, ModelLayer) else open_model(release)
+    place = open_device(device)
+    contract = InputContract(configuration.model.contract)
+    data = {name: BranchGroupDataset(layer, name, contract).tensors for name in ("train", "val")}
+    origin = provenance(layer, configuration, seed, data)
+    num_action_features = data["train"]["actions"].shape[1] if "actions" in data["train"] else 0
+    if configuration.model.action is not None and not num_action_features:
+        layer.actions()  # says that the release declares no encoding
+    path = checkpoint_path(Path(folder), configuration.model.name, seed)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        found = read_checkpoint(path)
+        if found.provenance != origin:
+            raise UsageError(f"{path} was trained on another configuration, release or version; choose another folder")
+        return found
+    job = _Job(configuration, origin, environment(place), path, on_epoch or _unseen)
+    with deterministic():
+        network = build_network(configuration.model, num_action_features)
+        if isinstance(network, MeanNetwork):
+            parts = data["train"]
+            network.fit(parts["scalars"], parts["mask"], parts["trajectory"])
+            weights, curve = network.state_dict(), Curve()
+        else:
+            initialise(network, seed=seed)
+            on_device = {
+                name: {key: values.to(place) for key, values in tensors.items()} for name, tensors in data.items()
+            }
+            state = _fit(network.to(place), on_device, job)
+            weights, curve = state.best, state.curve
+    write_checkpoint(
+        path,
+        origin,
+        configuration,
+        num_action_features=num_action_features,
+        environment=job.environment,
+        curve=curve,
+        weights=weights,
+    )
+    delete(state_path(path))
+    return read_checkpoint(path)
+
+
+class _Job(NamedTuple):
+    """What is trained, where it goes, and who watches."""
+
+    configuration: Configuration
+    provenance: Provenance
+    environment: dict[str, str]
+    path: Path
+    on_epoch: Callable[[EpochReport], None]
+
+    def write(self, state: TrainingState) -> None:
+        write_state(state_path(self.path), state, self.provenance, self.environment)
+
+    def report(self, curve: Curve) -> EpochReport:
+        return EpochReport(
+            self.provenance.model,
+            self.provenance.seed,
+            len(curve.val),
+            self.configuration.training.max_epochs,
+            curve.train[-1],
+            curve.val[-1],
+            curve.best_epoch,
+        )
+
+
+def _unseen(report: EpochReport) -> None:
+    """Nobody watches."""
+
+
+def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], job: _Job) -> TrainingState:
+    """Train from the start, or from the state on disk, to the end."""
+    config, seed = job.configuration.training, job.provenance.seed
+    optimizer = AdamW(network.parameters(), weight_decay=config.weight_decay, fused=True)
+    state = TrainingState(network, optimizer, {}, Curve())
+    if state_path(job.path).exists():
+        read_state(state_path(job.path), state, job.provenance, job.environment)
+    while not _is_over(state.curve, config):
+        train_loss = _epoch(state, data["train"], config, seed=seed)
+        with torch.no_grad():
+            val_loss = float(_loss(network, data["val"], config))
+        if not (math.isfinite(train_loss) and math.isfinite(val_loss)):
+            raise UsageError(
+                f"{job.provenance.model}, seed {seed}: the loss of epoch {state.epoch + 1} is no number; "
+                f"`learning_rate` is {config.learning_rate}, take a smaller one"
+            )
+        state.curve = Curve((*state.curve.train, train_loss), (*state.curve.val, val_loss))
+        if state.curve.best_epoch == state.epoch:
+            state.keep_weights()
+        if state.epoch % SAVE_EVERY == 0:
+            job.write(state)
+        try:
+            job.on_epoch(job.report(state.curve))
+        except BaseException:
+            job.write(state)
+            raise
+    return state
+
+
+def _is_over(curve: Curve, config: TrainingConfig) -> bool:
+    epoch = len(curve.val)
+    return epoch >= config.max_epochs or epoch - curve.best_epoch >= config.patience
+
+
+def _epoch(state: TrainingState, data: Mapping[str, Tensor], config: TrainingConfig, *, seed: int) -> float:
+    """One pass over the training groups; the mean loss of a group."""
+    epoch, num_groups = state.epoch + 1, len(data["scalars"])
+    for group in state.optimizer.param_groups:
+        group["lr"] = config.learning_rate_at(epoch)
+    order = torch.from_numpy(stream(seed, BATCHES, epoch).permutation(num_groups)).to(data["scalars"].device)
+    total = 0.0
+    for rows in order.split(config.batch_groups):
+        batch = {name: values if name in _SHARED else values[rows] for name, values in data.items()}
+        state.optimizer.zero_grad()
+        loss = _loss(state.network, batch, config)
+        loss.backward()
+        state.optimizer.step()
+        total += float(loss.detach()) * len(rows)
+    return total / num_groups
+
+
+def _loss(network: nn.Module, batch: Mapping[str, Tensor], config: TrainingConfig) -> Tensor:
+    num_groups, num_candidates, _ = batch["scalars"].shape
+    outcome = network(batch, num_groups=num_groups, num_candidates=num_candidates)
+    return loss_terms(outcome, batch["scalars"], batch["mask"], batch["trajectory"], config).total

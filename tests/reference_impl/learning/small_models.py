@@ -1,0 +1,41 @@
+"""Configurations of small models that train in moments, and the release that they are trained on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tests.model_release import make_frames, write_release
+
+from branchdrive_reference.learning.configuration import (
+    ActionConfig,
+    Configuration,
+    HistoryConfig,
+    ModelConfig,
+    TrainingConfig,
+)
+
+__all__ = ["MEAN", "SMALL", "make_release", "small"]
+
+_HISTORY, _ACTION = HistoryConfig(step_width=6, state_width=5, controls_width=4), ActionConfig(7, 8)
+_MODELS: dict[str, dict[str, Any]] = {
+    "M1": {"action": _ACTION},
+    "M2": {"history": _HISTORY},
+    "M3": {"history": _HISTORY, "action": _ACTION},
+}
+
+
+def small(name: str = "M3", **training: Any) -> Configuration:
+    """A small model of a name; `training` replaces attributes of its training."""
+    about = TrainingConfig(batch_groups=2, learning_rate=3e-3, max_epochs=8)
+    return Configuration(ModelConfig(name, fusion_width=9, **_MODELS[name]), replace(about, **training))
+
+
+SMALL = {name: small(name) for name in _MODELS}
+MEAN = Configuration(ModelConfig("M0"))
+
+
+def make_release(folder: Path, seed: int = 0) -> Path:
+    """A release with three training groups and one validation group."""
+    return write_release(folder, make_frames(seed))

@@ -1,0 +1,175 @@
+"""A checkpoint comes back as it was written, or not at all."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+import safetensors.torch
+import torch
+from tests.reference_impl.learning.small_models import small
+from torch import Tensor
+
+from branchdrive import DatasetError
+from branchdrive_reference.learning.checkpoint import (
+    Checkpoint,
+    Curve,
+    checkpoint_path,
+    read_checkpoint,
+    write_checkpoint,
+)
+from branchdrive_reference.learning.network import build_network, initialise
+from branchdrive_reference.learning.provenance import Provenance
+from branchdrive_reference.learning.tensor_file import read_tensors, write_tensors
+
+CONFIGURATION = small()
+REFUSED = r"no tensors of this project|not the one that was written"
+ORIGIN = Provenance("M3", 11, CONFIGURATION.digest, "ab" * 32, "cd" * 32, "ef" * 32)
+
+
+def weights() -> dict[str, Tensor]:
+    network = build_network(CONFIGURATION.model, 29)
+    initialise(network, seed=11)
+    return network.state_dict()
+
+
+def write(path: Path) -> Path:
+    write_checkpoint(
+        path,
+        ORIGIN,
+        CONFIGURATION,
+        num_action_features=29,
+        environment={"torch": "2.13.0", "device": "cpu"},
+        curve=Curve((0.9, 0.8, 0.7), (0.5, 0.4, 0.4)),
+        weights=weights(),
+    )
+    return path
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return write(checkpoint_path(tmp_path, "M3", 11))
+
+
+def rewritten(path: Path, tensors: dict[str, Tensor] | None = None, **document: Any) -> Path:
+    file = read_tensors(path)
+    write_tensors(path, {**file.document, **document}, file.tensors if tensors is None else tensors)
+    return path
+
+
+def test_it_comes_back_as_it_was(path: Path) -> None:
+    found = read_checkpoint(path)
+    assert path.name == "M3-seed11.safetensors"
+    assert (found.provenance, found.configuration) == (ORIGIN, CONFIGURATION)
+    assert found.curve.best_epoch == 2
+    assert repr(found) == "Checkpoint(M3, seed 11, epoch 2)"
+    network = found.network()
+    assert all(torch.equal(values, weights()[name]) for name, values in network.state_dict().items())
+    assert not any(values.requires_grad for values in network.parameters())
+
+
+def test_the_same_content_has_the_same_bytes(path: Path) -> None:
+    before = path.read_bytes()
+    assert write(path).read_bytes() == before
+    assert read_checkpoint(path, sha256=read_checkpoint(path).sha256).provenance == ORIGIN
+    assert [found.name for found in path.parent.iterdir()] == [path.name]
+
+
+def test_other_tools_can_read_it(path: Path) -> None:
+    found = safetensors.torch.load_file(path)
+    assert found.keys() == weights().keys()
+
+
+def test_another_file_than_the_locked_one_is_refused(path: Path) -> None:
+    locked = read_checkpoint(path).sha256
+    rewritten(path, curve={"train": [1.0], "val": [1.0]})
+    assert isinstance(read_checkpoint(path), Checkpoint)
+    with pytest.raises(DatasetError, match=f"expected {locked}; it was replaced"):
+        read_checkpoint(path, sha256=locked)
+
+
+@pytest.mark.parametrize("place", [-1, -2000, 0, 9, 700])
+def test_a_changed_byte_is_refused(path: Path, place: int) -> None:
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match=REFUSED):
+        read_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\xff" * 64, pickle.dumps({"weights": 1}), safetensors.torch.save({"a": torch.ones(2)}),
+     safetensors.torch.save({"a": torch.ones(2)}, {"branchdrive": "[]"}),
+     safetensors.torch.save({"a": torch.ones(2)}, {"branchdrive": '{"document": [], "digest": ""}'})],
+    ids=["empty", "bytes", "pickle", "no document", "a list", "no object"],
+)  # fmt: skip
+def test_other_files_are_refused(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match=REFUSED):
+        read_checkpoint(path)
+
+
+def test_a_file_that_is_cut_or_too_long_is_refused(path: Path) -> None:
+    content = path.read_bytes()
+    for changed in (content[:-1], content + b"\0"):
+        path.write_bytes(changed)
+        with pytest.raises(DatasetError, match="no tensors of this project"):
+            read_checkpoint(path)
+
+
+def test_a_link_is_not_followed(path: Path) -> None:
+    link = path.with_name("M3-seed23.safetensors")
+    link.symlink_to(path)
+    with pytest.raises(DatasetError, match="without following links"):
+        read_checkpoint(link)
+    with pytest.raises(DatasetError, match="does not exist"):
+        read_checkpoint(path.with_name("M3-seed37.safetensors"))
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        ({"format": "branchdrive-checkpoint-0"}, "no checkpoint of the format"),
+        ({"more": 1}, "no checkpoint of the format"),
+        ({"provenance": {**ORIGIN.record, "code_version": "0.0.1"}}, "`code_version` is '0.0.1', expected "),
+        ({"provenance": {**ORIGIN.record, "model": "M1"}}, "`model` is 'M1', expected 'M3'"),
+        ({"provenance": {"model": "M3"}}, "missing 5 required positional arguments"),
+        ({"configuration": small(patience=3).record}, "`config_digest` is "),
+        ({"configuration": {}}, "no model configuration"),
+        ({"curve": {"train": [1.0], "val": []}}, "no pair of equally many losses"),
+        ({"num_action_features": 30}, "tensor 'bank.layers.0.weight' is "),
+        ({"num_action_features": 2**62}, "M3-seed11.safetensors: "),
+        ({"num_action_features": -1}, "M3-seed11.safetensors: "),
+    ],
+)
+def test_a_document_that_does_not_fit_is_refused(path: Path, document: dict[str, Any], message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
+        read_checkpoint(rewritten(path, **document))
+
+
+def test_a_huge_width_takes_no_memory(path: Path) -> None:
+    record = json.loads(json.dumps(CONFIGURATION.record))
+    record["model"]["fusion_width"] = 10**8
+    huge = type(CONFIGURATION).from_record(record)
+    origin = {**ORIGIN.record, "config_digest": huge.digest}
+    with pytest.raises(DatasetError, match=r"expected torch.float32 \[100000000"):
+        read_checkpoint(rewritten(path, configuration=record, provenance=origin))
+
+
+def test_tensors_that_do_not_fit_are_refused(path: Path) -> None:
+    good = weights()
+    for name, values, message in (
+        ("decoder.bias", torch.ones(8), r"torch.float32 \[8\], expected torch.float32 \[9\]"),
+        ("decoder.bias", good["decoder.bias"].double(), r"torch.float64 \[9\], expected"),
+        ("decoder.bias", torch.full((9,), torch.nan), "holds a value that is no number"),
+        ("decoder.more", torch.ones(9), "'decoder.more' is missing or too many"),
+    ):
+        with pytest.raises(DatasetError, match=message):
+            read_checkpoint(rewritten(path, {**good, name: values}))
+    del good["decoder.bias"]
+    with pytest.raises(DatasetError, match=r"'decoder.bias' is missing or too many"):
+        read_checkpoint(rewritten(path, good))

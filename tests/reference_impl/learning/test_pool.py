@@ -1,0 +1,74 @@
+"""Processes change no bit, and an interruption loses no state."""
+
+from __future__ import annotations
+
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+from tests.reference_impl.learning.small_models import MEAN, SMALL, small
+
+from branchdrive import UsageError
+from branchdrive_reference.learning.pool import Task, _Watcher, train_models, training_tasks
+from branchdrive_reference.learning.training import EpochReport
+
+
+def test_every_model_is_trained_with_each_of_its_seeds() -> None:
+    assert [task.name for task in training_tasks([MEAN, SMALL["M3"]])] == [
+        "M0, seed 0", "M3, seed 11", "M3, seed 23", "M3, seed 37",
+    ]  # fmt: skip
+
+
+def test_processes_change_no_bit(release: Path, tmp_path: Path) -> None:
+    tasks = [Task(SMALL["M1"], 11), Task(SMALL["M3"], 11), Task(SMALL["M3"], 23)]
+    seen: list[EpochReport] = []
+    there = train_models(release, tmp_path / "there", tasks, jobs=2, on_epoch=seen.append)
+    here = train_models(release, tmp_path / "here", tasks)
+    assert [found.sha256 for found in there] == [found.sha256 for found in here]
+    assert [(found.provenance.model, found.provenance.seed) for found in there] == [("M1", 11), ("M3", 11), ("M3", 23)]
+    assert sorted((one.model, one.seed, one.epoch) for one in seen) == [
+        (task.configuration.model.name, task.seed, epoch) for task in tasks for epoch in range(1, 9)
+    ]
+
+
+def test_an_error_in_one_process_stops_the_others(release: Path, tmp_path: Path) -> None:
+    endless = small("M3", max_epochs=10**7, patience=10**7)
+    tasks = [Task(endless, 11), Task(small("M1", learning_rate=1e38, warmup_epochs=1), 11)]
+    with pytest.raises(UsageError, match=r"M1, seed 11: the loss of epoch \d is no number"):
+        train_models(release, tmp_path, tasks, jobs=2)
+    assert {path.name for path in tmp_path.iterdir()} <= {"M3-seed11.training"}
+
+
+def test_an_error_of_who_watches_asks_workers_to_stop() -> None:
+    def stop(report: EpochReport) -> None:
+        raise RuntimeError(f"stopped at {report.epoch}")
+
+    context = get_context("spawn")
+    reports, event = context.SimpleQueue(), context.Event()
+    watcher = _Watcher(reports, stop, event)
+    watcher.start()
+    for epoch in (1, 2):
+        reports.put(EpochReport("M3", 11, epoch, 8, 1.0, 1.0, 1))
+    reports.put(None)
+    watcher.join()
+    reports.close()
+    assert event.is_set()
+    assert str(watcher.error) == "stopped at 1"
+
+
+def test_who_watches_in_this_process_may_stop_it(release: Path, tmp_path: Path) -> None:
+    def stop(report: EpochReport) -> None:
+        if report.epoch == 3:
+            raise KeyboardInterrupt
+
+    tasks = [Task(SMALL["M1"], 11)]
+    with pytest.raises(KeyboardInterrupt):
+        train_models(release, tmp_path, tasks, on_epoch=stop)
+    seen: list[EpochReport] = []
+    train_models(release, tmp_path, tasks, on_epoch=seen.append)
+    assert seen[0].epoch == 4
+
+
+def test_two_models_of_one_name_are_refused(release: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="have one model and seed"):
+        train_models(release, tmp_path, [Task(SMALL["M1"], 11), Task(small("M1", patience=2), 11)])

@@ -1,0 +1,1 @@
+"""Metrics of predictions, their uncertainty and the tests between models. Pure numpy."""
