@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
@@ -19,6 +20,11 @@ from branchdrive.cli.text import render_report, render_rule, render_rules
 from branchdrive.contract.catalogue import CATALOGUE
 
 NUM_RULES = len(CATALOGUE)
+LAYER_RULES = {
+    layer: [rule for rule, info in CATALOGUE.items() if info.layer == layer]
+    for layer in ("canonical", "quality", "model")
+}
+NUM_UNCLAIMED = 3 + sum(map(len, LAYER_RULES.values()))
 PLAIN_WIDTH = 110
 SGR = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -37,6 +43,21 @@ def shown(report: Report) -> str:
     return re.sub(r"[0-9.]+ KiB", "SIZE", text)
 
 
+def _unclaimed(layer: str) -> str:
+    """The line on rules of a derived layer that is not claimed, as wide as plain text is."""
+    rules = LAYER_RULES[layer]
+    listed = f"{', '.join(rules[:6])} and {len(rules) - 6} more"
+    line = f"not-claimed: the descriptor does not claim the {layer} layer - {listed}"
+    return textwrap.indent(textwrap.fill(line, PLAIN_WIDTH - 2, break_on_hyphens=False), "  ")
+
+
+UNCLAIMED = "\n".join(
+    [
+        "  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003",
+        *map(_unclaimed, LAYER_RULES),
+    ]
+)
+
 VALID = f"""\
 synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
@@ -51,8 +72,8 @@ Controls valid              3
 Integrity-complete          3
 Structurally eligible       3
 
-Rules: {NUM_RULES - 3} pass, 3 not-claimed
-  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003
+Rules: {NUM_RULES - NUM_UNCLAIMED} pass, {NUM_UNCLAIMED} not-claimed
+{UNCLAIMED}
 Verdict: valid - the dataset conforms to the specification
 """
 
@@ -97,8 +118,8 @@ Controls valid              1     1  BD-CTL-009 (1)
 Integrity-complete          1
 Structurally eligible       1
 
-Rules: {NUM_RULES - 5} pass, 3 not-claimed, 2 fail
-  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003
+Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 2 fail, {NUM_UNCLAIMED} not-claimed
+{UNCLAIMED}
 Verdict: invalid - the dataset breaks the specification
 1 of 2 required branch groups qualify
 """
