@@ -19,6 +19,8 @@ MAX_FINDINGS_PER_RULE = 100
 _MAX_LINE = 500
 """Characters of a line of a traceback, whose message may quote a value."""
 
+_NO_STREAM = "the descriptor claims no stream that this rule is about"
+
 RuleStatus = Literal["pass", "fail", "skipped", "not-claimed", "inconclusive", "error"]
 
 
@@ -95,7 +97,7 @@ class Tally:
         if self.errors:
             return self.errors[0].splitlines()[-1][:300]
         if not self.is_claimed:
-            return "the descriptor does not claim what this rule is about"
+            return f"the descriptor does not claim the {self.info.layer} layer" if self.info.layer else _NO_STREAM
         if self.unjudged:
             return self.unjudged
         return None if self.examined else "no subject"

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, TextIO, get_args
 
 from rich.console import Console
 from rich.markup import escape
@@ -16,7 +16,7 @@ from rich.text import Text
 
 from branchdrive.audit.finding import location_text, printable
 from branchdrive.audit.report import Report
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
+from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.audit.verdict import Verdict, is_waived
 from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
 from branchdrive.contract.catalogue import AREAS, CATALOGUE, Kind, RuleInfo
@@ -191,7 +191,9 @@ def _print_waivers(console: Console, report: Report) -> None:
 def _print_rules(console: Console, report: Report) -> None:
     console.print()
     counts = Counter(tally.status for tally in report.tallies)
-    parts = [(f"{count} {status}", _STYLE.get(status, "")) for status, count in counts.most_common()]
+    parts = [
+        (f"{counts[status]} {status}", _STYLE.get(status, "")) for status in get_args(RuleStatus) if counts[status]
+    ]
     line = Text("Rules: ", style="bold")
     for i, (text, style) in enumerate(parts):
         line.append(", " if i else "", style="").append(text, style=style)
