@@ -10,14 +10,14 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 
 .PHONY: setup help demo test check bench bench-paper bench-release
 
-## create .venv and install into it, in editable mode, with the extras sim, plots, models and dev
+## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export and dev
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[sim,plots,models,dev]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[sim,plots,models,guard,export,dev]"
 	@touch $@
 
 ## list the verbs

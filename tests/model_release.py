@@ -5,6 +5,7 @@ Only what readers of the model layer need is written; no raw layer and no manife
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -46,15 +47,19 @@ BARE = Descriptor.model_validate({**bare_descriptor(), "layers": LAYERS, "action
 CANDIDATES = DESCRIPTOR.action_bank.keys
 
 
-def make_frames(seed: int = 0, *, bare: bool = False) -> Frames:
-    """Frames of the tables of the model layer and of `group_quality`, rows in the order of their keys."""
+def make_frames(seed: int = 0, *, bare: bool = False, assignment: Mapping[str, str] = ASSIGNMENT) -> Frames:
+    """Frames of the tables of the model layer and of `group_quality`, rows in the order of their keys.
+
+    Groups are those of `assignment`, which gives their partitions; `OUTSIDER` is not in the model layer.
+    """
+    members = tuple(group_id for group_id in assignment if group_id != OUTSIDER)
     rng = np.random.default_rng(seed)
     frames: Frames = {}
     steps = range(1, 11)
     for name, history in HISTORIES.items():
-        groups = () if bare and name == "surroundings" else GROUPS
+        groups = () if bare and name == "surroundings" else members
         frames[name] = _filled(name, rng, {"group_id": groups, "offset_ticks": history.offsets})
-    keys = {"group_id": GROUPS, "action_key": CANDIDATES}
+    keys = {"group_id": members, "action_key": CANDIDATES}
     frames["candidates"] = _filled("candidates", rng, keys)
     frames["scalars"] = _filled("scalars", rng, keys)
     frames["trajectories"] = _filled("trajectories", rng, {**keys, "step": steps})
@@ -65,12 +70,12 @@ def make_frames(seed: int = 0, *, bare: bool = False) -> Frames:
     frames["actions"]["encoding"] = np.ma.masked_array(vectors, np.full(len(vectors), bare))
     frames["actions"]["encoded"] = np.full(len(vectors), not bare)
     frames["contexts"] = {
-        **_filled("contexts", rng, {"group_id": GROUPS}),
-        "partition": np.array([ASSIGNMENT[group_id] for group_id in GROUPS], object),
-        "extended_valid": np.isin(GROUPS, EXTENDED),
+        **_filled("contexts", rng, {"group_id": members}),
+        "partition": np.array([assignment[group_id] for group_id in members], object),
+        "extended_valid": np.isin(members, EXTENDED),
     }
-    quality = _filled("group_quality", rng, {"group_id": tuple(ASSIGNMENT)})
-    names = np.array(list(ASSIGNMENT), object)
+    quality = _filled("group_quality", rng, {"group_id": tuple(assignment)})
+    names = np.array(list(assignment), object)
     quality["core_valid"] = names != OUTSIDER
     quality["extended_valid"] = np.isin(names, EXTENDED)
     quality["near_duplicate"] = np.zeros(len(names), bool)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from tests.validator.audit.rules.case import REGISTRY, Boundary, Mutant, new_draft
 from tests.validator.audit.rules.cases import (
     attempts,
+    benchmark,
     canonical,
     controls,
     documents,
@@ -37,7 +38,7 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
+    benchmark, layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
     layers, canonical, quality, split, fidelity, model, features, leakage, release,
 )  # fmt: skip
 """Modules that define cases."""

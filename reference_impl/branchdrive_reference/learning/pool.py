@@ -25,21 +25,46 @@ from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
+from branchdrive_reference.learning.fold import Fold, open_fold
 from branchdrive_reference.learning.training import EpochReport, train_model
 
 __all__ = ["Task", "train_models", "training_tasks"]
 
 
 class Task(NamedTuple):
-    """One model with one seed."""
+    """One model with one seed, without the groups that a fold holds out."""
 
     configuration: Configuration
     seed: int
+    fold: Fold | None = None
 
     @property
     def name(self) -> str:
-        """Model and seed, as errors name them."""
-        return f"{self.configuration.model.name}, seed {self.seed}"
+        """Model, seed and fold, as errors name them."""
+        held_out = "" if self.fold is None else f", fold {self.fold.number}"
+        return f"{self.configuration.model.name}, seed {self.seed}{held_out}"
+
+    def folder(self, folder: Path) -> Path:
+        """Folder of its checkpoint: every fold has its own."""
+        return folder if self.fold is None else folder / f"fold-{self.fold.number}"
+
+    def path(self, folder: Path) -> Path:
+        """Where its checkpoint stands."""
+        return checkpoint_path(self.folder(folder), self.configuration.model.name, self.seed)
+
+    def train(
+        self, release: str | Path, folder: str | Path, device: str, on_epoch: Callable[[EpochReport], None]
+    ) -> Checkpoint:
+        """Train in this process; see `train_models`."""
+        number = None if self.fold is None else self.fold.number
+        return train_model(
+            release if self.fold is None else open_fold(release, self.fold),
+            self.folder(Path(folder)),
+            self.configuration,
+            seed=self.seed,
+            device=device,
+            on_epoch=lambda report: on_epoch(report._replace(fold=number)),
+        )
 
 
 def training_tasks(configurations: Sequence[Configuration]) -> list[Task]:
@@ -75,9 +100,9 @@ def train_models(
         BranchDriveError: A worker process died.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
-    paths = [checkpoint_path(Path(folder), task.configuration.model.name, task.seed) for task in tasks]
+    paths = [task.path(Path(folder)) for task in tasks]
     if len(set(paths)) < len(tasks):
-        raise UsageError(f"two of {len(tasks)} tasks have one model and seed; give each model its own name")
+        raise UsageError(f"two of {len(tasks)} tasks have one model, seed and fold; give each model its own name")
     watch = on_epoch or _unseen
     if min(jobs, len(tasks)) <= 1:
         with deferred_interrupt() as raise_if_noted:
@@ -86,10 +111,7 @@ def train_models(
                 watch(report)
                 raise_if_noted()
 
-            return [
-                train_model(release, folder, task.configuration, seed=task.seed, device=device, on_epoch=between)
-                for task in tasks
-            ]
+            return [task.train(release, folder, device, between) for task in tasks]
     _in_workers(str(release), str(folder), tasks, min(jobs, len(tasks)), device, watch)
     return [read_checkpoint(path) for path in paths]
 
@@ -194,14 +216,7 @@ class _Worker:
         worker = _Worker.current
         if worker.stop.is_set():
             raise _StoppedError
-        train_model(
-            worker.release,
-            worker.folder,
-            task.configuration,
-            seed=task.seed,
-            device=worker.device,
-            on_epoch=worker.between,
-        )
+        task.train(worker.release, worker.folder, worker.device, worker.between)
 
 
 def _exit_with_parent(watched: Connection) -> None:

@@ -15,6 +15,7 @@ from torch import Tensor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.model_layer import ModelLayer
 from branchdrive.dataset.untrusted import read_file
+from branchdrive.derive.benchmark.data import groups_digest
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration
 
 __all__ = ["Provenance", "normalisation_digest", "provenance"]
@@ -33,6 +34,7 @@ class Provenance:
         split_digest: Of the split, as the normalisation has it.
         normalisation_digest: SHA-256 of the file ``model/normalisation.json``.
         data_digest: SHA-256 over the normalised tensors of training and validation, which are all that is read.
+        training_groups_digest: Of the ids of the training groups.
         code_version: Version of the models' code.
     """
 
@@ -42,6 +44,7 @@ class Provenance:
     split_digest: str
     normalisation_digest: str
     data_digest: str
+    training_groups_digest: str
     code_version: str = MODEL_VERSION
 
     @property
@@ -70,6 +73,7 @@ def provenance(
         layer.scalings().scalars.split_digest,
         normalisation_digest(layer),
         data.hexdigest(),
+        groups_digest(layer.groups("train")),
     )
 
 

@@ -62,6 +62,8 @@ class EpochReport(NamedTuple):
         train_loss: Mean over the batches of the epoch.
         val_loss: After the epoch.
         best_epoch: Epoch of the least validation loss so far.
+        is_last: Whether training ends here.
+        fold: Number of the fold that is held out; ``None`` where none is.
     """
 
     model: str
@@ -71,6 +73,8 @@ class EpochReport(NamedTuple):
     train_loss: float
     val_loss: float
     best_epoch: int
+    is_last: bool = False
+    fold: int | None = None
 
 
 def train_model(
@@ -160,6 +164,7 @@ class _Job(NamedTuple):
             curve.train[-1],
             curve.val[-1],
             curve.best_epoch,
+            _is_over(curve, self.configuration.training),
         )
 
 

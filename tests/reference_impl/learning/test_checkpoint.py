@@ -27,7 +27,7 @@ from branchdrive_reference.learning.tensor_file import read_tensors, write_tenso
 
 CONFIGURATION = small()
 REFUSED = r"no tensors of this project|not the one that was written"
-ORIGIN = Provenance("M3", 11, CONFIGURATION.digest, "ab" * 32, "cd" * 32, "ef" * 32)
+ORIGIN = Provenance("M3", 11, CONFIGURATION.digest, "ab" * 32, "cd" * 32, "ef" * 32, "01" * 32)
 
 
 def weights() -> dict[str, Tensor]:
@@ -137,7 +137,7 @@ def test_a_link_is_not_followed(path: Path) -> None:
         ({"more": 1}, "no checkpoint of the format"),
         ({"provenance": {**ORIGIN.record, "code_version": "0.0.1"}}, "`code_version` is '0.0.1', expected "),
         ({"provenance": {**ORIGIN.record, "model": "M1"}}, "`model` is 'M1', expected 'M3'"),
-        ({"provenance": {"model": "M3"}}, "missing 5 required positional arguments"),
+        ({"provenance": {"model": "M3"}}, "missing 6 required positional arguments"),
         ({"configuration": small(patience=3).record}, "`config_digest` is "),
         ({"configuration": {}}, "no model configuration"),
         ({"curve": {"train": [1.0], "val": []}}, "no pair of equally many losses"),

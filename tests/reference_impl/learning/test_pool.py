@@ -70,5 +70,5 @@ def test_who_watches_in_this_process_may_stop_it(release: Path, tmp_path: Path) 
 
 
 def test_two_models_of_one_name_are_refused(release: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="have one model and seed"):
+    with pytest.raises(UsageError, match="have one model, seed and fold"):
         train_models(release, tmp_path, [Task(SMALL["M1"], 11), Task(small("M1", patience=2), 11)])

@@ -22,7 +22,7 @@ from branchdrive.contract.catalogue import CATALOGUE
 NUM_RULES = len(CATALOGUE)
 LAYER_RULES = {
     layer: [rule for rule, info in CATALOGUE.items() if info.layer == layer]
-    for layer in ("canonical", "quality", "model")
+    for layer in ("canonical", "quality", "model", "benchmark")
 }
 NUM_UNCLAIMED = 3 + sum(map(len, LAYER_RULES.values()))
 PLAIN_WIDTH = 110

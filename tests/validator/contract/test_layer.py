@@ -55,7 +55,7 @@ def records_column(document: dict[str, Any]) -> dict[str, Any]:
     ("pointer", "change"),
     [
         pytest.param("/layers", lambda d: d["layers"].pop("model"), id="a layer lacks"),
-        pytest.param("/layers", lambda d: d["layers"].update(benchmark={}), id="a layer too many"),
+        pytest.param("/layers", lambda d: d["layers"].update(media={}), id="a layer too many"),
         pytest.param("/layers/model/after", lambda d: d["layers"]["model"].update(after="media"), id="no such layer"),
         pytest.param(
             "/layers/canonical/tables/records/rate",
@@ -91,7 +91,7 @@ def test_broken_declarations_are_refused(pointer: str, change: Any) -> None:
 
 
 def test_layers_are_derived_one_from_another() -> None:
-    assert list(LAYERS) == ["canonical", "quality", "model"]
+    assert list(LAYERS) == ["canonical", "quality", "model", "benchmark"]
     assert [layer.after for layer in LAYERS.values()] == ["raw", *list(LAYERS)[:-1]]
 
 
@@ -104,8 +104,12 @@ def test_layers_of_a_descriptor_are_runs_of_these() -> None:
 
 ORDERS = [
     ["raw"], ["raw", "canonical", "quality", "model"], ["canonical"], ["canonical", "quality", "model"],
+    ["raw", "canonical", "quality", "model", "benchmark"], ["canonical", "quality", "model", "benchmark"],
 ]  # fmt: skip
-GAPS = [[], ["quality"], ["raw", "quality"], ["canonical", "raw"], ["raw", "raw"], ["raw", "media"], ["model"]]
+GAPS = [
+    [], ["quality"], ["raw", "quality"], ["canonical", "raw"], ["raw", "raw"], ["raw", "media"], ["model"],
+    ["raw", "benchmark"], ["canonical", "quality", "benchmark"], ["benchmark"],
+]  # fmt: skip
 
 
 def described(layers: list[str]) -> dict[str, Any]:
@@ -226,7 +230,7 @@ def test_documents_have_schemas_whose_description_names_a_clause(layer: Any) -> 
 
 
 OWN_SCHEMAS = ("source", "split", "thresholds", "retention", "population", "variants", "ledger", "features",
-               "normalisation", "layers")  # fmt: skip
+               "normalisation", "layers", "protocol", "lock", "openings", "results")  # fmt: skip
 
 
 @pytest.mark.parametrize("stem", OWN_SCHEMAS)
@@ -249,3 +253,31 @@ def test_inputs_and_outcomes_have_the_track_that_the_contracts_rely_on() -> None
         "scalars": {"evaluation"},
         "trajectories": {"evaluation"},
     }
+
+
+@pytest.mark.parametrize(
+    ("path", "has_place"),
+    [
+        ("benchmark/checkpoints/M3-seed11.safetensors", True),
+        ("benchmark/figures/policy_value.png", True),
+        ("benchmark/figures/policy_value.svg", True),
+        ("benchmark/TABLES.md", True),
+        ("benchmark/checkpoints/M3-seed11.pt", False),
+        ("benchmark/checkpoints/.hidden.safetensors", False),
+        ("benchmark/checkpoints/deeper/M3.safetensors", False),
+        ("benchmark/figures/TABLES.md", False),
+        ("benchmark/TABLES.md\n", False),
+        ("model/TABLES.md", False),
+        ("TABLES.md", False),
+    ],
+)
+def test_further_files_of_the_benchmark_have_a_place(path: str, has_place: bool) -> None:
+    assert LAYERS["benchmark"].admits_free(path) == has_place
+    assert not any(layer.admits_free(path) for name, layer in LAYERS.items() if name != "benchmark")
+
+
+def test_folders_of_further_files_have_a_place() -> None:
+    layer = LAYERS["benchmark"]
+    names = ("checkpoints", "figures", "check", "other")
+    assert [name for name in names if layer.holds_folder(f"benchmark/{name}")] == ["checkpoints", "figures"]
+    assert not layer.holds_folder("benchmark")

@@ -112,7 +112,12 @@ class Survey:
             return ()
         claimed = {path for layer in self.descriptor.derived_layers for path in LAYERS[layer].files}
         claimed |= {CARD_FILE, LICENCE_FILE}
-        return tuple(entry.path for entry in self.files if entry.path in claimed)
+        layers = [LAYERS[layer] for layer in self.descriptor.derived_layers]
+        return tuple(
+            entry.path
+            for entry in self.files
+            if entry.path in claimed or any(layer.admits_free(entry.path) for layer in layers)
+        )
 
     def is_damaged(self, path: str) -> bool:
         """Whether the file was read and its digest is not the manifest's."""

@@ -6,7 +6,7 @@ layers and options give equal bytes. Source: paper III-F; spec/10-layers.md#deri
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,13 @@ from typing import Any
 from branchdrive.audit.worker import Executor, in_process
 from branchdrive.build.layers import LEDGER, BuiltLayers, load_layers
 from branchdrive.build.leakage import build_leakage
-from branchdrive.build.publish import publish, staging
+from branchdrive.build.publish import publish, staging, stated_identity
 from branchdrive.build.scan import RawScan, scan_raw
 from branchdrive.build.stage import SOURCE, BuildOptions, build_canonical, build_model, build_quality
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.descriptor_file import read_descriptor
 from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, RAW_DIR, STAGING_DIR
+from branchdrive.dataset.manifest import Manifest
 from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.leakage.audit import AuditProtocol
 from branchdrive.errors import UsageError
@@ -176,6 +177,9 @@ def _carry_out(
 
 def _published(target: Path, scan: RawScan, layers: BuiltLayers) -> Any:
     in_place = target.resolve() == scan.root.resolve()
+    kept_files = scan.files if in_place else {}
+    if "benchmark" in layers.names and _identity(kept_files, layers) != stated_identity(target):
+        layers.drop_after("model")  # it belongs to another release
     claimed = (("raw",) if in_place else ()) + layers.names
     descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
     # The ledger stays in its place while the layer around it is built again.
@@ -189,4 +193,8 @@ def _published(target: Path, scan: RawScan, layers: BuiltLayers) -> Any:
         leakage = layers.documents.get(LEAKAGE_FILE)
         files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE], **named, leakage=leakage).encode()
         files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
-    return publish(target, scan.files if in_place else {}, files, descriptor)
+    return publish(target, kept_files, files, descriptor)
+
+
+def _identity(kept: Mapping[str, str], layers: BuiltLayers) -> str:
+    return Manifest.of({**kept, **{path: layers.digest(path) for path in layers.contents}}).identity

@@ -76,7 +76,8 @@ class BuiltLayers:
         """Forget every layer that is derived from `layer`, but not the ledger of openings."""
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
-            for path in set(LAYERS[name].files) - {LEDGER}:
+            free = {path for path in self.contents if LAYERS[name].admits_free(path)}
+            for path in {*LAYERS[name].files, *free} - {LEDGER}:
                 self.contents.pop(path, None)
                 self.documents.pop(path, None)
             for table in LAYERS[name].tables:
@@ -100,6 +101,8 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
                 path = f"{layer.name}/{document.name}"
                 if not document.optional or (root / path).is_file():
                     _load_document(read, root, path, document.schema)
+            for path in (path for path in stated if layer.admits_free(path)):
+                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
             _check_digests(read, root, stated)
         except DatasetError:
             with suppress(DatasetError):

@@ -8,29 +8,62 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.descriptor_file import render_descriptor
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.dataset.durable import delete, make_dir, move, replace_file, write_file
-from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LICENCE_FILE, STAGING_DIR
+from branchdrive.dataset.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    STAGING_DIR,
+    layer_of,
+)
 from branchdrive.dataset.lock import FileLock
-from branchdrive.dataset.manifest import Manifest, write_manifest
-from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.dataset.manifest import Manifest, parse_manifest, write_manifest
+from branchdrive.dataset.untrusted import read_file
+from branchdrive.errors import BranchDriveError, DatasetError, UsageError
 
-__all__ = ["publish", "staging"]
+__all__ = ["benchmark_area", "held", "publish", "publish_layer", "staging", "stated_identity"]
 
 _LOCK = "build.lock"
 _NEW = "new"
 
 
 @contextmanager
+def held(target: Path) -> Iterator[Path]:
+    """The working area of `target`, which nobody else may write meanwhile; what stands in it stays.
+
+    Raises:
+        UsageError: Another build is at work there, or a link leads out of it.
+    """
+    _refuse_links(target)
+    area = target / STAGING_DIR
+    make_dir(area)
+    lock = FileLock(area / _LOCK)
+    if not lock.acquire(blocking=False):
+        raise UsageError(f"{target}: another build is at work there; wait until it has finished")
+    try:
+        yield area
+    finally:
+        delete(area / _NEW)
+        delete(area / _LOCK)
+        lock.release()
+        with suppress(OSError):  # something waits in it
+            area.rmdir()
+
+
+@contextmanager
 def staging(target: Path) -> Iterator[Path]:
     """The working area of a build in `target`, held by this process alone.
 
-    It stays if the build is interrupted, so that the next one goes on, and goes if the build is refused.
+    It stays if the build is interrupted, so that the next one goes on, and goes if the build is refused. What waits
+    there for the benchmark of the release stays, unless the release has become another one.
 
     Raises:
         UsageError: Another build is at work there, or a link leads out of it.
@@ -45,9 +78,9 @@ def staging(target: Path) -> Iterator[Path]:
         raise UsageError(f"{target}: another build is at work there; wait until it has finished")
     try:
         yield area
-        delete(area)
+        _clear(target)
     except BranchDriveError:
-        delete(area)
+        _clear(target)
         if is_new and not any(target.iterdir()):
             target.rmdir()
         raise
@@ -55,10 +88,45 @@ def staging(target: Path) -> Iterator[Path]:
         lock.release()
 
 
+def stated_identity(target: Path) -> str:
+    """Identity of the release that `target` holds, as its manifest has it.
+
+    Raises:
+        DatasetError: There is no manifest that could be read.
+    """
+    return _stated(target).identity
+
+
+def benchmark_area(target: Path) -> Path:
+    """Where the benchmark of the release that `target` holds works until it is published.
+
+    Raises:
+        DatasetError: There is no manifest that could be read.
+    """
+    return target / STAGING_DIR / f"benchmark-{stated_identity(target)[:16]}"
+
+
+def _clear(target: Path) -> None:
+    area, kept = target / STAGING_DIR, None
+    with suppress(DatasetError):
+        kept = benchmark_area(target)
+    for entry in area.iterdir():
+        if entry != kept:
+            delete(entry)
+    if not any(area.iterdir()):
+        area.rmdir()
+
+
+def _stated(target: Path) -> Manifest:
+    return parse_manifest(read_file(target, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+
+
 def _refuse_links(target: Path) -> None:
     """Links where a build writes would let it write elsewhere: the folder may come from a stranger."""
     area = target / STAGING_DIR
-    for folder in (target, area, *(target / layer for layer in LAYERS)):
+    layers = [target / layer for layer in LAYERS]
+    inner = [entry for layer in layers for entry in layer.glob("*") if entry.is_dir() and not entry.is_symlink()]
+    for folder in (target, area, *layers, *inner):
         for entry in sorted(folder.iterdir()) if folder.is_dir() else ():
             if entry.is_symlink():
                 raise UsageError(f"{entry} is a link; a build writes into plain folders only, remove it")
@@ -72,7 +140,7 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
 
     Args:
         target: The dataset folder.
-        kept: SHA-256 of files that are there and stay, by path.
+        kept: SHA-256 of files that are there and stay, by path; `files` goes before it.
         files: Bytes of all other files by path, descriptor and manifest excepted.
         descriptor: What the dataset claims.
 
@@ -84,6 +152,7 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
     digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
     fresh = target / STAGING_DIR / _NEW
     delete(fresh)
+    make_dir(fresh.parent)
     make_dir(fresh)
     waiting = {path: content for path, content in files.items() if not _is_there(target / path, digests[path])}
     for number, content in enumerate(waiting.values()):
@@ -92,16 +161,39 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
         make_dir((target / path).parent)
         move(fresh / str(number), target / path)
     for path in _own_files(target):
-        if path not in files:
+        if path not in files and path not in kept:
             delete(target / path)
-    for layer in LAYERS:
-        folder = target / layer
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
+    for folder in [target / layer for layer in LAYERS]:
+        for inner in (*(entry for entry in folder.glob("*") if entry.is_dir()), folder):
+            if inner.is_dir() and not any(inner.iterdir()):
+                inner.rmdir()
     replace_file(target / DESCRIPTOR_FILE, descriptor_bytes)
     manifest = Manifest.of({**kept, **digests})
     write_manifest(target, manifest)
     return manifest
+
+
+def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manifest:
+    """Make `files` all that the last layer `layer` of the dataset `target` holds; everything else stays.
+
+    Args:
+        target: The dataset folder.
+        layer: A layer after all others that the dataset claims, or the last of them.
+        files: Bytes of its files by path; none drops the layer.
+
+    Raises:
+        DatasetError: The dataset has no descriptor or manifest that could be read.
+    """
+    descriptor = read_descriptor(target)
+    claimed = [*(name for name in descriptor.layers if name != layer), *([layer] if files else [])]
+    kept = {
+        path: digest
+        for path, digest in _stated(target).files.items()
+        if layer_of(path) != layer and path != DESCRIPTOR_FILE
+    }
+    return publish(
+        target, kept, files, Descriptor.model_validate({**descriptor.model_dump(mode="json"), "layers": claimed})
+    )
 
 
 def _is_there(path: Path, digest: str) -> bool:
@@ -114,4 +206,9 @@ def _is_there(path: Path, digest: str) -> bool:
 def _own_files(target: Path) -> list[str]:
     """Files below `target` that a build has written, or may have."""
     paths = [CARD_FILE, LICENCE_FILE, *(path for layer in LAYERS.values() for path in layer.files)]
-    return [path for path in paths if (target / path).is_file()]
+    return [path for path in (*paths, *_free_files(target)) if (target / path).is_file()]
+
+
+def _free_files(target: Path) -> list[str]:
+    found = (entry.relative_to(target).as_posix() for layer in LAYERS for entry in sorted((target / layer).rglob("*")))
+    return [path for path in found if LAYERS[path.split("/")[0]].admits_free(path)]

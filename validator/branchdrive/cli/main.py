@@ -128,6 +128,12 @@ _SUMMARIES = {
     "collect": "collect a dataset in the reference world",
     "draw": "draw branch groups: the map, the actors and the futures of every candidate",
     "study": "show what a dataset contains: population, outcomes, replay fidelity",
+    "train": "train the models of the benchmark; the same command goes on where it was interrupted",
+    "lock": "lock the trained models of the benchmark before outcomes of the test partition are looked at",
+    "predict": "predict with the locked models and publish lock, checkpoints and predictions in the release",
+    "evaluate": "evaluate predictions on the test partition: tables, figures, and what guards promise",
+    "benchmark": "train, lock, predict and evaluate: from a release to all tables and figures",
+    "export": "write the selector of the benchmark as an ONNX model that needs nothing else",
 }
 
 

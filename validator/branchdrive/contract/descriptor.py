@@ -119,7 +119,7 @@ class Descriptor(_Document):
     rates: Rates = Rates()
     streams: Annotated[tuple[str, ...], Field(strict=False, max_length=len(STREAMS))]
     cameras: Annotated[tuple[Camera, ...], Field(strict=False, max_length=64, fail_fast=True)] = ()
-    layers: Annotated[tuple[str, ...], Field(strict=False, min_length=1, max_length=4)] = ("raw",)
+    layers: Annotated[tuple[str, ...], Field(strict=False, min_length=1, max_length=5)] = ("raw",)
     action_bank: ActionBank
     action_encoding: DeclaredEncoding | None = None
     tolerances: Tolerances = Tolerances()

@@ -5,6 +5,7 @@ Every layer is derived from the ones before it. Source: paper III-F; spec/10-lay
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -42,6 +43,7 @@ class Layer:
         after: Layer that it is derived from, with those before it.
         documents: Its documents by file name.
         tables: Its tables by name.
+        free: Regular expressions of the paths, relative to its folder, that further files may have.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Layer:
     after: str
     documents: Mapping[str, LayerDocument]
     tables: Mapping[str, Table]
+    free: tuple[str, ...] = ()
 
     @property
     def required_files(self) -> tuple[str, ...]:
@@ -58,9 +61,23 @@ class Layer:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Paths relative to the root of the files that the layer may have."""
+        """Paths relative to the root of the documents and tables that the layer may have."""
         names = (*self.documents, *(table.file_name for table in self.tables.values()))
         return tuple(f"{self.name}/{name}" for name in names)
+
+    def admits_free(self, path: str) -> bool:
+        """Whether `path`, relative to the root, is one of the further files that the layer may have.
+
+        >>> LAYERS["benchmark"].admits_free("benchmark/checkpoints/M3-seed11.safetensors")
+        True
+        """
+        inside = path.removeprefix(f"{self.name}/")
+        return inside != path and any(re.search(rule.removesuffix("$") + r"\Z", inside) for rule in self.free)
+
+    def holds_folder(self, path: str) -> bool:
+        """Whether `path`, relative to the root, is a folder of further files."""
+        inside = path.removeprefix(f"{self.name}/")
+        return inside != path and any(rule.startswith(f"^{inside}/") for rule in self.free)
 
 
 def _layers() -> Mapping[str, Layer]:
@@ -72,6 +89,7 @@ def _layers() -> Mapping[str, Layer]:
                 declared["after"],
                 MappingProxyType({d: LayerDocument(d, **about) for d, about in declared["documents"].items()}),
                 MappingProxyType({table: LAYER_TABLES[table] for table in declared["tables"]}),
+                tuple(declared.get("free", ())),
             )
             for name, declared in load_resource("layers.json")["layers"].items()
         }

@@ -214,14 +214,21 @@ class ModelLayer:
     def _frame(self, table: str) -> dict[str, Values]:
         return from_arrow(self._stored(table), table)
 
-    @cached_property
-    def _contexts(self) -> dict[str, str]:
-        """Partition of every group, by group id in sorted order."""
+    def home_of(self) -> dict[str, str]:
+        """Partition of every group, by group id in sorted order, read anew.
+
+        Raises:
+            DatasetError: The table cannot be read, or repeats a group.
+        """
         frame = self._frame("contexts")
         partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
         if len(partitions) != len(frame["group_id"]):
             raise DatasetError(f"{self.root}: table `contexts` repeats a group; run `branchdrive-validate`")
         return partitions
+
+    @cached_property
+    def _contexts(self) -> dict[str, str]:
+        return self.home_of()
 
     @property
     def _group_ids(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from tests import synthetic
+from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.audit.rules.release import ReleaseDraft, detached_draft, release_draft
 
@@ -20,8 +21,8 @@ from branchdrive.audit.worker import in_process
 from branchdrive.contract.catalogue import CATALOGUE
 
 Edit: TypeAlias = Callable[[Any], object]
-Base = Literal["full", "media", "bare", "release", "detached", "alone"]
-RELEASES: tuple[Base, ...] = ("release", "detached", "alone")
+Base = Literal["full", "media", "bare", "release", "detached", "alone", "benchmark"]
+RELEASES: tuple[Base, ...] = ("release", "detached", "alone", "benchmark")
 
 SHARD_0, SHARD_1 = synthetic.SHARDS
 
@@ -149,14 +150,15 @@ def boundary(
 
 
 def _base_of(rule: str) -> Base:
-    return "full" if CATALOGUE[rule].layer is None else "release"
+    bases: dict[str | None, Base] = {None: "full", "benchmark": "benchmark"}
+    return bases.get(CATALOGUE[rule].layer, "release")
 
 
 def new_draft(base: Base = "full") -> Draft:
     """A valid dataset to edit.
 
     It has actors and evidence, with media too, or neither; or it is a release with media in place, detached beside
-    its raw dataset, or alone.
+    its raw dataset, or alone, or in place with a benchmark.
     """
     match base:
         case "full":
@@ -167,6 +169,8 @@ def new_draft(base: Base = "full") -> Draft:
             return Draft(synthetic.bare_tables(), synthetic.bare_descriptor())
         case "release":
             return release_draft()
+        case "benchmark":
+            return BenchmarkDraft()
         case _:
             return detached_draft(with_raw=base == "detached")
 

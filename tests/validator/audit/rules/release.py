@@ -50,7 +50,7 @@ from branchdrive.derive.leakage.protocol import Protocol
 from branchdrive.derive.leakage.sequence import Unavailable
 
 __all__ = [
-    "LEAKAGE", "LEDGER", "POPULATION", "RETENTION", "SOURCE", "SPLIT", "STEPS", "THRESHOLDS", "VARIANTS",
+    "BUILT", "LEAKAGE", "LEDGER", "POPULATION", "RETENTION", "SOURCE", "SPLIT", "STEPS", "THRESHOLDS", "VARIANTS",
     "ReleaseDraft", "detached_draft", "release_draft",
 ]  # fmt: skip
 
@@ -58,6 +58,9 @@ SPLIT, THRESHOLDS, RETENTION, POPULATION, VARIANTS = (
     f"quality/{name}.json" for name in ("split", "thresholds", "retention", "population", "variants")
 )
 LEAKAGE = LEAKAGE_FILE
+
+BUILT = ("canonical", "quality", "model")
+"""Layers that the builder makes."""
 
 PROTOCOL = AuditProtocol(
     gate=Protocol(num_permutations=4999, num_frequencies=20, num_replicates=1, offsets_sd=(0.8,)),
@@ -97,9 +100,7 @@ def _built_layers(scan: RawScan, options: BuildOptions) -> BuiltLayers:
 
 
 def _arrow(layers: BuiltLayers) -> dict[str, synthetic.Tables]:
-    return {
-        layer.name: {name: to_arrow(name, layers.frames[name]) for name in layer.tables} for layer in LAYERS.values()
-    }
+    return {name: {table: to_arrow(table, layers.frames[table]) for table in LAYERS[name].tables} for name in BUILT}
 
 
 class ReleaseDraft(Draft):
@@ -261,10 +262,10 @@ STEPS: dict[str, Callable[[ReleaseDraft], None]] = {
 
 def release_draft() -> ReleaseDraft:
     """The release in place: raw layer with media, all derived layers, and an audit of leakage."""
-    return ReleaseDraft(["raw", *LAYERS])
+    return ReleaseDraft(["raw", *BUILT])
 
 
 def detached_draft(*, with_raw: bool) -> ReleaseDraft:
     """The release without its raw layer, which is a dataset beside it or not at hand."""
     raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()) if with_raw else None
-    return ReleaseDraft([*LAYERS], raw)
+    return ReleaseDraft([*BUILT], raw)

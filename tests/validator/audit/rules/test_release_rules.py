@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from tests.mutation import MUTANTS, Mutant, new_draft
 from tests.validator.audit.rules.case import judged
-from tests.validator.audit.rules.release import SPLIT, THRESHOLDS, ReleaseDraft, release_draft
+from tests.validator.audit.rules.release import BUILT, SPLIT, THRESHOLDS, ReleaseDraft, release_draft
 
 from branchdrive.audit.check import RELEASE_RULES
 from branchdrive.audit.engine import validate
 from branchdrive.audit.report import Report
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import table_path
 
 BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
 
@@ -67,7 +67,7 @@ def test_rules_that_read_a_broken_document_are_not_judged(tmp_path: Path) -> Non
 def test_no_rule_fails_for_want_of_a_row(table: str, tmp_path: Path) -> None:
     """Tables without rows are what rules find them to be, and no rule breaks down."""
     draft = release_draft()
-    for layer in LAYERS:
+    for layer in BUILT:
         if table in draft.tables[layer]:
             draft.map_table(table, lambda rows: rows.slice(0, 0), folder=layer)
     report = judged(draft, tmp_path)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -28,12 +29,21 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import open_file
+from branchdrive.derive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.errors import DatasetError, DecodeError
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = ["ReleaseResult", "ReleaseTask", "audit_release"]
+
+CHECKPOINT_SUFFIX = ".safetensors"
+"""Of files whose header is read; their tensors are digested alone."""
+
+TEXT_SUFFIX = ".md"
+"""Of files that are read as a whole."""
+
+_CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -93,8 +103,18 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
     for path in (CARD_FILE, LICENCE_FILE):
         if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
             files.contents[path] = content
+        for path in task.files:
+            if LAYERS[name].admits_free(path):
+                _read_free(task, path, files, result)
     view = ReleaseView(
-        task.descriptor, files.tables, files.documents, files.contents, task.raw, frozenset(task.names), files.problems
+        task.descriptor,
+        files.tables,
+        files.documents,
+        files.contents,
+        task.raw,
+        frozenset(task.names),
+        files.problems,
+        digests=result.digests,
     )
     result.population = files.documents.get("quality/population.json")
     # Rules on structure come first and always run: they say which tables the others can trust.
@@ -118,6 +138,35 @@ def _read(task: ReleaseTask, path: str, limit: int, result: ReleaseResult) -> by
     if task.is_hashed and len(content) <= limit:
         result.digests[path] = hashlib.sha256(content).hexdigest()
     return content
+
+
+def _read_free(task: ReleaseTask, path: str, files: _Files, result: ReleaseResult) -> None:
+    """Digest a further file; of a checkpoint keep the header, of a text all."""
+    limits = spec_limits()
+    if path.endswith(TEXT_SUFFIX):
+        if (content := _read(task, path, limits.max_document_bytes, result)) is not None:
+            files.contents[path] = content
+        return
+    digest = hashlib.sha256()
+    try:
+        with open_file(task.root, path) as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size > limits.max_media_bytes:
+                result.unreadable[path] = f"has {size} bytes; the limit is {limits.max_media_bytes}"
+                return
+            head = stream.read(LENGTH_BYTES)
+            if path.endswith(CHECKPOINT_SUFFIX):
+                with suppress(ValueError):  # what is no checkpoint is the matter of a rule
+                    head += stream.read(header_bytes(head) - LENGTH_BYTES)
+                files.contents[path] = head
+            digest.update(head)
+            while task.is_hashed and (chunk := stream.read(_CHUNK_BYTES)):
+                digest.update(chunk)
+    except (DatasetError, OSError) as error:
+        result.unreadable[path] = str(error)
+        return
+    if task.is_hashed:
+        result.digests[path] = digest.hexdigest()
 
 
 def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: ReleaseResult) -> None:

@@ -67,6 +67,7 @@ class ReleaseView:
         raw: The raw layer.
         problems: What other rules say about files, by rule id.
         files: Paths of all files of the derived layers and of the root.
+        digests: SHA-256 of the files that were read, by path; empty where digests are off.
     """
 
     def __init__(
@@ -78,6 +79,8 @@ class ReleaseView:
         raw: RawLayer,
         files: frozenset[str],
         problems: Mapping[str, list[Any]] | None = None,
+        *,
+        digests: Mapping[str, str] | None = None,
     ) -> None:
         self.descriptor = descriptor
         self.tables = tables
@@ -85,6 +88,7 @@ class ReleaseView:
         self.contents = contents
         self.raw = raw
         self.files = files
+        self.digests = dict(digests or {})
         self.problems = dict(problems or {})
         self._frames: dict[str, dict[str, Values]] = {}
         self._expected: dict[str, Frame] = {}

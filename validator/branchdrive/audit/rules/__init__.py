@@ -1,6 +1,7 @@
 """The rules, one module per area; importing this package binds every rule to the catalogue."""
 
 from branchdrive.audit.rules import (
+    benchmark,
     canonical,
     controls,
     documents,
@@ -26,6 +27,7 @@ from branchdrive.audit.rules import (
 )
 
 __all__ = [
+    "benchmark",
     "canonical",
     "controls",
     "documents",

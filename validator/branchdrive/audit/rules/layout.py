@@ -155,7 +155,11 @@ def _has_place(entry: Entry) -> bool:
         case [folder, shard, *rest] if folder == RAW_DIR and shard_index(shard) is not None:
             return len(rest) == 1 and entry.kind == "file"
         case [folder, _] if folder in LAYERS:
-            return entry.kind == "file" and entry.path in LAYERS[folder].files
+            if entry.kind != "file":
+                return LAYERS[folder].holds_folder(entry.path)
+            return entry.path in LAYERS[folder].files or LAYERS[folder].admits_free(entry.path)
+        case [folder, _, _] if folder in LAYERS:
+            return entry.kind == "file" and LAYERS[folder].admits_free(entry.path)
         case _:
             return False
 

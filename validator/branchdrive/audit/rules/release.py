@@ -42,10 +42,10 @@ def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield ReleaseCheck.of(1, [] if same else [Sighting("the action bank of the raw dataset", "another", place)])
 
 
-def _text(view: ReleaseView, path: str, expected: str) -> ReleaseCheck:
+def text_agrees(view: ReleaseView, path: str, expected: str) -> ReleaseCheck:
     """A text file says what it must, to the byte; the first line that differs is shown.
 
-    A release must have it, and any other dataset may leave it out.
+    A release must have card and licence, and any other dataset may leave them out.
     """
     if path not in view.contents:
         absent = [Sighting("the file", "no such file", {"file": path})] if view.claims("model") else []
@@ -65,10 +65,10 @@ def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     documents = {name: view.document(f"quality/{name}.json") for name in names}
     leakage = view.document(LEAKAGE_FILE) if LEAKAGE_FILE in view.files else None
     card = render_card(view.descriptor, view.document(SOURCE), **documents, leakage=leakage)
-    yield _text(view, CARD_FILE, card)
+    yield text_agrees(view, CARD_FILE, card)
 
 
 @release_rule("BD-REL-004")
 def licence_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """The licence file names the licence of the descriptor."""
-    yield _text(view, LICENCE_FILE, render_licence(view.descriptor.licence))
+    yield text_agrees(view, LICENCE_FILE, render_licence(view.descriptor.licence))

@@ -11,9 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tests.synthetic_release import TWINS, raw_tables
 from tests.validator.audit.rules.case import boundary, mutant
-from tests.validator.audit.rules.release import LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
-
-from branchdrive.contract.layer import LAYERS
+from tests.validator.audit.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 STATE = "model/state.parquet"
 GROUPS = "quality/group_quality.parquet"
@@ -99,7 +97,7 @@ def _other_settings(content: bytes) -> bytes:
 
 @boundary("BD-LYR-002", "BD-LYR-003", "BD-LYR-004")
 def derived_tables_in_other_settings(d: ReleaseDraft) -> None:
-    for layer in LAYERS:
+    for layer in BUILT:
         for name in d.tables[layer]:
             _rewrite(d, f"{layer}/{name}.parquet", _other_settings)
 
@@ -136,7 +134,7 @@ def derived_column_of_another_type(d: ReleaseDraft) -> None:
 
 @boundary("BD-LYR-003", "BD-LYR-004", "BD-LYR-006", "BD-LYR-009")
 def derived_columns_in_reverse_order(d: ReleaseDraft) -> None:
-    for layer in LAYERS:
+    for layer in BUILT:
         for name in d.tables[layer]:
             d.map_table(name, lambda rows: rows.select(rows.column_names[::-1]), folder=layer)
 
@@ -150,7 +148,7 @@ def derived_text_as_dictionary(d: ReleaseDraft) -> None:
                 rows = rows.set_column(place, field.with_type(values.type), values)
         return rows
 
-    for layer in LAYERS:
+    for layer in BUILT:
         for name in d.tables[layer]:
             d.map_table(name, encode, folder=layer)
 

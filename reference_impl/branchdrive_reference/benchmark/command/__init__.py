@@ -1,0 +1,1 @@
+"""Commands of the benchmark; each is an entry point of `branchdrive.commands`."""

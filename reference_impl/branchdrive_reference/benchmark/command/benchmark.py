@@ -1,0 +1,46 @@
+"""`branchdrive benchmark`: train, lock, predict and evaluate in one command."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TextIO
+
+from branchdrive_reference.benchmark.command.evaluate import add_format, shown
+from branchdrive_reference.benchmark.command.option import add_no_figures, add_release, at_work, bars, need_models
+from branchdrive_reference.benchmark.command.train import add_training, sentence
+
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "train, lock, predict and evaluate: from a release to all tables and figures"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add_release(parser)
+    add_training(parser)
+    add_no_figures(parser)
+    add_format(parser)
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Carry out every step that is not done, and print the tables.
+
+    Raises:
+        UsageError: As the single commands.
+        DatasetError: As the single commands.
+    """
+    need_models("benchmark")
+    from branchdrive_reference.benchmark.step import evaluate_step, lock_step, predict_step, train_step
+
+    progress = bars(stderr)
+    with at_work(args.release, args.protocol) as (workspace, protocol):
+        trained = train_step(
+            workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
+            progress=progress,
+        )  # fmt: skip
+        stderr.write(sentence(trained))
+        lock_step(workspace, protocol)
+        workspace = predict_step(workspace, protocol, device=args.device, progress=progress)
+        found = evaluate_step(workspace, protocol, with_figures=not args.no_figures, progress=progress)
+    stdout.write(shown(found, args.format, stdout))
+    return 0

@@ -1,0 +1,114 @@
+"""`branchdrive evaluate`: metrics, rankings and guards of locked predictions, or of predictions of others."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from branchdrive.cli.output import check_output
+from branchdrive.errors import UsageError
+from branchdrive_reference.benchmark.command.option import (
+    add_no_figures,
+    add_protocol,
+    add_release,
+    at_work,
+    bars,
+    need_models,
+)
+
+if TYPE_CHECKING:
+    from branchdrive_reference.benchmark.evaluation import Evaluation
+
+__all__ = ["SUMMARY", "add_arguments", "add_format", "run", "shown"]
+
+SUMMARY = "evaluate predictions on the test partition: tables, figures, and what guards promise"
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def _name(text: str) -> str:
+    if _NAME.fullmatch(text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not up to 64 letters, digits, dots, dashes and underscores")
+    return text
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add_release(parser)
+    parser.add_argument(
+        "--predictions", metavar="FILE", type=Path, help="evaluate these predictions (Parquet) beside those published"
+    )
+    parser.add_argument("--name", metavar="NAME", type=_name, help="name of the model that made them")
+    parser.add_argument(
+        "--output", metavar="DIR", type=Path, help="write results, tables and figures of --predictions there"
+    )
+    add_no_figures(parser)
+    add_format(parser)
+    add_protocol(parser)
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """What is printed."""
+    parser.add_argument(
+        "--format", choices=("text", "markdown", "json"), default="text", help="what to print (default: text)"
+    )
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Evaluate and print the tables.
+
+    Raises:
+        UsageError: The options do not go together, nothing is predicted, or an extra is not installed.
+        DatasetError: The release or the predictions cannot be read.
+    """
+    if (args.predictions is None) != (args.name is None):
+        raise UsageError("`--predictions` and `--name` go together")
+    if args.predictions is None and args.output is not None:
+        raise UsageError("`--output` goes with `--predictions`; results of the release are published in it")
+    need_models("evaluate")
+    if args.predictions is None:
+        from branchdrive_reference.benchmark.step import evaluate_step
+
+        with at_work(args.release, args.protocol) as (workspace, protocol):
+            found = evaluate_step(workspace, protocol, with_figures=not args.no_figures, progress=bars(stderr))
+    else:
+        check_output(args.output, outside=args.release, is_folder=True)
+        found = _foreign(args)
+    stdout.write(shown(found, args.format, stdout))
+    return 0
+
+
+def _foreign(args: argparse.Namespace) -> Evaluation:
+    from branchdrive.contract.document import parse_json
+    from branchdrive.derive.benchmark.protocol import default_protocol, read_protocol
+    from branchdrive_reference.benchmark.evaluation import evaluate_foreign
+    from branchdrive_reference.benchmark.foreign import read_predictions
+    from branchdrive_reference.benchmark.prediction import benchmark_data
+    from branchdrive_reference.benchmark.release import open_release
+
+    release = open_release(args.release)
+    stored = (
+        release.document("benchmark/protocol.json") if args.protocol is None else parse_json(args.protocol.read_bytes())
+    )
+    protocol = default_protocol() if stored is None else read_protocol(stored)
+    data = benchmark_data(release)
+    predictions = read_predictions(args.predictions, args.name, data, protocol)
+    with_figures = args.output is not None and not args.no_figures
+    found = evaluate_foreign(release, protocol, predictions, data, with_figures=with_figures)
+    if args.output is not None:
+        for path, content in found.files.items():
+            place = args.output / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+    return found
+
+
+def shown(found: Evaluation, form: str, stdout: TextIO) -> str:
+    """The evaluation as text, Markdown or JSON."""
+    if form == "text":
+        from branchdrive_reference.benchmark.text import render_results
+
+        return render_results(found.results, stdout)
+    return found.files["TABLES.md" if form == "markdown" else "results.json"].decode()

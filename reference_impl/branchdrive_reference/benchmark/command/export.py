@@ -1,0 +1,55 @@
+"""`branchdrive export`: the selector of a benchmark as an ONNX model."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TextIO
+
+from branchdrive.audit.finding import printable
+from branchdrive.cli.output import check_output
+from branchdrive.errors import UsageError
+from branchdrive_reference.benchmark.command.option import add_release, need_models
+
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "write the selector of the benchmark as an ONNX model that needs nothing else"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add_release(parser)
+    parser.add_argument("--output", metavar="FILE", type=Path, required=True, help="the ONNX file, as selector.onnx")
+    parser.add_argument("--model", metavar="MODEL", default="M3", help="model to export, all its seeds (default: M3)")
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Export, compare with torch, write.
+
+    Raises:
+        UsageError: An extra is not installed, the release has no such model, or it cannot rank.
+        DatasetError: The release or a checkpoint cannot be read.
+    """
+    check_output(args.output, outside=args.release)
+    need_models("export")
+    from branchdrive.dataset.durable import replace_file
+    from branchdrive_reference.benchmark.release import open_release
+    from branchdrive_reference.benchmark.selector import check_equal, export_selector
+    from branchdrive_reference.learning.checkpoint import read_checkpoint
+
+    release = open_release(args.release)
+    lock = release.document("benchmark/lock.json")
+    entries = [entry for entry in lock["checkpoints"] if entry["model"] == args.model] if lock is not None else []
+    if not entries:
+        raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
+    checkpoints = [
+        read_checkpoint(release.root / "benchmark" / entry["file"], sha256=entry["sha256"]) for entry in entries
+    ]
+    content = export_selector(checkpoints, release.layer)
+    difference = check_equal(content, checkpoints, release.layer)
+    replace_file(args.output, content)
+    stdout.write(
+        f"{printable(str(args.output))}: {args.model}, {len(entries)} seeds, {len(content):,} bytes, "
+        f"largest difference to torch {difference:.1e}\n"
+    )
+    return 0

@@ -1,0 +1,89 @@
+"""Options that commands of the benchmark share, and the door to the extra that they need."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from branchdrive.cli.progress import progress_bar
+from branchdrive.cli.validate import at_least
+from branchdrive.errors import UsageError
+
+if TYPE_CHECKING:
+    from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+    from branchdrive_reference.benchmark.step import Progress
+    from branchdrive_reference.benchmark.workspace import Workspace
+
+__all__ = ["add_device", "add_jobs", "add_no_figures", "add_protocol", "add_release", "at_work", "bars", "need_models"]
+
+_DEVICES = ("cpu", "cuda", "auto")
+
+
+def add_release(parser: argparse.ArgumentParser) -> None:
+    """The release, in place or detached."""
+    parser.add_argument("release", metavar="RELEASE", type=Path, help="release with its model layer")
+
+
+def add_protocol(parser: argparse.ArgumentParser) -> None:
+    """Another protocol than the default one."""
+    parser.add_argument(
+        "--protocol", metavar="FILE", type=Path,
+        help="benchmark protocol as JSON (default: the one at work here, else that of this version)",
+    )  # fmt: skip
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Processes."""
+    parser.add_argument(
+        "--jobs", metavar="N", type=at_least(1), default=1, help="processes that train side by side (default: 1)"
+    )
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Where torch computes."""
+    parser.add_argument("--device", choices=_DEVICES, default="cpu", help="where to compute (default: cpu)")
+
+
+def add_no_figures(parser: argparse.ArgumentParser) -> None:
+    """Tables alone."""
+    parser.add_argument("--no-figures", action="store_true", help="write tables alone, which needs no matplotlib")
+
+
+def need_models(command: str) -> None:
+    """Make sure that torch is here.
+
+    Raises:
+        UsageError: It is not; the message says what to install.
+    """
+    try:
+        import branchdrive_reference.learning.groups
+        import branchdrive_reference.learning.tensor_file  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise UsageError(f"`{command}` needs the package {error.name!r}: pip install 'branchdrive[models]'") from error
+
+
+@contextmanager
+def at_work(release: Path, protocol_file: Path | None = None) -> Iterator[tuple[Workspace, BenchmarkProtocol]]:
+    """The working area of a release, held while the command runs, and the protocol that is in force.
+
+    A request to terminate interrupts as the keyboard does, and the same command goes on later.
+
+    Raises:
+        UsageError: Another command is at work there.
+        DatasetError: The release cannot be read.
+    """
+    from branchdrive_reference.benchmark.locking import choose_protocol
+    from branchdrive_reference.benchmark.release import open_release
+    from branchdrive_reference.benchmark.workspace import opened_workspace
+    from branchdrive_reference.collect.interrupt import heeded_termination
+
+    with heeded_termination(), opened_workspace(open_release(release)) as workspace:
+        yield workspace, choose_protocol(workspace, protocol_file)
+
+
+def bars(stderr: TextIO) -> Progress:
+    """Progress bars with an ETA on a terminal."""
+    return lambda title: progress_bar(stderr, title)

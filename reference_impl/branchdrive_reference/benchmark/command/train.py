@@ -1,0 +1,70 @@
+"""`branchdrive train`: models of the benchmark on the training groups of a release."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, TextIO
+
+from branchdrive_reference.benchmark.command.option import (
+    add_device,
+    add_jobs,
+    add_protocol,
+    add_release,
+    at_work,
+    bars,
+    need_models,
+)
+
+if TYPE_CHECKING:
+    from branchdrive_reference.benchmark.step import Trained
+
+__all__ = ["SUMMARY", "add_arguments", "add_training", "run", "sentence"]
+
+SUMMARY = "train the models of the benchmark; the same command goes on where it was interrupted"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add_release(parser)
+    add_training(parser)
+
+
+def add_training(parser: argparse.ArgumentParser) -> None:
+    """Declare what training can be told."""
+    parser.add_argument("--models", metavar="MODEL", nargs="+", help="models to train (default: all of the protocol)")
+    parser.add_argument(
+        "--no-guard", action="store_true", help="train no folds for the guard, whose results will be missing"
+    )
+    add_jobs(parser)
+    add_device(parser)
+    add_protocol(parser)
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Train.
+
+    Raises:
+        UsageError: The extra is not installed, no model is called so, or another command is at work on the release.
+        DatasetError: The release or a checkpoint cannot be read.
+    """
+    need_models("train")
+    from branchdrive_reference.benchmark.step import train_step
+
+    with at_work(args.release, args.protocol) as (workspace, protocol):
+        found = train_step(
+            workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
+            progress=bars(stderr),
+        )  # fmt: skip
+        stdout.write(sentence(found))
+        if not workspace.release.has_benchmark:
+            stdout.write(
+                "They wait in the working area of the release; `branchdrive lock` and `predict` publish them.\n"
+            )
+    return 0
+
+
+def sentence(found: Trained) -> str:
+    """What was trained, and what it took."""
+    text = f"{found.num_models} trainings of models in {found.models_s:.1f} s"
+    guard = f", {found.num_folds} folds and the risk of the guard in {found.guard_s:.1f} s" if found.num_folds else ""
+    return f"{text}{guard}\n"

@@ -1,0 +1,90 @@
+"""How figures look, and how they become files: the same bytes for the same figure on one machine."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any, Literal
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from branchdrive_reference.drawing.palette import BACKDROP, Rgb
+
+__all__ = ["FORMATS", "HUES", "INK", "QUIET", "axes_of", "new_figure", "render"]
+
+FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
+
+INK, QUIET = BACKDROP["ink"], BACKDROP["quiet"]
+
+HUES = ("#0072b2", "#d55e00", "#009e73", "#b5478f", "#e69f00", "#56b4e9", "#8c6d1f", "#6a51a3")
+"""Colours that readers with any common colour vision tell apart, Okabe and Ito first."""
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": QUIET,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": QUIET,
+    "ytick.color": QUIET,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "grid.color": "#e3e5e8",
+    "grid.linewidth": 0.8,
+    "legend.frameon": False,
+    "svg.hashsalt": "branchdrive",
+    "text.parse_math": False,
+}
+_METADATA: dict[str, dict[str, str | None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
+_DPI = 150
+
+
+def new_figure(width_in: float, height_in: float, heading: str, remarks: str) -> Figure:
+    """An empty figure with a heading, and remarks in small letters below it."""
+    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
+    figure.get_layout_engine().set(rect=(0.01, 0.02, 0.98, 1 - 0.75 / height_in), wspace=0.06, hspace=0.08)  # type: ignore[union-attr, call-arg]
+    figure.text(0.015, 1 - 0.24 / height_in, heading, fontsize=13, fontweight="bold", color=INK, va="center")
+    figure.text(0.015, 1 - 0.5 / height_in, remarks, fontsize=8.6, color=QUIET, va="center")
+    return figure
+
+
+def axes_of(figure: Figure, num_rows: int, num_columns: int, **options: Any) -> list[Axes]:
+    """Axes in a grid, row by row, with a grid of lines behind their values."""
+    found = figure.subplots(num_rows, num_columns, squeeze=False, **options)
+    for axes in found.ravel():
+        axes.set_axisbelow(True)
+    return list(found.ravel())
+
+
+def render(draw: Callable[[], Figure], file_format: Literal["png", "svg"]) -> bytes:
+    """The bytes of a figure; it carries no date and no version."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_SETTINGS)
+        figure, content = draw(), io.BytesIO()
+        _settle(figure)
+        figure.savefig(content, format=file_format, metadata=_METADATA[file_format])
+        return content.getvalue()
+
+
+def _settle(figure: Figure) -> None:
+    """Lay out once and round: the solver's last bits differ from run to run, and names in an SVG hang on them."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        left, bottom, width, height = axes.get_position(original=True).bounds
+        axes.set_position((round(left, 5), round(bottom, 5), round(width, 5), round(height, 5)))
+
+
+def shade(colour: str, share: float) -> Rgb:
+    """A colour mixed with white."""
+    channels = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+    red, green, blue = (channel + share * (1 - channel) for channel in channels)
+    return red, green, blue

@@ -1,0 +1,49 @@
+"""All figures of a benchmark as files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from branchdrive_reference.benchmark.figure.attrition import draw_attrition
+from branchdrive_reference.benchmark.figure.canvas import FORMATS, render
+from branchdrive_reference.benchmark.figure.leakage import draw_leakage
+from branchdrive_reference.benchmark.figure.policy import draw_policy
+from branchdrive_reference.benchmark.figure.prediction import draw_prediction
+from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
+from branchdrive_reference.drawing.quiet import quiet
+
+__all__ = ["figures"]
+
+
+def figures(
+    results: Mapping[str, Any],
+    *,
+    alpha: float,
+    population: Mapping[str, Any] | None = None,
+    leakage: Mapping[str, Any] | None = None,
+) -> dict[str, bytes]:
+    """Files by name, such as ``prediction.png``; a figure without anything to show is left out.
+
+    Args:
+        results: Document ``benchmark/results.json``.
+        alpha: Largest rate of violations of the guard.
+        population: Document ``quality/population.json``.
+        leakage: Document ``quality/leakage.json``, where the release has one.
+    """
+    draws: dict[str, Callable[[], Figure | None]] = {}
+    if population is not None:
+        draws["attrition"] = partial(draw_attrition, population)
+    if leakage is not None and leakage.get("battery") and leakage.get("gate"):
+        draws["leakage"] = partial(draw_leakage, leakage)
+    if results["prediction"]["estimates"]:
+        draws["prediction"] = partial(draw_prediction, results)
+    if results["ranking"]["profiles"]:
+        draws["policy_value"] = partial(draw_policy, results)
+    if results["guard"]["profiles"]:
+        draws["guard"] = partial(draw_trade_off, results, alpha)
+    with quiet():
+        return {f"{name}.{kind}": render(draw, kind) for name, draw in draws.items() for kind in FORMATS}  # type: ignore[arg-type]

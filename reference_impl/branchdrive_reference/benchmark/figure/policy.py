@@ -1,0 +1,58 @@
+"""Policy value: what the choice of every selector is worth, by profile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
+
+__all__ = ["draw_policy"]
+
+_NAMES = {"random": "Random", "nominal": "Nominal", "action_prior": "ActionPrior", "fixed_brake": "Fixed brake"}
+_NAMES |= {"oracle": "Oracle of the bank"}
+
+
+def draw_policy(results: Mapping[str, Any]) -> Figure | None:
+    """Value and regret of every selector under every profile; ``None`` where nothing was ranked.
+
+    Args:
+        results: Document ``benchmark/results.json``.
+    """
+    profiles = results["ranking"]["profiles"]
+    if not profiles:
+        return None
+    num_rows = max(len(profile["entries"]) for profile in profiles)
+    figure = new_figure(
+        2.9 * len(profiles) + 1.2, 2 * (0.27 * num_rows + 0.95) + 0.9, "What the selected action is worth",
+        f"Executed utility in the test partition, {profiles[0]['num_ranked']} groups; bars are 95 % intervals over "
+        "groups, thin ones below them the spread over seeds; the dashed line is ActionPrior.",
+    )  # fmt: skip
+    panels = axes_of(figure, 2, len(profiles), sharey=True)
+    for column, profile in enumerate(profiles):
+        _panel(panels[column], profile["entries"], "value")
+        panels[column].set(title=profile["profile"], xlabel="mean utility, higher is better")
+        _panel(panels[len(profiles) + column], profile["entries"], "regret")
+        panels[len(profiles) + column].set(xlabel="mean regret, lower is better")
+    return figure
+
+
+def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> None:
+    for place, entry in enumerate(entries):
+        name, value, ends = entry["selector"], entry[measure], entry["intervals"][measure]
+        colour = HUES[1] if name.startswith("O-") else INK if name == "oracle" else HUES[0]
+        if ends["low"] is not None:
+            axes.plot([ends["low"], ends["high"]], [place, place], color=colour, linewidth=2.0, alpha=0.5)
+        sd = entry["seed_sd"].get(measure)
+        if sd:
+            axes.plot([value - sd, value + sd], [place + 0.24] * 2, color=QUIET, linewidth=1.4)
+        axes.plot(value, place, "o", color=colour, markersize=5.5)
+    reference = next((entry[measure] for entry in entries if entry["selector"] == "action_prior"), None)
+    if reference is not None:
+        axes.axvline(reference, color=QUIET, linestyle=(0, (4, 3)), linewidth=1.0)
+    axes.set(ylim=(len(entries) - 0.4, -0.6), yticks=range(len(entries)))
+    axes.set_yticklabels([_NAMES.get(entry["selector"], entry["selector"]) for entry in entries])
+    axes.grid(axis="x")

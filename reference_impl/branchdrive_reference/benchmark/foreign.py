@@ -1,0 +1,121 @@
+"""Predictions of others: one Parquet file with a row for every candidate of every group of the test partition.
+
+=====================  ==============  ============================================================
+column                 type            meaning
+=====================  ==============  ============================================================
+``group_id``           string          branch group
+``action_key``         string          candidate of the bank
+``seed``               integer         seed of the training; may be left out, then it is 0
+six targets            float64         by name, as ``min_separation_m``, in their units
+five components        list<float64>   of the path, as ``x_m``: ten values each, from +0.25 s to +2.5 s
+=====================  ==============  ============================================================
+
+Beside the test partition, whole other partitions but training may be predicted: the guard's model needs them.
+
+Source: this project's choice.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.timing import FUTURE_OBSERVATIONS
+from branchdrive.dataset.parquet import decode_table
+from branchdrive.dataset.untrusted import read_file
+from branchdrive.derive.benchmark.data import BenchmarkData
+from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.derive.layer.frame import Values
+from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.errors import DatasetError, UsageError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["read_predictions"]
+
+_SCALARS = tuple(target.name for target in TARGETS)
+_TEXT, _SEED = ("group_id", "action_key"), "seed"
+
+
+def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: BenchmarkProtocol) -> PredictionSet:
+    """Predictions of the model `name` in a file.
+
+    Raises:
+        UsageError: The protocol declares a model of that name.
+        DatasetError: The file cannot be read, lacks a column, a candidate or a number, or has rows of training groups,
+            of unknown groups or several of one candidate.
+    """
+    if protocol.model(name) is not None:
+        raise UsageError(f"--name: {name!r} is a model of the protocol; choose another name")
+    try:
+        table = decode_table(read_file(path.parent, path.name, spec_limits().max_table_bytes))
+        frames = _frames(table, name)
+    except DatasetError as error:
+        raise DatasetError(f"{path}: {error}") from error
+    for problem in prediction_problems(frames, data, protocol):
+        if problem.place.get("model") == name and (problem.kind != "seed"):
+            raise DatasetError(f"{path}: {problem}")
+    return PredictionSet.from_frames(frames, data)
+
+
+def _frames(table: pa.Table, name: str) -> dict[str, dict[str, Values]]:
+    wanted = (*_TEXT, *_SCALARS, *TRAJECTORY)
+    missing = sorted(set(wanted) - set(table.column_names))
+    odd = sorted(set(table.column_names) - {*wanted, _SEED})
+    if missing or odd:
+        raise DatasetError(f"columns are not as documented: {missing} missing, {odd} unknown")
+    if not table.num_rows:
+        raise DatasetError("holds no row")
+    keys: dict[str, Values] = {"model": np.full(table.num_rows, name, object), _SEED: _seeds(table)}
+    keys |= {column: _texts(table, column) for column in _TEXT}
+    scalars = {column: _numbers(table.column(column).combine_chunks(), column) for column in _SCALARS}
+    paths = {column: _lists(table, column) for column in TRAJECTORY}
+    repeated = {column: np.repeat(values, FUTURE_OBSERVATIONS) for column, values in keys.items()}
+    step = np.tile(np.arange(1, FUTURE_OBSERVATIONS + 1, dtype=np.int32), table.num_rows)
+    return dict(zip(TABLES, (keys | scalars, repeated | {"step": step} | paths), strict=True))
+
+
+def _texts(table: pa.Table, column: str) -> Values:
+    import pyarrow as pa
+
+    values = table.column(column)
+    kind = values.type.value_type if pa.types.is_dictionary(values.type) else values.type
+    if not pa.types.is_string(kind) or values.null_count:
+        raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected text")
+    return np.array(values.to_pylist(), object)
+
+
+def _seeds(table: pa.Table) -> Values:
+    import pyarrow as pa
+
+    if _SEED not in table.column_names:
+        return np.zeros(table.num_rows, np.int64)
+    values = table.column(_SEED)
+    if not pa.types.is_integer(values.type) or values.null_count:
+        raise DatasetError(f"column {_SEED!r} is {values.type} with {values.null_count} nulls, expected integers")
+    return np.asarray(values.to_numpy(), np.int64)
+
+
+def _numbers(values: Any, column: str) -> Values:
+    import pyarrow as pa
+
+    if not pa.types.is_floating(values.type) or values.null_count:
+        raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected floats")
+    return np.asarray(values.to_numpy(zero_copy_only=False), np.float64)
+
+
+def _lists(table: pa.Table, column: str) -> Values:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    values = table.column(column).combine_chunks()
+    if not pa.types.is_list(values.type) or values.null_count:
+        raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected lists")
+    if not pc.all(pc.equal(pc.list_value_length(values), FUTURE_OBSERVATIONS)).as_py():
+        raise DatasetError(f"column {column!r} holds a list that has not {FUTURE_OBSERVATIONS} values")
+    return _numbers(pc.list_flatten(values), column)

@@ -1,0 +1,83 @@
+"""How far outcomes move when nominal is repeated: targets of the nominal replays of training groups.
+
+Replays stand in the raw layer alone; which of them comply, the quality layer says. Where no raw layer is at hand,
+or no training group has a replay with a whole window after its branch, the noise is unknown.
+
+Source: this project's choice, see `branchdrive.derive.guard.outcome_noise`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from branchdrive.audit.extract.future import targets_of
+from branchdrive.audit.view import ShardView
+from branchdrive.contract.layer import table_path
+from branchdrive.dataset.frame import from_arrow
+from branchdrive.dataset.shard import find_shards
+from branchdrive.dataset.table_file import read_table
+from branchdrive.derive.benchmark.data import BenchmarkData
+from branchdrive.derive.guard.outcome_noise import OutcomeNoise, outcome_noise
+from branchdrive.derive.layer.frame import Frame
+from branchdrive.derive.target import TARGETS, Targets
+from branchdrive_reference.benchmark.release import Release
+
+__all__ = ["noise_of"]
+
+_TABLES = ("rollouts", "observations", "evidence")
+
+
+def noise_of(release: Release, data: BenchmarkData) -> OutcomeNoise | None:
+    """Tolerances from nominal replays of training groups; ``None`` where there are none to read.
+
+    Raises:
+        DatasetError: A file cannot be read.
+    """
+    if not release.has_raw:
+        return None
+    part = data.part("train")
+    owner = _replays(release, {group: row for row, group in enumerate(part.groups)})
+    found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in part.groups]
+    for shard in find_shards(release.root):
+        rollout_ids = shard.table("rollouts")["rollout_id"].to_pylist()
+        rows = np.array([row for row, rollout in enumerate(rollout_ids) if rollout in owner], np.int64)
+        if not len(rows):
+            continue
+        names = [name for name in _TABLES if name in release.layer.descriptor.tables]
+        view = ShardView({name: shard.decode(name) for name in names}, release.layer.descriptor)
+        targets = targets_of(view, rows)
+        for place, row in enumerate(rows.tolist()):
+            found[owner[rollout_ids[row]]].append((targets.values[place], targets.available[place]))
+    most = max((len(repeats) for repeats in found), default=0)
+    if not most:
+        return None
+    values = np.full((len(found), most, len(TARGETS)), np.nan)
+    available = np.zeros(values.shape, np.bool_)
+    nominal = part.targets
+    known = nominal.available[:, data.nominal]
+    for group, repeats in enumerate(found):
+        available[group] = known[group]  # a repeat that is not there repeats nominal: it moves nothing
+        values[group] = nominal.values[group, data.nominal]
+        for place, (value, mask) in enumerate(repeats):
+            values[group, place], available[group, place] = value, mask
+    has = np.array([bool(repeats) for repeats in found])
+    return outcome_noise(Targets(nominal.values[has, data.nominal], known[has]), Targets(values[has], available[has]))
+
+
+def _replays(release: Release, groups: dict[str, int]) -> dict[str, int]:
+    """Compliant nominal replays with whole windows after the branch, with the place of their group."""
+    pairs, attempts = (_frame(release, name) for name in ("pairs", "attempt_quality"))
+    whole = np.asarray(attempts["compliant"], bool) & np.asarray(attempts["has_branch"], bool)
+    for name in ("missing_future_observations", "missing_evidence"):
+        whole &= np.ma.filled(np.ma.asarray(attempts[name]), 1) == 0
+    usable = set(attempts["rollout_id"][whole].tolist())
+    rows = zip(pairs["kind"].tolist(), pairs["rollout_id"].tolist(), pairs["group_id"].tolist(), strict=True)
+    return {
+        rollout: groups[group]
+        for kind, rollout, group in rows
+        if kind == "nominal_replay" and group in groups and rollout in usable
+    }
+
+
+def _frame(release: Release, name: str) -> Frame:
+    return from_arrow(read_table(release.root, table_path(name), name), name)

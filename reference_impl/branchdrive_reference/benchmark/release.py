@@ -1,0 +1,105 @@
+"""The release that a benchmark is about: what its files are, under their digests.
+
+Only files of derived layers are read, so a detached release serves as well as one in place. They are held against
+the manifest first: a lock names digests, and they are to be those of the files that were used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from branchdrive.contract.document import parse_json
+from branchdrive.contract.layer import table_path
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.frame import from_arrow
+from branchdrive.dataset.layout import MANIFEST_FILE, RAW_DIR, layer_of
+from branchdrive.dataset.manifest import Manifest, parse_manifest
+from branchdrive.dataset.model_layer import ModelLayer, open_model
+from branchdrive.dataset.table_file import read_table
+from branchdrive.dataset.untrusted import open_file, read_file
+from branchdrive.errors import DatasetError
+
+__all__ = ["Release", "open_release"]
+
+LAYER = "benchmark"
+_READ = ("quality", "model", LAYER)
+
+
+@dataclass(frozen=True)
+class Release:
+    """A release with a model layer, as its manifest has it.
+
+    Attributes:
+        root: Its folder.
+        layer: Its model layer.
+        manifest: Its manifest, which its derived layers agree with.
+    """
+
+    root: Path
+    layer: ModelLayer
+    manifest: Manifest
+
+    @property
+    def has_raw(self) -> bool:
+        """Whether the raw layer lies beside the derived ones."""
+        return RAW_DIR in self.layer.descriptor.layers
+
+    @property
+    def has_benchmark(self) -> bool:
+        """Whether a benchmark layer is published."""
+        return LAYER in self.layer.descriptor.layers
+
+    @cached_property
+    def clusters(self) -> dict[str, int]:
+        """Route cluster of every group of the model layer."""
+        contexts = from_arrow(read_table(self.root, table_path("contexts"), "contexts"), "contexts")
+        return dict(zip(contexts["group_id"].tolist(), contexts["route_cluster"].tolist(), strict=True))
+
+    def content(self, path: str) -> bytes:
+        """Bytes of a file.
+
+        Raises:
+            DatasetError: It cannot be read.
+        """
+        return read_file(self.root, path, spec_limits().max_table_bytes)
+
+    def document(self, path: str) -> Any | None:
+        """A JSON document; ``None`` if the release has none of that name.
+
+        Raises:
+            DatasetError: It cannot be read.
+        """
+        if path not in self.manifest.files:
+            return None
+        try:
+            return parse_json(read_file(self.root, path, spec_limits().max_document_bytes))
+        except (ValueError, RecursionError) as error:
+            raise DatasetError(f"{self.root}: {path!r} {error}; restore the file") from error
+
+    def benchmark_files(self) -> dict[str, bytes]:
+        """Bytes of every file of the published benchmark layer, by path; none where none is published."""
+        paths = [path for path in self.manifest.files if layer_of(path) == LAYER] if self.has_benchmark else []
+        return {path: self.content(path) for path in paths}
+
+
+def open_release(root: str | Path) -> Release:
+    """Open the release in the folder `root`, and hold its derived layers against its manifest.
+
+    Raises:
+        DatasetError: There is no model layer or no manifest, or a file is not the one that the manifest lists.
+    """
+    path, layer = Path(root), open_model(root)
+    manifest, problems = parse_manifest(read_file(path, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    if problems or manifest != Manifest.of(manifest.files):
+        raise DatasetError(f"{root}: {MANIFEST_FILE} contradicts itself; run `branchdrive build`")
+    for name, digest in manifest.files.items():
+        if layer_of(name) in _READ:
+            with open_file(path, name) as stream:
+                found = hashlib.file_digest(stream, "sha256").hexdigest()
+            if found != digest:
+                raise DatasetError(f"{root}: {name!r} is not the file that {MANIFEST_FILE} lists; restore it")
+    return Release(path, layer, manifest)

@@ -1,0 +1,144 @@
+"""The deployable selector: mean predicted scalars of the bank from one context, as an ONNX model.
+
+Inputs are ``state [16, 21]`` and ``controls [80, 3]`` in physical units, float32; the output ``targets [A, 6]`` is in
+the order of the bank and of the targets, in their units. Metadata name the bank, the targets, the checkpoints, and
+the scale and weights from which a profile's utility follows, so that nothing else is needed to choose.
+
+Source: paper V-D (latency of the structured selector).
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from branchdrive.dataset.model_layer import ModelLayer
+from branchdrive.derive.target import TARGETS, Targets
+from branchdrive.derive.utility import PROFILES, WEIGHED, fit_scale
+from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive_reference.learning.checkpoint import Checkpoint
+from branchdrive_reference.learning.ranker import BankNetwork
+
+__all__ = ["INPUTS", "OPSET", "OUTPUT", "check_equal", "export_selector", "largest_difference"]
+
+OPSET = 18
+"""Version of the operators."""
+
+INPUTS, OUTPUT = ("state", "controls"), "targets"
+
+TOLERANCE = 1e-5
+"""Largest difference to torch, in units of the larger of 1 and the value."""
+
+Array = NDArray[np.float32]
+
+
+def export_selector(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> bytes:
+    """The bytes of the model.
+
+    Args:
+        checkpoints: Seeds of one model that reads histories and actions.
+        release: The release that they were trained on.
+
+    Raises:
+        UsageError: The extra is not installed, or the models are none that can be ranked with.
+    """
+    try:
+        import onnx
+        import onnxscript  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise UsageError(f"`export` needs the package {error.name!r}: pip install 'branchdrive[export]'") from error
+    network = BankNetwork(checkpoints, release).eval()
+    inputs = tuple(torch.from_numpy(values) for values in _contexts(release, "train", 1)[0])
+    log = logging.getLogger("torch.onnx")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # deprecations inside of the exporter
+            program = torch.onnx.export(
+                network, inputs, dynamo=True, opset_version=OPSET, input_names=list(INPUTS), output_names=[OUTPUT],
+                verbose=False,
+            )  # fmt: skip
+    finally:
+        log.setLevel(level)
+    if program is None:
+        raise BranchDriveError("torch exported nothing")
+    model = program.model_proto
+    for name, value in _about(checkpoints, release).items():
+        model.metadata_props.add(key=name, value=json.dumps(value, sort_keys=True, allow_nan=False))
+    for node in (model, model.graph, *model.graph.node):
+        node.doc_string = ""
+    for node in model.graph.node:
+        del node.metadata_props[:]  # lines of source and traces of whoever exported
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString(deterministic=True))
+
+
+def check_equal(
+    content: bytes, checkpoints: Sequence[Checkpoint], release: ModelLayer, partition: str = "val"
+) -> float:
+    """Largest difference between the model and plain torch over the contexts of a partition; see `TOLERANCE`.
+
+    Raises:
+        UsageError: The extra is not installed.
+        BranchDriveError: The difference is larger than `TOLERANCE`.
+    """
+    found = largest_difference(content, BankNetwork(checkpoints, release).eval(), _contexts(release, partition))
+    if not found <= TOLERANCE:
+        raise BranchDriveError(
+            f"the exported selector differs from torch by {found:g}, at most {TOLERANCE:g} is allowed"
+        )
+    return found
+
+
+def largest_difference(content: bytes, network: BankNetwork, contexts: Sequence[tuple[Array, Array]]) -> float:
+    """Largest of ``|onnx - torch| / max(1, |torch|)`` over contexts.
+
+    Raises:
+        UsageError: The extra is not installed.
+    """
+    try:
+        import onnxruntime
+    except ModuleNotFoundError as error:
+        raise UsageError(f"`export` needs the package {error.name!r}: pip install 'branchdrive[export]'") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    largest = 0.0
+    with torch.inference_mode():
+        for state, controls in contexts:
+            (found,) = session.run([OUTPUT], dict(zip(INPUTS, (state, controls), strict=True)))
+            expected = network(torch.from_numpy(state), torch.from_numpy(controls)).numpy()
+            largest = max(largest, float((np.abs(found - expected) / np.maximum(1.0, np.abs(expected))).max()))
+    return largest
+
+
+def _contexts(release: ModelLayer, partition: str, most: int | None = None) -> list[tuple[Array, Array]]:
+    found = release.sensor_inputs(partition)
+    pairs = zip(found.state[:most], found.controls[:most], strict=True)
+    return [(np.array(state, np.float32), np.array(controls, np.float32)) for state, controls in pairs]
+
+
+def _about(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> Mapping[str, Any]:
+    training = release.targets("train")
+    scale = fit_scale(Targets(training.scalars, training.scalars_available))
+    return {
+        "branchdrive.candidates": list(release.candidate_order),
+        "branchdrive.targets": [{"name": target.name, "unit": target.unit} for target in TARGETS],
+        "branchdrive.checkpoints": [
+            {"model": one.provenance.model, "seed": one.provenance.seed, "sha256": one.sha256} for one in checkpoints
+        ],
+        "branchdrive.normalisation": checkpoints[0].provenance.normalisation_digest,
+        "branchdrive.utility": {
+            "weighed": list(WEIGHED),
+            **{name: [float(v) if np.isfinite(v) else None for v in getattr(scale, name)] for name in ("q05", "q95")},
+            "profiles": {name: profile.weights.tolist() for name, profile in PROFILES.items()},
+        },
+    }

@@ -1,0 +1,105 @@
+"""The steps of a benchmark in order: train, lock, predict, evaluate. Every one goes on where it was interrupted."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple
+
+from branchdrive.cli.progress import Update
+from branchdrive.dataset.durable import delete
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive_reference.benchmark.evaluation import Evaluation, evaluate_published
+from branchdrive_reference.benchmark.locking import make_lock
+from branchdrive_reference.benchmark.prediction import benchmark_data, predict_all
+from branchdrive_reference.benchmark.risk import fit_guard, waiting_risk
+from branchdrive_reference.benchmark.training import fold_tasks, model_tasks, train
+from branchdrive_reference.benchmark.workspace import RANKING_LOCK, Workspace
+
+__all__ = ["Progress", "Trained", "evaluate_step", "lock_step", "predict_step", "train_step"]
+
+Progress = Callable[[str], AbstractContextManager[Update]]
+"""Opens a bar with a title."""
+
+
+class Trained(NamedTuple):
+    """What training took.
+
+    Attributes:
+        num_models: Trained models and seeds, those that were there included.
+        models_s: Seconds for them.
+        num_folds: Trained folds of the guard; 0 where its risk was there or is not wanted.
+        guard_s: Seconds for the folds and the fit.
+    """
+
+    num_models: int
+    models_s: float
+    num_folds: int
+    guard_s: float
+
+
+def train_step(
+    workspace: Workspace,
+    protocol: BenchmarkProtocol,
+    *,
+    models: Sequence[str] | None,
+    jobs: int,
+    device: str,
+    with_guard: bool,
+    progress: Progress,
+) -> Trained:
+    """Train models, and the folds from which the risk of the guard is learned; its time is counted apart.
+
+    Raises:
+        UsageError: As `train_models`, no model is called so, or the guard cannot be fitted.
+        DatasetError: The release or a checkpoint cannot be read.
+    """
+    release, begin = workspace.release, time.monotonic()
+    workspace.restore()
+    tasks = model_tasks(protocol, models)
+    with progress("training") as show:
+        train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
+    models_s, begin, folds = time.monotonic() - begin, time.monotonic(), []
+    is_wanted = with_guard and (models is None or protocol.guard.model in models)
+    if is_wanted and not _has_risk(workspace, protocol):
+        folds = fold_tasks(release, protocol)
+        with progress("training folds of the guard") as show:
+            train(release, workspace.folds, folds, jobs=jobs, device=device, show=show)
+        fit_guard(workspace, protocol, benchmark_data(release), device=device)
+    delete(workspace.folds)
+    workspace.tidy()
+    return Trained(len(tasks), models_s, len(folds), time.monotonic() - begin)
+
+
+def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
+    published = workspace.release.document(RANKING_LOCK)
+    return waiting_risk(workspace, protocol) is not None or bool(published and published["risk_fit"])
+
+
+def lock_step(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, Any]:
+    """Lock the trained checkpoints; see `make_lock`."""
+    workspace.restore()
+    document = make_lock(workspace, protocol)
+    workspace.tidy()
+    return document
+
+
+def predict_step(workspace: Workspace, protocol: BenchmarkProtocol, *, device: str, progress: Progress) -> Workspace:
+    """Predict with the locked checkpoints and publish; see `predict_all`. Returns the workspace as it is then."""
+    workspace.restore()
+    with progress("predicting") as show:
+        predict_all(workspace, protocol, device=device, show=show)
+    workspace = workspace.reopened()
+    workspace.tidy()
+    return workspace
+
+
+def evaluate_step(
+    workspace: Workspace, protocol: BenchmarkProtocol, *, with_figures: bool, progress: Progress
+) -> Evaluation:
+    """Evaluate the published predictions and publish results; see `evaluate_published`."""
+    with progress("evaluating") as show:
+        found = evaluate_published(workspace, protocol, show=show, with_figures=with_figures)
+    workspace.reopened().tidy()
+    return found

@@ -1,0 +1,58 @@
+"""A release in which some training groups are held out, to be predicted by models that never saw them.
+
+Validation stays what it is, and so does the normalisation: it is fitted on all training groups.
+
+Source: this project's choice.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+from branchdrive.dataset.model_layer import ModelLayer, open_model
+from branchdrive.errors import UsageError
+
+__all__ = ["HELD_OUT", "Fold", "open_fold"]
+
+HELD_OUT = "held_out"
+"""Partition of the groups that a fold holds out."""
+
+
+class Fold(NamedTuple):
+    """One fold.
+
+    Attributes:
+        number: From 0; folds of one release have different numbers.
+        groups: Ids of the training groups that it holds out.
+    """
+
+    number: int
+    groups: tuple[str, ...]
+
+
+def open_fold(release: str | Path, fold: Fold) -> ModelLayer:
+    """The model layer of a release with the groups of `fold` in the partition `HELD_OUT` instead of ``train``.
+
+    Raises:
+        UsageError: A group of the fold is no training group.
+        DatasetError: As `open_model`.
+    """
+    layer = open_model(release)
+    strange = sorted(set(fold.groups) - set(layer.groups("train")))
+    if strange:
+        raise UsageError(f"{release}: fold {fold.number} holds out {strange[0]!r}, which is no training group")
+    return _FoldLayer(layer, fold)
+
+
+class _FoldLayer(ModelLayer):
+    """A model layer whose training partition lacks the groups of a fold."""
+
+    def __init__(self, layer: ModelLayer, fold: Fold) -> None:
+        super().__init__(layer.root, layer.descriptor)
+        self._fold = frozenset(fold.groups)
+
+    @cached_property
+    def _contexts(self) -> dict[str, str]:
+        return {group: HELD_OUT if group in self._fold else home for group, home in ModelLayer.home_of(self).items()}

@@ -1,0 +1,41 @@
+"""A benchmarked release, once for all tests of this folder."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.reference_impl.benchmark.small_release import invoke, make_release, write_protocol
+
+
+@pytest.fixture(scope="session")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A release without a benchmark; read-only by agreement."""
+    return make_release(tmp_path_factory.mktemp("bare") / "release")
+
+
+@pytest.fixture(scope="session")
+def small_protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """File of the small protocol."""
+    return write_protocol(tmp_path_factory.mktemp("protocol") / "protocol.json")
+
+
+@pytest.fixture(scope="session")
+def done(bare: Path, small_protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same release with its benchmark, by one command and without figures; read-only by agreement."""
+    root = shutil.copytree(bare, tmp_path_factory.mktemp("done") / "release")
+    invoke("benchmark", root, "--protocol", small_protocol, "--no-figures")
+    return root
+
+
+@pytest.fixture
+def release(bare: Path, tmp_path: Path) -> Path:
+    """A release without a benchmark of one's own."""
+    return shutil.copytree(bare, tmp_path / "release")
+
+
+@pytest.fixture
+def benchmarked(done: Path, tmp_path: Path) -> Path:
+    """A release with a benchmark of one's own."""
+    return shutil.copytree(done, tmp_path / "benchmarked")

@@ -1,0 +1,82 @@
+"""A detached release with groups enough for every partition, a protocol of small models, and commands run in a test."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.model_release import CANDIDATES, make_frames, write_release
+from tests.reference_impl.learning.small_models import MEAN, small
+
+from branchdrive.dataset.layout import STAGING_DIR
+from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.derive.benchmark.protocol import default_protocol
+from branchdrive.derive.layer.arrays import pack_arrays
+from branchdrive.derive.layer.features import target_mask
+from branchdrive.derive.layer.normalisation import normalisation_document
+from branchdrive.derive.target import TARGETS
+from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
+
+__all__ = ["ASSIGNMENT", "COMMANDS", "contents", "invoke", "is_clean", "make_release", "protocol", "write_protocol"]
+
+_SIZES = {"train": 12, "val": 3, "calibration": 4, "test": 4}
+ASSIGNMENT = {f"{name}{i:02}": name for name, size in _SIZES.items() for i in range(size)}
+
+COMMANDS: dict[str, Any] = {
+    "train": train, "lock": lock, "predict": predict, "evaluate": evaluate, "benchmark": benchmark, "export": export,
+}  # fmt: skip
+
+
+def make_release(root: Path, seed: int = 0) -> Path:
+    """The files of a release with its manifest."""
+    frames = make_frames(seed, assignment=ASSIGNMENT)
+    for target in TARGETS:  # a bank without all separations is neither ranked nor guarded
+        values = np.ma.getdata(frames["scalars"][target.name])
+        frames["scalars"][target.name] = np.ma.masked_array(values, np.zeros(values.shape, bool))
+        frames["scalars"][target_mask(target.name)] = np.ones(values.shape, bool)
+    arrays = pack_arrays(frames, sorted(ASSIGNMENT), CANDIDATES)
+    write_release(root, frames, normalisation=normalisation_document(arrays, ASSIGNMENT))
+    write_manifest(root, build_manifest(root))
+    return root
+
+
+def protocol(**training: Any) -> dict[str, Any]:
+    """The default protocol with small models and few draws; `training` replaces attributes of the training."""
+    document = json.loads(json.dumps(default_protocol().document))
+    for model in document["models"]:
+        found = MEAN if model["id"] == "M0" else small(model["id"], **{"max_epochs": 2, **training})
+        model["configuration"] = found.record
+    document["statistics"] |= {"resamples": 100, "flips": 100}
+    document["shuffles"]["seeds"] = [0, 1]
+    return document
+
+
+def write_protocol(path: Path, **training: Any) -> Path:
+    """The same as a file."""
+    path.write_text(json.dumps(protocol(**training)))
+    return path
+
+
+def invoke(command: str, *arguments: str | Path) -> str:
+    """What a command prints; errors are raised as they are."""
+    module, stdout = COMMANDS[command], io.StringIO()
+    parser = argparse.ArgumentParser()
+    module.add_arguments(parser)
+    assert module.run(parser.parse_args([str(one) for one in arguments]), stdout, io.StringIO()) == 0
+    return stdout.getvalue()
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    """Bytes of every file below `root`, by path."""
+    return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+
+
+def is_clean(root: Path) -> bool:
+    """Whether the release is whole: no working area, and every file as the manifest has it."""
+    return (
+        not (root / STAGING_DIR).exists() and build_manifest(root).render() == (root / "MANIFEST.sha256").read_bytes()
+    )

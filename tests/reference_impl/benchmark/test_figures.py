@@ -1,0 +1,74 @@
+"""Figures: the same bytes again, no date in them, and nothing drawn from nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.reference_impl.benchmark.small_release import contents, invoke
+
+from branchdrive_reference.benchmark.figure.gallery import figures
+
+NAMES = ("guard", "policy_value", "prediction")
+
+POPULATION = {
+    "num_policies": 13,
+    "partitions": ["train", "val"],
+    "stages": [
+        {"stage": "discovered", "title": "Discovered branch groups", "total": 10, "groups": None},
+        {"stage": "frozen", "title": "Frozen population", "total": 8, "groups": {"train": 6, "val": 2}},
+    ],
+}
+
+
+def _test(name: str, status: str) -> dict[str, Any]:
+    return {"name": name, "status": status, "score": {"accuracy": 0.1, "accuracy_interval": [0.05, 0.2]}}
+
+
+LEAKAGE = {
+    "protocol": {"gate": {"alpha": 0.001}},
+    "gate": {"verdict": "pass", "reason": "", "tests": [{"name": "max_t", "p_adjusted": 0.4}]},
+    "battery": {
+        "ways": [{"name": "13-way", "chance": 1 / 13, "tests": [_test("ego", "pass"), _test("controls", "fail")]}]
+    },
+}
+
+
+EMPTY: dict[str, Any] = {"prediction": {"estimates": []}, "ranking": {"profiles": []}, "guard": {"profiles": []}}
+"""Results of nothing."""
+
+
+@pytest.fixture(scope="module")
+def results(done: Path) -> Any:
+    return json.loads((done / "benchmark" / "results.json").read_bytes())
+
+
+def test_published_figures_are_those_of_the_results(benchmarked: Path, results: Any) -> None:
+    before = contents(benchmarked)
+    invoke("evaluate", benchmarked)
+    found = figures(results, alpha=0.05)
+    assert sorted(found) == [f"{name}.{kind}" for name in NAMES for kind in ("png", "svg")]
+    after = contents(benchmarked)
+    assert {path.split("/")[-1] for path in after.keys() - before.keys()} == found.keys()
+    assert after["benchmark/results.json"] == before["benchmark/results.json"]
+    for name, content in found.items():
+        assert after[f"benchmark/figures/{name}"] == content
+        assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
+        assert b"dc:date" not in content
+
+
+def test_documents_of_the_release_have_figures() -> None:
+    found = figures(EMPTY, alpha=0.05, population=POPULATION, leakage=LEAKAGE)
+    assert sorted(found) == ["attrition.png", "attrition.svg", "leakage.png", "leakage.svg"]
+
+
+def test_a_bit_identical_release_has_a_gate_without_tests() -> None:
+    gate = {"verdict": "pass", "reason": "Replays are bit-identical.", "tests": []}
+    found = figures(EMPTY, alpha=0.05, leakage={**LEAKAGE, "gate": gate})
+    assert found["leakage.svg"] != figures(EMPTY, alpha=0.05, leakage=LEAKAGE)["leakage.svg"]
+
+
+def test_nothing_is_drawn_from_nothing() -> None:
+    assert figures(EMPTY, alpha=0.05) == {}

@@ -1,0 +1,120 @@
+"""Predictions of others are held to the same demands, and stand in the same tables with a warning."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from tests.reference_impl.benchmark.small_release import contents, invoke
+
+from branchdrive import DatasetError, UsageError, open_model
+from branchdrive.derive.target import TARGETS, TRAJECTORY
+
+Columns = dict[str, list[Any]]
+
+
+@pytest.fixture
+def columns(done: Path) -> Columns:
+    """Predictions of the test partition that hit every outcome that is there."""
+    layer = open_model(done)
+    targets = layer.targets("test")
+    groups, keys = layer.groups("test"), layer.candidate_order
+    found: Columns = {
+        "group_id": [group for group in groups for _ in keys],
+        "action_key": list(keys) * len(groups),
+    }
+    scalars = np.where(targets.scalars_available, targets.scalars, 0.0).reshape(-1, len(TARGETS))
+    found |= {target.name: scalars[:, i].tolist() for i, target in enumerate(TARGETS)}
+    paths = targets.trajectories.reshape(len(scalars), 10, len(TRAJECTORY))
+    return found | {name: paths[:, :, i].tolist() for i, name in enumerate(TRAJECTORY)}
+
+
+def _write(path: Path, columns: Columns) -> Path:
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def test_perfect_predictions_have_no_error_and_a_warning(done: Path, columns: Columns, tmp_path: Path) -> None:
+    before = contents(done)
+    file, output = _write(tmp_path / "mine.parquet", columns), tmp_path / "out"
+    said = invoke("evaluate", done, "--predictions", file, "--name", "Mine", "--output", output, "--no-figures")
+    assert "Warning: Predictions of Mine come from no locked checkpoint." in said
+    results = json.loads((output / "results.json").read_bytes())
+    errors = {row["metric"]: row["value"] for row in results["prediction"]["estimates"] if row["model"] == "Mine"}
+    assert errors["macro_nmae"] == errors["ade_m"] == 0
+    assert [model["id"] for model in results["models"] if not model["declared"]] == ["Mine"]
+    value = {row["selector"]: row["value"] for row in results["ranking"]["profiles"][0]["entries"]}
+    assert value["O-Mine"] == pytest.approx(value["oracle"])
+    assert (output / "TABLES.md").read_text().count("Predictions of Mine come from no locked checkpoint.") > 10
+    assert contents(done) == before
+
+
+def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp_path: Path) -> None:
+    file = _write(tmp_path / "mine.parquet", columns | {"seed": [7] * len(columns["group_id"])})
+    results = json.loads(invoke("evaluate", bare, "--predictions", file, "--name", "Mine", "--format", "json"))
+    assert [(model["id"], model["seeds"]) for model in results["models"]] == [("Mine", [7])]
+    assert results["guard"]["reason"] == "No risk was fitted."
+
+
+def _lack(columns: Columns) -> None:
+    for values in columns.values():
+        del values[5]
+
+
+def _repeat(columns: Columns) -> None:
+    for values in columns.values():
+        values.append(values[0])
+
+
+def _set(column: str, value: Any) -> Callable[[Columns], None]:
+    return lambda columns: columns[column].__setitem__(3, value)
+
+
+def _more(group: str) -> Callable[[Columns], None]:
+    def more(columns: Columns) -> None:
+        for name, values in columns.items():
+            values.append(group if name == "group_id" else values[0])
+
+    return more
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_lack, "expected one row of this candidate, found no row"),
+        (_repeat, "expected one row of this candidate, found several rows"),
+        (_set("min_ttc_s", float("nan")), "expected a finite `min_ttc_s`, found nan"),
+        (_set("x_m", [float("inf")] * 10), "expected a finite `x_m`, found inf"),
+        (_set("x_m", [0.0] * 9), "column 'x_m' holds a list that has not 10 values"),
+        (_set("action_key", "fly"), "expected a candidate and step of the bank"),
+        (_set("group_id", "nobody"), "expected a group of the model layer"),
+        (_more("train00"), "expected a group outside of 'train'"),
+        (lambda columns: columns.pop("y_m"), r"columns are not as documented: \['y_m'\] missing"),
+        (lambda columns: columns.update(more=columns["y_m"]), r"\['more'\] unknown"),
+    ],
+)
+def test_faults_are_named(
+    done: Path, columns: Columns, tmp_path: Path, change: Callable[[Columns], Any], message: str
+) -> None:
+    change(columns)
+    file = _write(tmp_path / "mine.parquet", columns)
+    with pytest.raises(DatasetError, match=message):
+        invoke("evaluate", done, "--predictions", file, "--name", "Mine")
+
+
+def test_options_go_together(done: Path, tmp_path: Path) -> None:
+    file = tmp_path / "mine.parquet"
+    for arguments, message in (
+        (["--predictions", file], "go together"),
+        (["--output", tmp_path], "goes with `--predictions`"),
+        (["--predictions", file, "--name", "M3"], "is a model of the protocol"),
+        (["--predictions", file, "--name", "Mine", "--output", done / "x"], "lies inside the dataset"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            invoke("evaluate", done, *arguments)

@@ -1,0 +1,46 @@
+"""The exported selector predicts what torch predicts, and carries what a choice needs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.reference_impl.benchmark.small_release import invoke
+
+from branchdrive import BranchDriveError, UsageError, open_model
+from branchdrive_reference.benchmark.selector import TOLERANCE, check_equal, export_selector
+from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
+
+
+@pytest.fixture(scope="module")
+def checkpoints(done: Path) -> list[Checkpoint]:
+    return [read_checkpoint(done / f"benchmark/checkpoints/M3-seed{seed}.safetensors") for seed in (11, 23, 37)]
+
+
+def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], tmp_path: Path) -> None:
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    said = invoke("export", done, "--output", tmp_path / "selector.onnx")
+    assert "M3, 3 seeds" in said
+    content = (tmp_path / "selector.onnx").read_bytes()
+    layer = open_model(done)
+    assert content == export_selector(checkpoints, layer)
+    assert check_equal(content, checkpoints, layer, "test") <= TOLERANCE
+    with pytest.raises(BranchDriveError, match="differs from torch"):
+        check_equal(content, checkpoints[:1], layer, "test")
+    model = onnx.load_from_string(content)
+    about = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
+    assert about["branchdrive.candidates"] == list(layer.candidate_order)
+    assert [one["seed"] for one in about["branchdrive.checkpoints"]] == [11, 23, 37]
+    assert model.opset_import[0].version >= 17
+    assert str(Path(__file__).parents[3]).encode() not in content
+
+
+def test_only_locked_models_that_rank_are_exported(bare: Path, done: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"has no locked checkpoint of 'M3'; run `branchdrive predict` first"):
+        invoke("export", bare, "--output", tmp_path / "selector.onnx")
+    pytest.importorskip("onnx")
+    with pytest.raises(UsageError, match="M1 is no model of histories and actions alone"):
+        invoke("export", done, "--model", "M1", "--output", tmp_path / "selector.onnx")
+    assert not (tmp_path / "selector.onnx").exists()

@@ -1,0 +1,113 @@
+"""Steps one by one come to what one command comes to, go on after an interruption, and leave nothing behind."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean, protocol
+
+from branchdrive import UsageError
+from branchdrive.contract.document import schema_violations
+from branchdrive.dataset.descriptor_file import read_descriptor
+from branchdrive_reference.learning.training import EpochReport
+
+
+def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
+    assert is_clean(done)
+    assert read_descriptor(done).layers == (*read_descriptor(bare).layers, "benchmark")
+    before, after = contents(bare), contents(done)
+    changed = {path for path in before if before[path] != after[path]}
+    assert changed == {"branchdrive.json", "MANIFEST.sha256"}
+    for name in ("lock", "ranking_lock", "openings", "results", "protocol"):
+        schema = "lock" if name == "ranking_lock" else name
+        assert not schema_violations(json.loads(after[f"benchmark/{name}.json"]), f"{schema}.schema.json")
+    assert sum(path.endswith(".safetensors") for path in after) == 10
+    results = json.loads(after["benchmark/results.json"])
+    assert results["warnings"] == []
+    assert [model["id"] for model in results["models"]] == ["M0", "M1", "M2", "M3"]
+    assert len(results["guard"]["profiles"]) == 4
+    assert results["noise"] is None  # a detached release has no raw layer
+
+
+def test_single_steps_come_to_the_same_bytes(release: Path, done: Path, small_protocol: Path) -> None:
+    said = invoke("train", release, "--protocol", small_protocol, "--models", "M0", "M1")
+    assert "4 trainings of models" in said
+    with pytest.raises(UsageError, match=r"M2, seed 11 has no checkpoint; run `branchdrive train` first"):
+        invoke("lock", release)
+    assert "15 folds and the risk of the guard" in invoke("train", release)
+    with pytest.raises(UsageError, match="nothing is locked"):
+        invoke("predict", release)
+    assert "10 checkpoints" in invoke("lock", release)
+    invoke("predict", release)
+    invoke("evaluate", release, "--no-figures")
+    assert is_clean(release)
+    assert contents(release) == contents(done)
+
+
+def test_again_changes_nothing(benchmarked: Path) -> None:
+    before = contents(benchmarked)
+    said = invoke("benchmark", benchmarked, "--no-figures", "--format", "json")
+    assert said.encode() == before["benchmark/results.json"]
+    assert contents(benchmarked) == before
+
+
+def test_an_interrupted_training_goes_on(
+    release: Path, done: Path, small_protocol: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(report: EpochReport) -> None:
+        if (report.model, report.epoch) == ("M2", 1):
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("branchdrive_reference.benchmark.training._watch", lambda tasks, show: interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            invoke("train", release, "--protocol", small_protocol, "--no-guard")
+    waiting = [path for path in contents(release) if path.startswith(".staging/") and "seed" in path]
+    assert sorted(Path(path).name for path in waiting) == [
+        "M0-seed0.safetensors", "M1-seed11.safetensors", "M1-seed23.safetensors", "M1-seed37.safetensors",
+        "M2-seed11.training",
+    ]  # fmt: skip
+    invoke("benchmark", release, "--no-figures")
+    assert contents(release) == contents(done)
+
+
+def test_without_a_guard_the_results_say_so(release: Path, small_protocol: Path) -> None:
+    said = invoke("benchmark", release, "--protocol", small_protocol, "--no-guard", "--no-figures")
+    assert "Guard: not judged. No risk was fitted." in said
+    assert "Noise of outcomes: unknown" in said
+    assert not (release / "benchmark" / "figures").exists()
+    invoke("train", release)  # the folds alone, since the models are there
+    invoke("evaluate", release, "--no-figures")
+    openings = json.loads((release / "benchmark" / "openings.json").read_bytes())["entries"]
+    assert [entry["event"].split("_")[0] for entry in openings] == ["prediction", "ranking", "ranking"]
+
+
+def test_a_second_opening_is_in_every_table(benchmarked: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.json").write_text(json.dumps(protocol(learning_rate=1e-3)))
+    with pytest.raises(UsageError, match="was trained on another configuration"):
+        invoke("benchmark", benchmarked, "--protocol", tmp_path / "other.json")
+    same = {**protocol(), "version": "0.2.0"}
+    (tmp_path / "same.json").write_text(json.dumps(same))
+    said = invoke(
+        "benchmark",
+        benchmarked,
+        "--protocol",
+        tmp_path / "same.json",
+        "--no-guard",
+        "--no-figures",
+        "--format",
+        "markdown",
+    )
+    num_tables, num_said = said.count("\n| ---"), said.count("was opened 2 times for predictions")
+    assert num_said == num_tables > 10
+    assert is_clean(benchmarked)
+
+
+def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:
+    from branchdrive.build.publish import held
+
+    with held(release), pytest.raises(UsageError, match="another build is at work there"):
+        invoke("train", release, "--protocol", small_protocol)
+    assert is_clean(release)

@@ -1,0 +1,328 @@
+"""Defects and limits of the benchmark layer: protocol, locks, checkpoints, predictions, openings, results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.validator.audit.rules.benchmark_release import (
+    LOCK,
+    OPENINGS,
+    PROTOCOL,
+    RANKING_LOCK,
+    RESULTS,
+    TABLES_FILE,
+    BenchmarkDraft,
+    checkpoint,
+)
+from tests.validator.audit.rules.case import boundary, mutant
+
+from branchdrive.derive.benchmark.checkpoint import checkpoint_facts
+from branchdrive.derive.benchmark.data import groups_digest
+from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
+from branchdrive.derive.benchmark.prediction_set import TABLES
+from branchdrive.derive.layer.frame import concat, take
+
+CHECKPOINT = "checkpoints/M3-seed11.safetensors"
+ENTRY = 7
+"""Its place in the lock."""
+
+NOTHING = "0" * 64
+SCALARS = "benchmark/predictions.parquet"
+
+
+def first_of(d: BenchmarkDraft, partition: str) -> str:
+    return d.data.part(partition).groups[0]
+
+
+def trained_on(d: BenchmarkDraft, *more: str) -> str:
+    """Digest of the training groups and further ones."""
+    return groups_digest([*d.data.part("train").groups, *more])
+
+
+def say(d: BenchmarkDraft, **facts: Any) -> None:
+    """Let the checkpoint say something else of itself."""
+    d.checkpoints[CHECKPOINT] = checkpoint(checkpoint_facts(d.checkpoints[CHECKPOINT])._replace(**facts))
+
+
+# Limits
+
+
+@boundary(
+    "BD-BMK-002", "BD-BMK-003", "BD-BMK-004", "BD-BMK-005", "BD-BMK-006", "BD-BMK-007", "BD-BMK-008", "BD-BMK-011",
+    "BD-BMK-014", "BD-BMK-015", "BD-LYR-001",
+    base="benchmark",
+)  # fmt: skip
+def benchmark_that_is_not_evaluated_yet(d: BenchmarkDraft) -> None:
+    for path in (RESULTS, RANKING_LOCK):
+        del d.documents[path]
+    del d.texts[TABLES_FILE]
+    d.documents[OPENINGS]["entries"] = []
+
+
+@boundary("BD-BMK-001")
+def weights_that_add_up_but_for_rounding(d: BenchmarkDraft) -> None:
+    d.documents[PROTOCOL]["profiles"][1]["comfort"] += 5e-10
+    d.follow("lock")
+
+
+@boundary("BD-BMK-009", "BD-BMK-010")
+def learned_risk_of_which_a_weight_is_zero(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK]["risk_fit"]["logistic"][0] = 0.0
+    scale = d.documents[RANKING_LOCK]["utility_scale"]
+    scale["q05"][0] *= 1 + 1e-12
+    d.follow("openings")
+
+
+@boundary("BD-BMK-012", "BD-BMK-013")
+def results_with_other_last_bits(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 1 + 1e-12
+    d.follow("tables")
+
+
+@boundary("BD-LAY-009", base="benchmark")
+def figures_beside_results(d: BenchmarkDraft) -> None:
+    def draw(root: Path) -> None:
+        (root / "benchmark/figures").mkdir()
+        (root / "benchmark/figures/policy.svg").write_text("<svg/>")
+        (root / "benchmark/figures/policy.png").write_bytes(b"png")
+
+    d.before_seal(draw)
+
+
+# BD-LAY-009
+
+
+@mutant("BD-LAY-009", at={"file": "benchmark/notes.txt"}, base="benchmark")
+def file_of_no_kind_beside_results(d: BenchmarkDraft) -> None:
+    d.texts["benchmark/notes.txt"] = "notes"
+
+
+# BD-LYR-007
+
+
+@mutant("BD-LYR-007", at={"file": SCALARS, "column": "min_separation_m"}, base="benchmark")
+def prediction_that_is_no_number(d: BenchmarkDraft) -> None:
+    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "brake_0.50"}
+    d.set("predictions", "min_separation_m", float("nan"), **where)
+
+
+# BD-BMK-001
+
+
+@mutant("BD-BMK-001", at={"file": PROTOCOL})
+def profile_that_weighs_too_much(d: BenchmarkDraft) -> None:
+    d.documents[PROTOCOL]["profiles"][1]["comfort"] = 0.9
+    d.follow("lock", keep={"ranking", "results", "tables"})
+
+
+# BD-BMK-002
+
+
+@mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/features_digest"})
+def lock_of_other_features(d: BenchmarkDraft) -> None:
+    d.documents[LOCK]["features_digest"] = NOTHING
+    d.follow("ranking")
+
+
+@mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/release_identity"})
+def lock_of_another_release(d: BenchmarkDraft) -> None:
+    d.documents[LOCK]["release_identity"] = NOTHING
+    d.follow("ranking")
+
+
+@mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/protocol_digest"})
+def protocol_changed_after_the_lock(d: BenchmarkDraft) -> None:
+    d.documents[PROTOCOL]["statistics"]["seed"] = 1
+    d.follow("results")
+
+
+# BD-BMK-003
+
+
+@mutant("BD-BMK-003", at={"file": LOCK})
+def checkpoint_of_a_seed_that_is_not_declared(d: BenchmarkDraft) -> None:
+    entries = d.documents[LOCK]["checkpoints"]
+    more = "checkpoints/M3-seed5.safetensors"
+    facts = checkpoint_facts(d.checkpoints[CHECKPOINT])
+    d.checkpoints[more] = checkpoint(facts._replace(seed=5))
+    entries.append({**entries[ENTRY], "seed": 5, "file": more})
+    d.follow("lock")
+
+
+# BD-BMK-004
+
+
+@mutant("BD-BMK-004", at={"file": f"benchmark/{CHECKPOINT}"})
+def checkpoint_swapped_after_the_lock(d: BenchmarkDraft) -> None:
+    d.checkpoints[CHECKPOINT] += b"other weights"
+    d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
+    d.follow("results")
+
+
+@mutant("BD-BMK-004", at={"file": f"benchmark/{CHECKPOINT}"})
+def checkpoint_that_is_gone(d: BenchmarkDraft) -> None:
+    del d.checkpoints[CHECKPOINT]
+    d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
+    d.follow("results")
+
+
+# BD-BMK-005
+
+
+@mutant("BD-BMK-005", at={"file": LOCK, "pointer": f"/checkpoints/{ENTRY}/training_groups_digest"})
+def test_group_in_training(d: BenchmarkDraft) -> None:
+    digest = trained_on(d, first_of(d, "test"))
+    say(d, training_groups_digest=digest)
+    d.documents[LOCK]["checkpoints"][ENTRY]["training_groups_digest"] = digest
+    d.follow("lock")
+
+
+# BD-BMK-006
+
+
+@mutant("BD-BMK-006", at={"file": f"benchmark/{CHECKPOINT}"})
+def test_group_in_training_that_the_lock_hides(d: BenchmarkDraft) -> None:
+    say(d, training_groups_digest=trained_on(d, first_of(d, "test")))
+    d.follow("lock")
+
+
+@mutant("BD-BMK-006", at={"file": f"benchmark/{CHECKPOINT}"})
+def checkpoint_of_another_configuration(d: BenchmarkDraft) -> None:
+    say(d, config_digest=NOTHING)
+    d.follow("lock")
+
+
+@mutant("BD-BMK-006", at={"file": f"benchmark/{CHECKPOINT}"})
+def checkpoint_without_a_header(d: BenchmarkDraft) -> None:
+    d.checkpoints[CHECKPOINT] = b"\xff" * 64
+    d.follow("lock")
+
+
+# BD-BMK-007
+
+
+@mutant("BD-BMK-007", at={"file": SCALARS, "model": "M3", "seed": 23, "action_key": "brake_0.50"})
+def prediction_without_a_candidate(d: BenchmarkDraft) -> None:
+    d.drop("predictions", model="M3", seed=23, group_id=first_of(d, "test"), action_key="brake_0.50")
+
+
+@mutant("BD-BMK-007", at={"file": "benchmark/predicted_trajectories.parquet", "step": 4})
+def predicted_trajectory_without_a_step(d: BenchmarkDraft) -> None:
+    where = {"model": "M1", "seed": 11, "group_id": first_of(d, "val"), "action_key": "nominal", "step": 4}
+    d.drop("predicted_trajectories", **where)
+
+
+@mutant("BD-BMK-007", at={"file": SCALARS, "model": "M0"}, findings=2)
+def prediction_of_a_training_group(d: BenchmarkDraft) -> None:
+    for name in TABLES:
+        rows = d.frame(name)
+        wanted = (rows["model"] == "M0") & (rows["group_id"] == first_of(d, "test"))
+        more = take(rows, wanted)
+        more["group_id"] = np.full(int(wanted.sum()), first_of(d, "train"), object)
+        d.put(name, concat([rows, more]))
+
+
+# BD-BMK-008
+
+
+@mutant("BD-BMK-008", at={"file": SCALARS, "model": "M2"})
+def declared_seed_that_does_not_predict(d: BenchmarkDraft) -> None:
+    for name in TABLES:
+        d.drop(name, model="M2", seed=37)
+    d.follow("ranking")
+
+
+# BD-BMK-009
+
+
+@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/utility_scale/q05/0"})
+def utility_scaled_by_other_quantiles(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK]["utility_scale"]["q05"][0] -= 1
+    d.follow("openings", keep={"results", "tables"})
+
+
+@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/predictions_digest"})
+def prediction_changed_after_the_ranking_lock(d: BenchmarkDraft) -> None:
+    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "nominal"}
+    d.set("predictions", "displacement_m", lambda value: value + 1, **where)
+    d.follow("results")
+
+
+# BD-BMK-010
+
+
+@mutant("BD-BMK-010", at={"file": RANKING_LOCK})
+def risk_that_rises_with_separation(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK]["risk_fit"]["logistic"][0] = 1.0
+    d.follow("openings", keep={"results", "tables"})
+
+
+# BD-BMK-011
+
+
+@mutant("BD-BMK-011", at={"file": OPENINGS, "pointer": "/entries/1/number"})
+def opening_out_of_count(d: BenchmarkDraft) -> None:
+    d.documents[OPENINGS]["entries"][1]["number"] = 5
+
+
+@mutant("BD-BMK-011", at={"file": OPENINGS, "pointer": "/entries/0/lock_digest"})
+def opening_under_another_lock(d: BenchmarkDraft) -> None:
+    d.documents[OPENINGS]["entries"][0]["lock_digest"] = NOTHING
+
+
+@mutant("BD-BMK-011", at={"file": OPENINGS, "pointer": "/entries"})
+def opening_that_is_not_recorded(d: BenchmarkDraft) -> None:
+    d.documents[OPENINGS]["entries"].pop()
+
+
+# BD-BMK-012
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def better_metric_than_predicted(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 0.99
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def smaller_p_value_than_the_family_has(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["ranking"]["families"][0]["members"][0]["p_holm"] = 0.001
+    d.follow("tables")
+
+
+# BD-BMK-013
+
+
+@mutant("BD-BMK-013", at={"file": TABLES_FILE})
+def tables_that_flatter(d: BenchmarkDraft) -> None:
+    text = d.texts[TABLES_FILE]
+    line = next(line for line in text.split("\n") if line.startswith("| M3 "))
+    d.texts[TABLES_FILE] = text.replace(line, line.replace("0.", "0.0", 1), 1)
+
+
+# BD-BMK-014
+
+
+@mutant("BD-BMK-014", at={"file": OPENINGS})
+def test_opened_twice(d: BenchmarkDraft) -> None:
+    document = opened(opened(None, EVENTS[0], NOTHING), EVENTS[0], d.digest(LOCK))
+    d.documents[OPENINGS] = opened(document, EVENTS[1], d.digest(RANKING_LOCK))
+    d.warnings = warnings(d.documents[OPENINGS])
+    d.follow("results")
+
+
+# BD-BMK-015
+
+
+@mutant("BD-BMK-015", at={"file": SCALARS, "model": "theirs"})
+def predictions_that_nobody_locked(d: BenchmarkDraft) -> None:
+    for name in TABLES:
+        rows = d.frame(name)
+        is_test = np.isin(rows["group_id"].astype(str), d.data.part("test").groups)
+        more = take(rows, is_test & (rows["model"] == "M3") & (rows["seed"] == 11))
+        more["model"] = np.full(len(more["model"]), "theirs", object)
+        d.put(name, concat([rows, more]))
+    d.warnings = warnings(d.documents[OPENINGS], unlocked=["theirs"])
+    d.follow("ranking")

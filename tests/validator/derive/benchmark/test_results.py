@@ -1,0 +1,206 @@
+"""Results: they follow from predictions alone, conform to their schema, and say what is missing."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.validator.derive.benchmark.samples import (
+    BANK,
+    data,
+    frames,
+    noise,
+    prediction_set,
+    risk_fit,
+    small_protocol,
+)
+
+from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.derive.benchmark.data import BenchmarkData, groups_digest
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
+from branchdrive.derive.benchmark.protocol import read_protocol
+from branchdrive.derive.benchmark.results import noise_of, noise_record, results_document
+from branchdrive.derive.benchmark.tables import render_tables
+from branchdrive.derive.layer.frame import take
+from branchdrive.derive.leakage.holm import holm
+from branchdrive.errors import DatasetError
+
+WARNING = "Predictions of X come from no locked checkpoint."
+
+
+@cache
+def results() -> dict[str, Any]:
+    return results_document(small_protocol(), data(), prediction_set(), risk_fit(), noise(), warnings=[WARNING])
+
+
+def estimates(document: dict[str, Any]) -> dict[tuple[str, str], Any]:
+    return {(e["model"], e["metric"]): e for e in document["prediction"]["estimates"]}
+
+
+def test_document_conforms_and_comes_back_from_its_bytes() -> None:
+    assert schema_violations(results(), "results.schema.json") == []
+    assert parse_json(dump_json(results())) == results()
+
+
+def test_protocol_gives_the_same_results_when_it_is_read_back() -> None:
+    """Writers sort the keys of a document; no order of keys may decide anything."""
+    protocol = read_protocol(parse_json(dump_json(small_protocol().document)))
+    again = results_document(protocol, data(), prediction_set(), risk_fit(), noise(), warnings=[WARNING])
+    assert dump_json(again) == dump_json(results())
+
+
+def test_order_of_rows_decides_nothing() -> None:
+    rng = np.random.default_rng(1)
+    mixed = BenchmarkData.of(
+        {name: take(frame, rng.permutation(len(frame["group_id"]))) for name, frame in frames().items()}, BANK
+    )
+    tables = {
+        name: take(frame, rng.permutation(len(frame["model"])))
+        for name, frame in prediction_set().to_frames(data()).items()
+    }
+    predictions = PredictionSet.from_frames(tables, mixed)
+    again = results_document(small_protocol(), mixed, predictions, risk_fit(), noise(), warnings=[WARNING])
+    assert again == results()
+
+
+def test_metric_is_the_mean_over_seeds_of_a_mean_over_groups() -> None:
+    part, train = data().part("test"), data().part("train").outcomes.scalars[..., 2]
+    iqr = np.subtract(*np.quantile(train, [0.75, 0.25]))
+    errors = np.abs(prediction_set().scalars("M3", "test")[..., 2] - part.outcomes.scalars[..., 2])
+    by_seed = errors.mean(axis=(1, 2)) / iqr
+    found = estimates(results())["M3", "nmae.displacement_m"]
+    assert found["value"] == pytest.approx(by_seed.mean())
+    assert found["by_seed"] == pytest.approx(by_seed.tolist())
+    assert found["seed_sd"] == pytest.approx(by_seed.std(ddof=1))
+    assert found["num_groups"] == len(part.groups)
+
+
+def test_what_is_not_defined_is_null() -> None:
+    assert estimates(results())["M0", "spearman.min_ttc_s"]["value"] is None
+    assert estimates(results())["M0", "macro_nmae"]["seed_sd"] is None
+    assert results()["noise"]["tolerance"][0] is None
+
+
+def test_family_keeps_its_declared_size() -> None:
+    """Members without predictions count with p = 1, and are not reported."""
+    p_values = {c["name"]: c["p"] for c in results()["prediction"]["comparisons"]}
+    full = next(f for f in results()["prediction"]["families"] if f["name"] == "full")
+    assert (full["num_declared"], full["num_evaluated"]) == (9, 4)
+    names = [member["name"] for member in full["members"]]
+    assert names == list(p_values)
+    expected = holm([*p_values.values(), *[1.0] * 5])[:4]
+    assert [member["p_holm"] for member in full["members"]] == pytest.approx(expected.tolist())
+    ranking = {f["name"]: (f["num_evaluated"], f["num_declared"]) for f in results()["ranking"]["families"]}
+    assert ranking == {"ranking_structured": (8, 8), "ranking_full": (8, 24)}
+
+
+def test_model_that_knows_more_is_better() -> None:
+    found = {c["name"]: c for c in results()["prediction"]["comparisons"]}
+    assert found["M3-M1.macro_nmae"]["difference"] < 0
+    assert found["M3-M1.macro_nmae"]["is_bound"]
+    assert found["M3-M1.macro_nmae"]["p"] == pytest.approx(1 / 501)
+
+
+def test_shuffles_hurt_what_is_read() -> None:
+    found = {(s["model"], s["kind"]): s for s in results()["diagnostics"]["shuffles"] if s["metric"] == "ade_m"}
+    assert found["M2", "action"]["shuffled"] == pytest.approx(found["M2", "action"]["value"])
+    assert found["M1", "history"]["shuffled"] == pytest.approx(found["M1", "history"]["value"])
+    assert all(found["M3", kind]["shuffled"] > found["M3", kind]["value"] for kind in ("action", "history", "joint"))
+
+
+def test_every_selector_is_ranked_under_every_profile() -> None:
+    ranking = results()["ranking"]
+    assert [p["profile"] for p in ranking["profiles"]] == ["balanced", "safety", "progress", "comfort"]
+    for profile in ranking["profiles"]:
+        entries = {entry["selector"]: entry for entry in profile["entries"]}
+        assert list(entries) == [
+            "random", "nominal", "action_prior", "fixed_brake", "O-M0", "O-M1", "O-M2", "O-M3", "oracle",
+        ]  # fmt: skip
+        assert entries["oracle"]["regret"] == 0
+        assert entries["oracle"]["captured"] == pytest.approx(1)
+        assert entries["oracle"]["captured_interval"]["low"] == pytest.approx(1)
+        assert entries["nominal"]["difference"] == 0
+        assert entries["random"]["concordance"] == pytest.approx(0.5)
+        assert entries["action_prior"]["gate"] == {"mean_m": 0.0, "passed": True}
+
+
+def test_selector_comparison_is_the_mean_difference_of_values() -> None:
+    ranking = results()["ranking"]
+    entries = {entry["selector"]: entry for entry in ranking["profiles"][0]["entries"]}
+    found = next(c for c in ranking["comparisons"] if c["name"] == "O-M3-action_prior.value.balanced")
+    assert found["difference"] == pytest.approx(entries["O-M3"]["value"] - entries["action_prior"]["value"])
+
+
+def test_guards_stand_side_by_side() -> None:
+    guard = results()["guard"]
+    assert guard["reason"] is None
+    for profile in guard["profiles"]:
+        chosen = {selection["selection"]: selection for selection in profile["selections"]}
+        assert list(chosen) == ["nominal", "unguarded", "global_margin", "conformal", "learn_then_test"]
+        assert chosen["nominal"]["figures"]["violation"]["value"] == 0
+        assert chosen["unguarded"]["figures"]["retained_gain"]["value"] == pytest.approx(1)
+        assert chosen["nominal"]["beyond_noise"]["num_beyond"] == [0] * 6
+        assert chosen["unguarded"]["beyond_noise"]["num_compared"] == [20] * 6
+        assert chosen["unguarded"]["beyond_noise"]["num_beyond"][0] == 0
+        assert profile["trade_off"]["prices"][0] is None
+        assert profile["conformal"]["refusal"] is None
+
+
+@pytest.mark.parametrize("missing", ["risk", "calibration", "model"])
+def test_guard_that_cannot_be_judged_says_why(missing: str) -> None:
+    known, predicted = data(), prediction_set()
+    if missing == "calibration":
+        parts = {name: part for name, part in known.parts.items() if name != "calibration"}
+        known = BenchmarkData(parts, known.candidates, known.nominal, known.brakes)
+    if missing == "model":
+        predicted = PredictionSet({name: predicted.by_model[name] for name in ("M0", "M1")})
+    found = results_document(small_protocol(), known, predicted, None if missing == "risk" else risk_fit())
+    reasons = {
+        "risk": "No risk was fitted.",
+        "calibration": "The release has no partition 'calibration'.",
+        "model": "M3 does not predict the partition 'val'.",
+    }
+    assert (found["guard"]["reason"], found["guard"]["profiles"]) == (reasons[missing], [])
+    assert schema_violations(found, "results.schema.json") == []
+    assert reasons[missing] in render_tables(found)
+
+
+def test_model_that_is_not_declared_stands_in_the_same_tables() -> None:
+    theirs = PredictionSet({"theirs": {5: {"test": prediction_set().by_model["M3"][11]["test"]}}})
+    found = results_document(small_protocol(), data(), prediction_set().joined(theirs))
+    assert found["models"][-1] == {"id": "theirs", "title": "theirs", "seeds": [5], "declared": False}
+    ours, their = (estimates(found)[model, "ade_m"] for model in ("M3", "theirs"))
+    assert their["value"] == pytest.approx(ours["by_seed"][0])
+    assert "theirs" not in {s["model"] for s in found["diagnostics"]["shuffles"]}
+    assert "O-theirs" in {e["selector"] for e in found["ranking"]["profiles"][0]["entries"]}
+    assert "theirs (not declared)" in render_tables(found)
+
+
+def test_every_table_carries_the_warnings() -> None:
+    text = render_tables(results())
+    sections = text.split("\n## ")[1:]
+    tables = [section for section in sections if "| --- |" in section]
+    assert len(tables) > 15
+    assert all(f"> **Warning.** {WARNING}" in section for section in tables)
+    assert render_tables(parse_json(dump_json(results()))) == text
+
+
+def test_tables_say_that_a_family_is_not_complete() -> None:
+    assert "Family `full`: 4 of 9 declared tests were evaluated" in render_tables(results())
+
+
+def test_noise_comes_back_from_its_record() -> None:
+    assert noise_record(noise_of(noise_record(noise()))) == noise_record(noise())
+
+
+def test_groups_are_digested_in_sorted_order() -> None:
+    assert groups_digest(["b", "a"]) == groups_digest(["a", "b"]) != groups_digest(["a"])
+
+
+def test_group_that_repeats_is_refused() -> None:
+    twice = dict(frames())
+    twice["contexts"] = take(twice["contexts"], np.r_[0, np.arange(len(twice["contexts"]["group_id"]))])
+    with pytest.raises(DatasetError, match="repeats a group"):
+        BenchmarkData.of(twice, BANK)

@@ -1,0 +1,171 @@
+"""Results of rankings: every selector under every profile, and the families of tests between selectors.
+
+Quantiles and ActionPrior come from the partition that models are fitted on, the fixed brake from the one that
+choices are made on. All selectors share the resamples and sign flips of the reported groups; a group that is not
+ranked has no difference.
+
+Source: paper VI-D; spec/14-benchmark.md#results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.derive.benchmark.data import BenchmarkData
+from branchdrive.derive.benchmark.number import number, numbers
+from branchdrive.derive.benchmark.prediction_result import (
+    comparison_record,
+    evaluated_members,
+    family_records,
+    interval_record,
+)
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, Member
+from branchdrive.derive.metric.bootstrap import Design, counted_mean, design, ratio_of_sums
+from branchdrive.derive.metric.interval import Intervals, intervals
+from branchdrive.derive.metric.sign_flip import draw_signs
+from branchdrive.derive.metric.table import Interval, compare
+from branchdrive.derive.ranking.measure import Measures
+from branchdrive.derive.ranking.ranking import Entry, Ranking, rank
+from branchdrive.derive.ranking.selector import best_fixed
+from branchdrive.derive.utility import Scale, fit_scale, utility
+
+__all__ = ["ranking_results", "scale_record", "utility_scale"]
+
+Array = NDArray[np.float64]
+
+MEASURES = Measures._fields
+
+
+def utility_scale(protocol: BenchmarkProtocol, data: BenchmarkData) -> Scale:
+    """Quantiles of the targets on the partition that models are fitted on."""
+    return fit_scale(data.part(protocol.partitions.fit).targets)
+
+
+def ranking_results(
+    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, scale: Scale
+) -> dict[str, Any]:
+    """The section ``ranking``."""
+    part = data.part(protocol.partitions.report)
+    resampling = design(
+        len(part.groups), seed=int(protocol.statistics.seed), num_resamples=int(protocol.statistics.resamples)
+    )
+    profiles: list[dict[str, Any]] = []
+    left_out: list[dict[str, str]] = []
+    rankings: dict[str, Ranking] = {}
+    for name in protocol.preferences:
+        try:
+            ranking, about = _ranked(protocol, data, predictions, scale, name)
+        except ValueError as error:
+            left_out.append({"profile": name, "reason": str(error)})
+            continue
+        rankings[name] = ranking
+        entries = [_entry_record(selector, entry, ranking, resampling) for selector, entry in ranking.entries.items()]
+        profiles.append({"profile": name, **about, "entries": entries})
+    families = protocol.of_kind("ranking")
+    # Every profile ranks the same selectors.
+    names = set(next(iter(rankings.values())).entries) if rankings else set()
+    members = [member for member in evaluated_members(families, names) if member.profile in rankings]
+    differences = [_difference(rankings, member) for member in members]
+    comparisons = compare(
+        [member.name for member in members],
+        np.stack(differences, axis=1) if differences else np.empty((len(part.groups), 0)),
+        resampling,
+        draw_signs(len(part.groups), seed=int(protocol.statistics.seed), num_flips=int(protocol.statistics.flips)),
+    )
+    return {
+        "profiles": profiles,
+        "left_out": left_out,
+        "comparisons": [comparison_record(comparison) for comparison in comparisons],
+        "families": family_records(families, comparisons),
+    }
+
+
+def _ranked(
+    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, scale: Scale, name: str
+) -> tuple[Ranking, dict[str, Any]]:
+    partitions, profile = protocol.partitions, protocol.preferences[name]
+    prior = best_fixed(utility(data.part(partitions.fit).targets, scale, profile))
+    brake = None
+    if data.brakes and partitions.select in data.parts:
+        brake = best_fixed(utility(data.part(partitions.select).targets, scale, profile), data.brakes)
+    report = partitions.report
+    ranking = rank(
+        data.part(report).targets,
+        {model: predictions.scalars(model, report) for model in predictions.of(report)},
+        scale=scale,
+        profile=profile,
+        nominal=data.nominal,
+        action_prior=prior,
+        fixed_brake=brake,
+    )
+    who = ranking.population
+    return ranking, {
+        "num_ranked": int(who.ranked.sum()),
+        "num_without_separation": who.num_without_separation,
+        "num_without_other": who.num_without_other,
+        "num_without_range": ranking.num_without_range,
+        "action_prior": data.candidates[prior],
+        "fixed_brake": None if brake is None else data.candidates[brake],
+    }
+
+
+def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
+    values = np.stack([_spread_out(getattr(entry.measures, name), ranking) for name in MEASURES], axis=1)
+    means, resamples, jackknife = resampling.split(counted_mean(resampling.counts, values))
+    num_groups = (~np.isnan(values)).sum(axis=0)
+    ends = intervals(means, resamples, jackknife, num_groups)
+    seed_means = [[float(getattr(seed, name).mean()) for seed in entry.seeds] for name in ("value", "regret")]
+    return {
+        "selector": selector,
+        **{name: number(means[i]) for i, name in enumerate(MEASURES)},
+        "intervals": {name: _record(ends, i) for i, name in enumerate(MEASURES)},
+        "seed_sd": {
+            name: number(float(np.std(found, ddof=1))) if len(found) > 1 else None
+            for name, found in zip(("value", "regret"), seed_means, strict=True)
+        },
+        "agreement": None if entry.agreement is None else float(entry.agreement.mean()),
+        "num_actions": list(entry.num_actions),
+        "captured": number(entry.captured),
+        "captured_interval": None if entry.captured is None else _captured_interval(entry, ranking, resampling),
+        "gate": {"mean_m": entry.gate.mean_m, "passed": bool(entry.gate.passed)},
+    }
+
+
+def _captured_interval(entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
+    """Of the captured share: a ratio of sums over groups, resampled on both sides at once."""
+    gained, gap = (
+        np.nan_to_num(_spread_out(found.measures.difference, ranking))[:, None]
+        for found in (entry, ranking.entries["oracle"])
+    )
+    found = resampling.split(ratio_of_sums(resampling.counts, gained, gap))
+    return _record(intervals(*found, np.array([int(ranking.population.ranked.sum())])), 0)
+
+
+def _spread_out(values: Array, ranking: Ranking) -> Array:
+    """Values of the ranked groups at the places of all reported groups, NaN elsewhere."""
+    spread_out = np.full(len(ranking.population.ranked), np.nan)
+    spread_out[ranking.population.ranked] = values
+    return spread_out
+
+
+def _difference(rankings: Mapping[str, Ranking], member: Member) -> Array:
+    ranking = rankings[str(member.profile)]
+    left, right = (
+        _spread_out(getattr(ranking.entries[name].measures, member.metric), ranking)
+        for name in (member.left, member.right)
+    )
+    return np.asarray(left - right)
+
+
+def _record(ends: Intervals, k: int) -> dict[str, Any]:
+    return interval_record(Interval(*(field[k].item() for field in ends)))
+
+
+def scale_record(scale: Scale) -> dict[str, Any]:
+    """Quantiles as JSON data."""
+    return {"q05": numbers(scale.q05.tolist()), "q95": numbers(scale.q95.tolist())}
