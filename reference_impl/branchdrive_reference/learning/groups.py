@@ -62,14 +62,14 @@ class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
         self,
         release: ModelLayer | str | Path,
         partition: str,
-        contract: InputContract = InputContract.SENSOR,
+        contract: InputContract | str = InputContract.SENSOR,
         *,
         variant: str | None = None,
     ) -> None:
         layer = release if isinstance(release, ModelLayer) else open_model(release)
         self.groups = layer.groups(partition, variant)
         self.candidate_order = layer.candidate_order
-        self.contract = contract
+        self.contract = contract = InputContract.named(contract)
         if not self.groups:
             raise UsageError(f"no group of the partition {partition!r} is in the variant {variant!r}")
         targets = layer.targets(partition, variant=variant, normalised=True)

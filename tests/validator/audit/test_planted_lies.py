@@ -46,7 +46,7 @@ LIES = {
     "a gate that failed is called passed": "BD-LKG-004 failed_gate_called_passed",
     "an inconclusive gate is called passed": "BD-LKG-004 inconclusive_gate_called_passed",
     "p-values are not adjusted for their number": "BD-LKG-004 p_values_not_adjusted",
-    "a target is hidden in the history": "BD-LKG-009 target_hidden_in_the_history",
+    "a target is hidden in the history": "BD-LKG-010 target_hidden_in_the_history",
     "the raw layer is another": "BD-REL-001 digest_of_another_raw_layer",
     "the card has a better number": "BD-REL-003 card_with_a_better_number",
 }

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from tests.repo.checkout import ROOT
 from tests.synthetic import write_dataset
 from tests.validator.build.running import build, contents, derived
 
@@ -27,9 +31,9 @@ def test_the_same_build_twice_changes_no_byte(dataset: Path, release: Path, buil
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_worker_processes_change_no_byte(dataset: Path, built: Path, jobs: int) -> None:
-    build(dataset, executor=isolated(jobs))
-    assert contents(dataset) == contents(built)
+def test_worker_processes_change_no_byte(dataset: Path, audited: Path, jobs: int) -> None:
+    build(dataset, stages=STAGES, executor=isolated(jobs))
+    assert contents(dataset) == contents(audited)
 
 
 def test_a_detached_release_has_the_same_layers(raw: Path, built: Path, tmp_path: Path) -> None:
@@ -87,3 +91,28 @@ def test_neither_the_order_of_shards_nor_of_rows_decides_anything(raw: Path, bui
         name = path.split("/")[1].removesuffix(".parquet")
         rows, wanted = (read_table(place, path, name).drop_columns("shard") for place in (root, built))
         assert rows.equals(wanted)
+
+
+BUILD = """
+import sys
+from pathlib import Path
+from tests.validator.build.running import build
+from branchdrive.build.build import STAGES
+from branchdrive.derive.leakage.sequence import Unavailable
+import branchdrive.build.leakage as stage
+
+stage.sequence_classifier = lambda: Unavailable("none in this test")
+build(Path(sys.argv[1]), stages=STAGES)
+"""
+
+
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_the_number_of_threads_changes_no_byte(built: Path, audited: Path, tmp_path: Path, threads: str) -> None:
+    root = shutil.copytree(built, tmp_path / "release")
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    subprocess.run(
+        [sys.executable, "-c", BUILD, str(root)],
+        env={**os.environ, **dict.fromkeys(names, threads), "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])},
+        check=True,
+    )
+    assert contents(root) == contents(audited)

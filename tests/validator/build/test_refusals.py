@@ -306,7 +306,12 @@ def test_a_bank_with_an_encoding_of_its_own_has_no_model_layer(tmp_path: Path) -
     document = raw_descriptor()
     document["action_encoding"] = {**document["action_encoding"], "name": "own-1"}
     root = Draft(raw_tables(), document).write(tmp_path / "dataset")
-    assert "the action encoding 'own-1' is the dataset's own and cannot be computed" in refused(root)
+    before = contents(root)
+    for place in ([], ["--stage", "model"], ["--output", tmp_path / "release"]):
+        assert "the action encoding 'own-1' is the dataset's own and cannot be computed" in refused(root, *place)
+    assert contents(root) == before
+    assert not (tmp_path / "release").exists()
+    assert call("build", root, "--stage", "canonical", "--stage", "quality")[0] == 0
     assert not (root / STAGING_DIR).exists()
     assert not (root / "model").exists()
     assert "model" not in json.loads((root / DESCRIPTOR_FILE).read_bytes())["layers"]

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.synthetic import seal_dataset, write_dataset
-from tests.synthetic_release import NUM_GROUPS, raw_descriptor, raw_tables
+from tests.synthetic_release import NUM_GROUPS, SEED, raw_descriptor, raw_tables
 from tests.validator.audit.rules.draft import Draft
-from tests.validator.build.running import build, call, contents
+from tests.validator.build.running import breaches, build, call, contents
 from tests.validator.build.test_determinism import shuffled
 
 from branchdrive.audit.engine import validate
 from branchdrive.build.build import STAGES
 from branchdrive.build.layers import LEDGER
+from branchdrive.build.scan import RawScan, scan_raw
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.errors import UsageError
+from branchdrive.errors import DatasetError, UsageError
 
 CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonical/source.json"}
 
@@ -39,7 +42,7 @@ def another_raw_layer(raw: Path, root: Path) -> Path:
 def test_stages_alone_and_in_order_make_the_same_release(dataset: Path, audited: Path) -> None:
     for stage in STAGES:
         build(dataset, stages=[stage])
-        assert validate(dataset).verdict == "valid", stage
+        assert breaches(dataset) == set(), stage
     assert contents(dataset) == contents(audited)
 
 
@@ -139,6 +142,33 @@ def test_a_rebuild_with_the_same_options_opens_nothing_and_keeps_the_audit(audit
     release = shutil.copytree(audited, tmp_path / "release")
     build(release)
     assert contents(release) == contents(audited)
+
+
+def test_an_audit_that_is_left_out_is_gone(audited: Path, built: Path, tmp_path: Path) -> None:
+    release = shutil.copytree(audited, tmp_path / "release")
+    assert "Leakage was not audited" not in (release / "CARD.md").read_text()
+    code, out, _ = call("build", release, "--no-leakage", "--seed", str(SEED))
+    assert code == 0
+    assert "Leakage was not audited" in out
+    assert contents(release) == contents(built)
+    release = shutil.copytree(audited, tmp_path / "again")
+    assert call("build", release, "--no-leakage", "--stage", "model")[0] == 0
+    assert contents(release) == contents(built)
+    with pytest.raises(UsageError, match="either carried out or left out"):
+        build(release, stages=STAGES, drop_leakage=True)
+
+
+def test_an_audit_without_metamorphic_steps_is_refused(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = contents(release)
+
+    def scan(*arguments: Any) -> RawScan:
+        found = scan_raw(*arguments)
+        return replace(found, extract=replace(found.extract, changed=None))
+
+    monkeypatch.setattr("branchdrive.build.build.scan_raw", scan)
+    with pytest.raises(DatasetError, match="the metamorphic steps were not taken on every shard"):
+        build(release, stages=["leakage"])
+    assert contents(release) == before
 
 
 @pytest.mark.parametrize(

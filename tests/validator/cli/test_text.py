@@ -118,7 +118,7 @@ Controls valid              1     1  BD-CTL-009 (1)
 Integrity-complete          1
 Structurally eligible       1
 
-Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 2 fail, {NUM_UNCLAIMED} not-claimed
+Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 1 fail, {NUM_UNCLAIMED} not-claimed, 1 noted
 {UNCLAIMED}
 Verdict: invalid - the dataset breaks the specification
 1 of 2 required branch groups qualify

@@ -132,3 +132,9 @@ def test_a_profile_cannot_be_changed_into_one_that_its_contract_refuses() -> Non
         dataclasses.replace(SENSOR_PROFILE, state=MIXED_PROFILE.state)
     with pytest.raises(dataclasses.FrozenInstanceError):
         SENSOR_PROFILE.state = MIXED_PROFILE.state  # type: ignore[misc]
+
+
+def test_a_contract_is_named() -> None:
+    assert InputContract.named("mixed") is InputContract.named(InputContract.MIXED) is InputContract.MIXED
+    with pytest.raises(UsageError, match="no input contract 'all'; there are sensor, mixed, privileged"):
+        InputContract.named("all")

@@ -39,6 +39,30 @@ def test_the_plain_search_agrees_where_many_are_equally_near(rows: list[tuple[li
     np.testing.assert_allclose(found.distance, [distance for distance, _ in expected], rtol=1e-15)
 
 
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 40)), max_size=40), st.booleans())
+def test_the_plain_search_agrees_where_most_points_are_equal(rows: list[tuple[int, int]], signed: bool) -> None:
+    places = [[0.0, 0.0], [1.0, 0.0], [-0.0 if signed else 0.0, 0.0]]
+    points, labels = [places[place] for place, _ in rows], [label for _, label in rows]
+    found = nearest_other(np.reshape(points, (len(points), 2)), labels)
+    expected = oracle(points, labels)
+    assert found.row.tolist() == [row for _, row in expected]
+    assert found.distance.tolist() == [distance for distance, _ in expected]
+
+
+def test_equal_points_are_compared_with_few_of_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = []
+    distances = near_duplicate._distance
+
+    def counted(points: Any, a: Any, b: Any) -> Any:
+        compared.append(len(a))
+        return distances(points, a, b)
+
+    monkeypatch.setattr(near_duplicate, "_distance", counted)
+    found = nearest_other(np.ones((500, 7)), np.arange(500))
+    assert found.row.tolist() == [1, *[0] * 499]
+    assert sum(compared) <= 2 * 500
+
+
 @pytest.mark.parametrize("cells", [1, 100, 1 << 21])
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch, cells: int) -> None:
     rng = np.random.default_rng(0)
@@ -98,6 +122,22 @@ def test_who_is_closer_than_the_threshold_is_flagged_with_its_neighbour(apart: f
     assert np.flatnonzero(found.flagged).tolist() == ([50, 101] if flagged else [])
     assert found.nearest.row[101] == 50
     assert found.nearest.distance[101] == apart
+
+
+@pytest.mark.parametrize(
+    ("apart", "doubtful"),
+    [(1 - 3e-9, False), (1 - 1e-9, True), (1.0, True), (1 + 1e-9, True), (1 + 3e-9, False), (0.0, False)],
+)
+def test_last_bits_decide_close_to_the_threshold_alone(apart: float, doubtful: bool) -> None:
+    found = near_duplicates(np.concatenate([grid(), [[50, apart, 0]]]), ["train"] * 101 + ["val"])
+    assert found.threshold == 1
+    assert found.doubtful[101] == doubtful
+
+
+def test_equal_histories_are_never_in_doubt() -> None:
+    found = near_duplicates(np.zeros((10, 4)), ["train"] * 9 + ["test"])
+    assert found.flagged.all()
+    assert not found.doubtful.any()
 
 
 def test_partitions_other_than_training_are_compared_too() -> None:

@@ -147,7 +147,7 @@ def test_a_prediction_has_a_utility_for_every_candidate() -> None:
 
 
 def test_a_prediction_that_is_no_number_is_refused() -> None:
-    with pytest.raises(ValueError, match="^1 predicted values are not finite$"):
+    with pytest.raises(ValueError, match=r"^1 predicted values are not finite$"):
         predicted_utility(np.array([0, 1, np.nan, 0, 0, 0]), UNIT, PROFILES["progress"])
     with pytest.raises(ValueError, match="available nowhere in training"):
         predicted_utility(np.zeros(6), Scale(np.full(5, np.nan), np.ones(5)), PROFILES["progress"])

@@ -15,7 +15,7 @@ from pathlib import Path
 from branchdrive.audit.check import RELEASE_RULES, SURVEY_RULES
 from branchdrive.audit.examine import VIEW_RULES
 from branchdrive.audit.extract.shard import merge
-from branchdrive.audit.finding import Finding, printable
+from branchdrive.audit.finding import Finding, Sighting, printable
 from branchdrive.audit.funnel import Funnel
 from branchdrive.audit.release.audit import ReleaseResult, ReleaseTask, audit_release
 from branchdrive.audit.release.view import RawLayer
@@ -32,6 +32,9 @@ from branchdrive.dataset.manifest import Manifest
 from branchdrive.errors import UsageError
 
 __all__ = ["Progress", "audit_shards", "judge_files", "select_rules", "validate"]
+
+_DECODING = "BD-LYR-002"
+"""The rule that tables of derived layers decode within the limits."""
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished shards and the number of shards."""
@@ -126,8 +129,11 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     if raw is None:
         return survey
     if survey.has_raw:
-        raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave the option for raw data away")
-    return take_survey(Path(raw), hash_files=survey.is_hashed)
+        raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
+    source = take_survey(Path(raw), hash_files=survey.is_hashed)
+    if not source.shard_folders:
+        raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
+    return source
 
 
 def _extraction(survey: Survey, selected: frozenset[str]) -> Extraction:
@@ -157,11 +163,13 @@ def _audit_derived(
     for _, outcome in executor(audit_release, [task]):
         if isinstance(outcome, ReleaseResult):
             return outcome
-        reason = "the derived layers killed the process that read them within the memory limit, twice"
         if isinstance(outcome, Failed):
-            reason = outcome.message
-        errors.append(f"derived layers: {reason}")
+            errors.append(f"derived layers: {outcome.message}")
     unjudged = {rule_id: Tally(rule_id, unjudged="the derived layers could not be judged") for rule_id in task.selected}
+    if not errors and _DECODING in unjudged:  # what dies twice within the memory limit is the files' affair
+        sighting = Sighting("tables that decode within the memory limit", "a process that died of them, twice")
+        killed = unjudged[_DECODING] = Tally(_DECODING, examined=1, total=1, num_findings=1)
+        killed.keep([Finding.of(_DECODING, sighting)])
     return ReleaseResult(tallies=unjudged)
 
 

@@ -54,7 +54,7 @@ class Report:
         verdict: What the rules together mean.
         tallies: One per rule of the catalogue, in catalogue order.
         funnel: ``None`` where rules that it needs were deselected or no shard could be judged.
-        population: The stored population of a release by partition, as its rules judged it; ``None`` without one.
+        population: The stored population of a release by partition; ``None`` without one that recomputes.
         errors: Failures of the tool itself.
     """
 

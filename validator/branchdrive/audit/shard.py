@@ -42,7 +42,8 @@ __all__ = [
 Extraction = Literal["nothing", "rows", "rows and metamorphic steps"]
 """What the derived layers need of a shard."""
 
-_CHECKED_METADATA = ("unit", "frame", "shape", "track")
+CHECKED_METADATA = ("unit", "frame", "shape", "track")
+"""Metadata that every column carries as declared."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +194,7 @@ def metadata_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
     problems = []
     for column in declared_table(name).columns:
         stored = schema.field(column.name).metadata or {}
-        for key in _CHECKED_METADATA:
+        for key in CHECKED_METADATA:
             wanted, found = column.metadata.get(key), stored.get(key.encode())
             if wanted != (found.decode("utf-8", "replace") if found is not None else None):
                 problems.append(ColumnProblem(column.name, f"{key} {wanted!r}", f"{found!r}"))

@@ -1,4 +1,4 @@
-"""Build of a release: stages in order, each published when it is done.
+"""Build of a release: stages in order, published together when all of them are done.
 
 Layers are added beside the raw layer, or make a detached release of their own in another folder. Equal raw
 layers and options give equal bytes. Source: paper III-F; spec/10-layers.md#derivation, #detached.
@@ -14,9 +14,17 @@ from typing import Any
 from branchdrive.audit.worker import Executor, in_process
 from branchdrive.build.layers import LEDGER, BuiltLayers, load_layers
 from branchdrive.build.leakage import build_leakage
+from branchdrive.build.openings import ledger_of, merged_ledger
 from branchdrive.build.publish import publish, staging, stated_identity
-from branchdrive.build.scan import RawScan, scan_raw
-from branchdrive.build.stage import SOURCE, BuildOptions, build_canonical, build_model, build_quality
+from branchdrive.build.scan import RawScan, check_unchanged, scan_raw
+from branchdrive.build.stage import (
+    SOURCE,
+    BuildOptions,
+    build_canonical,
+    build_model,
+    build_quality,
+    check_encoding,
+)
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.descriptor_file import read_descriptor
 from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, RAW_DIR, STAGING_DIR
@@ -60,6 +68,7 @@ def build_release(
     stages: Sequence[str] = STAGES,
     options: BuildOptions | None = None,
     protocol: AuditProtocol | None = None,
+    drop_leakage: bool = False,
     executor: Executor = in_process,
     progress: StageProgress | None = None,
 ) -> BuildReport:
@@ -71,35 +80,49 @@ def build_release(
         stages: Stages to carry out, of `STAGES`.
         options: What the builder decides.
         protocol: Numbers of the leakage audit.
+        drop_leakage: Whether to leave out an audit that an earlier build has made; without it, one that still is
+            of this release stays.
         executor: How shards are read.
         progress: Told after every part of a stage.
 
     Raises:
-        UsageError: A stage is unknown or lacks the one before it, or the folders do not go together.
-        DatasetError: The raw layer is damaged or breaks the format, or has too few groups.
+        UsageError: A stage is unknown or lacks the one before it, the folders do not go together, or a collection
+            or another build is at work in the folder.
+        DatasetError: The raw layer is damaged, breaks the format, has too few groups or was changed meanwhile, or
+            the bank has an encoding of its own.
     """
     source, target = Path(root), Path(output if output is not None else root)
-    options = options or BuildOptions()
-    _check(source, target, stages)
+    _check(source, target, stages, drop_leakage)
     report = progress or (lambda *_: None)
-    scan = scan_raw(source, executor, lambda done, total: report("raw", done, total, "shards"))
-    with staging(target) as area:
+
+    def scanned() -> RawScan:
+        return scan_raw(source, executor, lambda done, total: report("raw", done, total, "shards"))
+
+    is_in_place = source.resolve() == target.resolve()
+    # What is built from elsewhere is read before its release has a folder.
+    scan = None if is_in_place else scanned()
+    with staging(target, create=not is_in_place) as area:
+        scan = scan or scanned()
+        if "model" in stages:
+            check_encoding(scan)
         layers = load_layers(target, scan.descriptor.action_bank.keys)
         _check_source(scan, layers, stages, target)
-        manifest = None
-        for stage in [stage for stage in STAGES if stage in stages]:
-            report(stage, 0, 1, "")
-            _carry_out(stage, stages, scan, layers, options, protocol, area, report)
-            manifest = _published(target, scan, layers)
-            report(stage, 1, 1, "")
-        assert manifest is not None  # noqa: S101  (there is a stage; for the type checker)
+        if drop_leakage:
+            layers.drop(LEAKAGE_FILE)
+        job = _Job(scan, target, layers, tuple(stages), options or BuildOptions(), protocol, area, report)
+        for stage in STAGES:
+            if stage in stages:
+                job.carry_out(stage)
+        manifest = job.publish()
     return BuildReport(target, manifest.identity, layers.names, layers.documents)
 
 
-def _check(source: Path, target: Path, stages: Sequence[str]) -> None:
+def _check(source: Path, target: Path, stages: Sequence[str], drop_leakage: bool) -> None:
     unknown = sorted(set(stages) - set(STAGES))
     if unknown or not stages:
         raise UsageError(f"stages are {', '.join(STAGES)}; found {', '.join(unknown) or 'none'}")
+    if drop_leakage and "leakage" in stages:
+        raise UsageError("the leakage audit is either carried out or left out; drop one of the two")
     if source.resolve() != target.resolve():
         for one, other in ((source, target), (target, source)):
             if one.resolve().is_relative_to(other.resolve()):
@@ -136,64 +159,90 @@ def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], tar
         raise UsageError(f"{target}: its layers are of another raw layer; begin with the stage 'canonical'")
 
 
-def _carry_out(
-    stage: str,
-    stages: Sequence[str],
-    scan: RawScan,
-    layers: BuiltLayers,
-    options: BuildOptions,
-    protocol: AuditProtocol | None,
-    area: Path,
-    report: StageProgress,
-) -> None:
-    if stage == "canonical":
-        before = dict(layers.contents)
-        build_canonical(scan, layers)
-        if layers.contents != {**layers.contents, **before}:
-            layers.drop_after("canonical")
-        if LEDGER in layers.contents and "quality" not in (*layers.names, *stages):
-            raise UsageError(
-                f"{scan.root}: the ledger of openings has no layer to lie in; build 'quality' together with 'canonical'"
-            )
-    elif stage == "quality":
-        before = dict(layers.contents)
-        build_quality(scan, layers, options, layers.documents.get(LEDGER))
-        if layers.contents != {**layers.contents, **before}:
-            layers.drop_after("quality")
-            for held in (layers.contents, layers.documents):
-                held.pop(LEAKAGE_FILE, None)
-    elif stage == "leakage":
-        build_leakage(
-            scan,
-            layers,
-            area,
-            seed=options.seed,
-            protocol=protocol,
-            progress=lambda done, total, note: report(stage, done, total, note),
-        )
-    else:
-        build_model(scan, layers)
+@dataclass(frozen=True)
+class _Job:
+    """One build: what it reads, where it writes, and what was decided."""
 
+    scan: RawScan
+    target: Path
+    layers: BuiltLayers
+    stages: tuple[str, ...]
+    options: BuildOptions
+    protocol: AuditProtocol | None
+    area: Path
+    report: StageProgress
 
-def _published(target: Path, scan: RawScan, layers: BuiltLayers) -> Any:
-    in_place = target.resolve() == scan.root.resolve()
-    kept_files = scan.files if in_place else {}
-    if "benchmark" in layers.names and _identity(kept_files, layers) != stated_identity(target):
-        layers.drop_after("model")  # it belongs to another release
-    claimed = (("raw",) if in_place else ()) + layers.names
-    descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
-    # The ledger stays in its place while the layer around it is built again.
-    kept = {*layers.names, LEDGER}
-    files = {path: content for path, content in layers.contents.items() if {path, path.split("/")[0]} & kept}
-    if "quality" in layers.names:
-        named = {
-            name: layers.documents[f"quality/{name}.json"]
-            for name in ("population", "split", "thresholds", "retention", "ledger", "variants")
+    @property
+    def is_in_place(self) -> bool:
+        return self.target.resolve() == self.scan.root.resolve()
+
+    def carry_out(self, stage: str) -> None:
+        """Build a stage, in memory: what is there stays as it is until all of it is built."""
+        self.report(stage, 0, 1, "")
+        work = {
+            "canonical": self._canonical,
+            "quality": self._quality,
+            "leakage": self._leakage,
+            "model": self._model,
         }
-        leakage = layers.documents.get(LEAKAGE_FILE)
-        files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE], **named, leakage=leakage).encode()
-        files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
-    return publish(target, kept_files, files, descriptor)
+        work[stage]()
+        self.report(stage, 1, 1, "")
+
+    def _canonical(self) -> None:
+        layers, before = self.layers, dict(self.layers.contents)
+        build_canonical(self.scan, layers)
+        if layers.changed_since(before):
+            layers.drop_after("canonical")
+        if LEDGER in layers.contents and "quality" not in (*layers.names, *self.stages):
+            raise UsageError(
+                f"{self.scan.root}: the ledger of openings has no layer to lie in; build 'quality' together with "
+                "'canonical'"
+            )
+
+    def _quality(self) -> None:
+        layers, before = self.layers, dict(self.layers.contents)
+        ledger = layers.documents.get(LEDGER)
+        if not self.is_in_place:
+            ledger = merged_ledger(ledger_of(self.scan.root), ledger)
+        build_quality(self.scan, layers, self.options, ledger)
+        if layers.changed_since(before):
+            layers.drop_after("quality")
+            layers.drop(LEAKAGE_FILE)
+
+    def _leakage(self) -> None:
+        build_leakage(
+            self.scan,
+            self.layers,
+            self.area,
+            seed=self.options.seed,
+            protocol=self.protocol,
+            progress=lambda done, total, note: self.report("leakage", done, total, note),
+        )
+
+    def _model(self) -> None:
+        build_model(self.scan, self.layers)
+
+    def publish(self) -> Manifest:
+        """Put everything in its place; the manifest of the release."""
+        scan, layers = self.scan, self.layers
+        kept_files = scan.files if self.is_in_place else {}
+        if "benchmark" in layers.names and _identity(kept_files, layers) != stated_identity(self.target):
+            layers.drop_after("model")  # it belongs to another release
+        claimed = (("raw",) if self.is_in_place else ()) + layers.names
+        descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
+        # The ledger stays in its place while the layer around it is built again.
+        kept = {*layers.names, LEDGER}
+        files = {path: content for path, content in layers.contents.items() if {path, path.split("/")[0]} & kept}
+        if "quality" in layers.names:
+            named = {
+                name: layers.documents[f"quality/{name}.json"]
+                for name in ("population", "split", "thresholds", "retention", "ledger", "variants")
+            }
+            leakage = layers.documents.get(LEAKAGE_FILE)
+            files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE], **named, leakage=leakage).encode()
+            files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
+        check_unchanged(scan)
+        return publish(self.target, kept_files, files, descriptor)
 
 
 def _identity(kept: Mapping[str, str], layers: BuiltLayers) -> str:

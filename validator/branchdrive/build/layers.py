@@ -22,7 +22,7 @@ from branchdrive.dataset.untrusted import read_file
 from branchdrive.derive.layer.frame import Frame, Values, sort_rows
 from branchdrive.errors import DatasetError
 
-__all__ = ["LEDGER", "BuiltLayers", "load_layers"]
+__all__ = ["LEDGER", "BuiltLayers", "load_document", "load_layers"]
 
 LEDGER = "quality/ledger.json"
 """Every opening of a partition."""
@@ -72,14 +72,22 @@ class BuiltLayers:
             whole.append(name)
         return tuple(whole)
 
+    def changed_since(self, before: Mapping[str, bytes]) -> bool:
+        """Whether a file of `before`, the ledger apart, is not what it was: what is derived from it is of another."""
+        return any(self.contents.get(path) != content for path, content in before.items() if path != LEDGER)
+
+    def drop(self, path: str) -> None:
+        """Forget a document."""
+        self.contents.pop(path, None)
+        self.documents.pop(path, None)
+
     def drop_after(self, layer: str) -> None:
         """Forget every layer that is derived from `layer`, but not the ledger of openings."""
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
             free = {path for path in self.contents if LAYERS[name].admits_free(path)}
             for path in {*LAYERS[name].files, *free} - {LEDGER}:
-                self.contents.pop(path, None)
-                self.documents.pop(path, None)
+                self.drop(path)
             for table in LAYERS[name].tables:
                 self.frames.pop(table, None)
 
@@ -134,6 +142,15 @@ def _check_digests(read: BuiltLayers, root: Path, stated: Mapping[str, str]) -> 
 
 
 def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> None:
+    found.contents[path], found.documents[path] = load_document(root, path, schema)
+
+
+def load_document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
+    """Bytes and content of a document that conforms to its schema.
+
+    Raises:
+        DatasetError: It cannot be read, or breaks its schema.
+    """
     content = read_file(root, path, spec_limits().max_document_bytes)
     try:
         document = parse_json(content)
@@ -145,5 +162,4 @@ def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> No
         raise DatasetError(
             f"{root}: {path!r} at {first.pointer or '/'}: expected {first.expected}; build the layer again"
         )
-    found.contents[path] = content
-    found.documents[path] = document
+    return content, document

@@ -5,20 +5,18 @@ Source: paper VI-A; spec/13-leakage.md.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from branchdrive.audit.extract.replay_input import replay_inputs
+from branchdrive.build.apart import AuditTask, audit_apart
 from branchdrive.build.layers import BuiltLayers
+from branchdrive.build.parts import StoredParts
 from branchdrive.build.scan import RawScan
-from branchdrive.dataset.durable import make_dir, replace_file
 from branchdrive.dataset.layout import LEAKAGE_FILE
-from branchdrive.derive.leakage.audit import AuditProtocol, Progress, audit_key, audit_leakage
+from branchdrive.derive.leakage.audit import AuditProtocol, Progress, audit_key
 from branchdrive.derive.leakage.metamorphic import metamorphic_document
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable, sequence_classifier
+from branchdrive.errors import DatasetError
 
 __all__ = ["build_leakage"]
 
@@ -43,30 +41,15 @@ def build_leakage(
         protocol: Numbers of the audit; None is the default.
         classifier: Of the recurrent tests; None is the installed one, if there is any.
         progress: Called with parts done, parts in total, and the name of the next.
+
+    Raises:
+        DatasetError: The metamorphic steps were not taken on every shard, or the audit's process died.
     """
+    if scan.extract.changed is None:
+        raise DatasetError(f"{scan.root}: the metamorphic steps were not taken on every shard; read the raw layer anew")
     inputs = replay_inputs(scan.extract.replays, layers.frames["group_quality"], scan.descriptor.action_bank)
     classifier = classifier or sequence_classifier()
     key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
-    folder = area / f"leakage-{key[:16]}"
-    make_dir(folder)
-
-    def remember(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        path = folder / f"{name.replace('/', '-')}.json"
-        if path.is_file():
-            with suppress(ValueError):  # what cannot be read is computed again
-                kept: dict[str, Any] = json.loads(path.read_bytes())
-                return kept
-        result = compute()
-        replace_file(path, json.dumps(result, allow_nan=False).encode())
-        return result
-
-    document = audit_leakage(
-        inputs,
-        metamorphic=metamorphic_document(scan.extract.changed or {}, len(scan.extract.route_groups)),
-        seed=seed,
-        protocol=protocol,
-        sequence_classifier=classifier,
-        remember=remember,
-        progress=progress,
-    )
-    layers.put_document(LEAKAGE_FILE, document)
+    metamorphic = metamorphic_document(scan.extract.changed, len(scan.extract.route_groups))
+    task = AuditTask(inputs, metamorphic, seed, protocol, classifier)
+    layers.put_document(LEAKAGE_FILE, audit_apart(task, StoredParts.of(area, key), progress))

@@ -7,6 +7,8 @@ layer is never touched. Source: spec/03-layout.md#manifest, spec/10-layers.md#re
 from __future__ import annotations
 
 import hashlib
+import os
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,7 +17,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.dataset.durable import delete, make_dir, move, replace_file, write_file
+from branchdrive.dataset.durable import delete, make_dir, move, replace_file, sync_dir, write_file
 from branchdrive.dataset.layout import (
     CARD_FILE,
     DESCRIPTOR_FILE,
@@ -27,63 +29,95 @@ from branchdrive.dataset.layout import (
 from branchdrive.dataset.lock import FileLock
 from branchdrive.dataset.manifest import Manifest, parse_manifest, write_manifest
 from branchdrive.dataset.untrusted import read_file
-from branchdrive.errors import BranchDriveError, DatasetError, UsageError
+from branchdrive.errors import BranchDriveError, UsageError
 
 __all__ = ["benchmark_area", "held", "publish", "publish_layer", "staging", "stated_identity"]
 
-_LOCK = "build.lock"
+_LOCK = "writer.lock"
+"""The lock of the one `DatasetWriter`: who writes files of a release is a writer, and there is one at a time."""
+
+_WORK = "build"
 _NEW = "new"
+_BENCHMARK = "benchmark-"
+"""How the folders begin that wait for the benchmark of a release."""
+_PRIVATE = 0o700
 
 
 @contextmanager
 def held(target: Path) -> Iterator[Path]:
-    """The working area of `target`, which nobody else may write meanwhile; what stands in it stays.
+    """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
 
     Raises:
-        UsageError: Another build is at work there, or a link leads out of it.
+        UsageError: Somebody else is at work there, a collection has stopped in the middle, or a link leads out.
     """
     _refuse_links(target)
     area = target / STAGING_DIR
     make_dir(area)
-    lock = FileLock(area / _LOCK)
-    if not lock.acquire(blocking=False):
-        raise UsageError(f"{target}: another build is at work there; wait until it has finished")
-    try:
-        yield area
-    finally:
-        delete(area / _NEW)
-        delete(area / _LOCK)
-        lock.release()
-        with suppress(OSError):  # something waits in it
-            area.rmdir()
+    with _sole_writer(target, area):
+        try:
+            yield area
+        finally:
+            delete(area / _WORK)
+            _leave(area)
 
 
 @contextmanager
-def staging(target: Path) -> Iterator[Path]:
-    """The working area of a build in `target`, held by this process alone.
+def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
+    """The working area of a build in `target`, which nobody else writes to meanwhile, collectors included.
 
-    It stays if the build is interrupted, so that the next one goes on, and goes if the build is refused. What waits
-    there for the benchmark of the release stays, unless the release has become another one.
+    It stays if the build is interrupted, so that the next one goes on, and goes if the build is refused. Whatever
+    else lies in the staging area belongs to a collection and is not touched.
+
+    Args:
+        target: The folder to build in.
+        create: Whether it may be missing.
 
     Raises:
-        UsageError: Another build is at work there, or a link leads out of it.
+        UsageError: A collection or another build is at work there, a collection has stopped in the middle, a link
+            leads out of the folder, or it is missing and may not be.
     """
     is_new = not target.exists()
+    if not create and not target.is_dir():
+        raise UsageError(f"{target} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
     target.mkdir(parents=True, exist_ok=True)
     _refuse_links(target)
     area = target / STAGING_DIR
     make_dir(area)
+    with _sole_writer(target, area):
+        work = _work_folder(area)
+        try:
+            yield work
+            delete(work)
+            _drop_stale_benchmarks(target, area)
+        except BranchDriveError:
+            delete(work)
+            raise
+        finally:
+            with suppress(OSError):  # parts that a build goes on from
+                work.rmdir()
+            _leave(area)
+            if is_new and not any(target.iterdir()):
+                target.rmdir()
+
+
+@contextmanager
+def _sole_writer(target: Path, area: Path) -> Iterator[None]:
     lock = FileLock(area / _LOCK)
-    if not lock.acquire(blocking=False):
-        raise UsageError(f"{target}: another build is at work there; wait until it has finished")
     try:
-        yield area
-        _clear(target)
-    except BranchDriveError:
-        _clear(target)
-        if is_new and not any(target.iterdir()):
-            target.rmdir()
-        raise
+        is_taken = lock.acquire(blocking=False)
+    except FileNotFoundError:  # whoever had the area clears it away at this moment
+        is_taken = False
+    if not is_taken:
+        raise UsageError(f"{target}: a collection or another build is at work there; wait until it has finished")
+    try:
+        others = sorted({entry.name for entry in area.iterdir()} - {_LOCK, _WORK})
+        others = [name for name in others if not name.startswith(_BENCHMARK)]
+        if others:
+            raise UsageError(
+                f"{target}: an unfinished collection has {others[0]!r} in {STAGING_DIR}; finish the collection before "
+                "a release is built"
+            )
+        yield
     finally:
         lock.release()
 
@@ -103,22 +137,41 @@ def benchmark_area(target: Path) -> Path:
     Raises:
         DatasetError: There is no manifest that could be read.
     """
-    return target / STAGING_DIR / f"benchmark-{stated_identity(target)[:16]}"
-
-
-def _clear(target: Path) -> None:
-    area, kept = target / STAGING_DIR, None
-    with suppress(DatasetError):
-        kept = benchmark_area(target)
-    for entry in area.iterdir():
-        if entry != kept:
-            delete(entry)
-    if not any(area.iterdir()):
-        area.rmdir()
+    return target / STAGING_DIR / f"{_BENCHMARK}{stated_identity(target)[:16]}"
 
 
 def _stated(target: Path) -> Manifest:
     return parse_manifest(read_file(target, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+
+
+def _drop_stale_benchmarks(target: Path, area: Path) -> None:
+    """Remove what waits for the benchmark of another release than `target` now holds."""
+    current = benchmark_area(target)
+    for entry in area.iterdir():
+        if entry.name.startswith(_BENCHMARK) and entry != current:
+            delete(entry)
+
+
+def _work_folder(area: Path) -> Path:
+    """The builder's own folder, with what an interrupted build left there; one that another user could fill goes."""
+    work = area / _WORK
+    if work.exists():
+        status = work.lstat()
+        is_own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
+        if not is_own or stat.S_IMODE(status.st_mode) != _PRIVATE:
+            delete(work)
+    if not work.exists():
+        work.mkdir(_PRIVATE)
+        sync_dir(area)
+    return work
+
+
+def _leave(area: Path) -> None:
+    """Remove the staging area if nothing but the lock is in it; call it under the lock."""
+    if {entry.name for entry in area.iterdir()} == {_LOCK}:
+        delete(area / _LOCK)
+        with suppress(OSError):  # the next writer may be there already
+            area.rmdir()
 
 
 def _refuse_links(target: Path) -> None:
@@ -150,7 +203,7 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
     descriptor_bytes = render_descriptor(descriptor)
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
-    fresh = target / STAGING_DIR / _NEW
+    fresh = target / STAGING_DIR / _WORK / _NEW
     delete(fresh)
     make_dir(fresh.parent)
     make_dir(fresh)

@@ -5,7 +5,7 @@ Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +15,13 @@ from branchdrive.audit.survey import Survey, take_survey
 from branchdrive.audit.worker import Executor
 from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.layout import MANIFEST_FILE, RAW_DIR, layer_of
-from branchdrive.dataset.manifest import Manifest
+from branchdrive.dataset.manifest import Manifest, parse_manifest
+from branchdrive.dataset.untrusted import read_file
 from branchdrive.errors import DatasetError
 
-__all__ = ["RawScan", "scan_raw"]
+__all__ = ["RawScan", "check_unchanged", "scan_raw"]
 
 _RAW_LAYERS = ("raw", "media")
 """Layers that a builder reads and never writes."""
@@ -52,7 +54,7 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         UsageError: There is no dataset at all.
     """
     survey = take_survey(root)
-    _check_finished(survey)
+    descriptor = _finished(survey)
     results, errors = audit_shards(survey, frozenset(CATALOGUE), "rows and metamorphic steps", executor, progress)
     survey = survey.with_shards(tuple(results))
     for message in errors:
@@ -60,29 +62,48 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
     for problem in (*_damage(survey), *_breaches(survey)):
         raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and mend the raw layer first")
-    assert survey.descriptor is not None  # noqa: S101  (checked above; for the type checker)
     lacking = next((shard.no_extract for shard in results if shard.extract is None), None)
     if lacking is not None:
         raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and mend the raw layer first")
-    files = {path: digest for path, digest in survey.digests.items() if layer_of(path) in _RAW_LAYERS}
+    files = _raw_files(survey.digests)
     extract = merge([shard.extract for shard in results if shard.extract is not None])
-    return RawScan(root, survey.descriptor, Manifest.of(files).layers[RAW_DIR], files, extract)
+    return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, extract)
 
 
-def _check_finished(survey: Survey) -> None:
+def _finished(survey: Survey) -> Descriptor:
+    """Descriptor of a dataset whose collection is finished."""
     if survey.descriptor is None:
         raise DatasetError(f"{survey.root}: its descriptor cannot be used; run `branchdrive-validate`")
     if not survey.shard_folders:
         raise DatasetError(f"{survey.root}: holds no raw layer; build from the dataset that does")
     if survey.manifest is None:
         raise DatasetError(f"{survey.root}: has no {MANIFEST_FILE}: finish the collection before a release is built")
+    return survey.descriptor
+
+
+def check_unchanged(scan: RawScan) -> None:
+    """The manifest on disk lists the raw layer that was read: nobody has begun to change it since.
+
+    Raises:
+        DatasetError: It does not, or is gone.
+    """
+    stated: dict[str, str] = {}
+    if (scan.root / MANIFEST_FILE).exists():
+        manifest, _ = parse_manifest(read_file(scan.root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+        stated = _raw_files(manifest.files)
+    if stated != scan.files:
+        raise DatasetError(f"{scan.root}: its raw layer was changed while it was built from; build again afterwards")
+
+
+def _raw_files(digests: Mapping[str, str]) -> dict[str, str]:
+    """Digests of the raw layer and its media alone, by path."""
+    return {path: digest for path, digest in digests.items() if layer_of(path) in _RAW_LAYERS}
 
 
 def _damage(survey: Survey) -> Iterator[str]:
     """Files of the raw layer that are not what the manifest says."""
-    stated = survey.manifest.files if survey.manifest else {}
-    stated = {path: digest for path, digest in stated.items() if layer_of(path) in _RAW_LAYERS}
-    found = {path: digest for path, digest in survey.digests.items() if layer_of(path) in _RAW_LAYERS}
+    stated = _raw_files(survey.manifest.files if survey.manifest else {})
+    found = _raw_files(survey.digests)
     for path in sorted(stated.keys() | found.keys()):
         if stated.get(path) != found.get(path):
             yield f"{path!r} is not the file that {MANIFEST_FILE} lists"

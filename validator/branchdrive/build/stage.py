@@ -40,7 +40,7 @@ from branchdrive.derive.layer.variants import Variant, variants_document
 from branchdrive.derive.split import Calibration
 from branchdrive.errors import DatasetError
 
-__all__ = ["SOURCE", "BuildOptions", "build_canonical", "build_model", "build_quality"]
+__all__ = ["SOURCE", "BuildOptions", "build_canonical", "build_model", "build_quality", "check_encoding"]
 
 SOURCE = "canonical/source.json"
 _SPLIT, _THRESHOLDS = "quality/split.json", "quality/thresholds.json"
@@ -121,6 +121,20 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     layers.put_document("quality/variants.json", variants_document(groups, options.variants))
 
 
+def check_encoding(scan: RawScan) -> None:
+    """The encoding of the bank can be computed, or there is none.
+
+    Raises:
+        DatasetError: The bank has an encoding of its own.
+    """
+    encoding = scan.descriptor.action_encoding
+    if encoding is not None and encoding.name != ENCODING_NAME:
+        raise DatasetError(
+            f"{scan.root}: the action encoding {encoding.name!r} is the dataset's own and cannot be computed; "
+            f"declare {ENCODING_NAME!r} or no encoding"
+        )
+
+
 def build_model(scan: RawScan, layers: BuiltLayers) -> None:
     """Inputs and targets of the frozen population.
 
@@ -128,17 +142,12 @@ def build_model(scan: RawScan, layers: BuiltLayers) -> None:
         DatasetError: The frozen population has no training group, or the bank has an encoding of its own.
     """
     descriptor: Descriptor = scan.descriptor
-    encoding = descriptor.action_encoding
-    if encoding is not None and encoding.name != ENCODING_NAME:
-        raise DatasetError(
-            f"{scan.root}: the action encoding {encoding.name!r} is the dataset's own and cannot be computed; "
-            f"declare {ENCODING_NAME!r} or no encoding"
-        )
+    check_encoding(scan)
     contexts = context_rows(layers.frames["group_quality"], layers.frames["records"])
     groups = contexts["group_id"].tolist()
     assignment = assignment_of(layers.frames["group_quality"])
     layers.put_table("contexts", contexts)
-    layers.put_table("actions", action_rows(descriptor.action_bank, encoded=encoding is not None))
+    layers.put_table("actions", action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None))
     for name in LAYERS["model"].tables:
         if name not in ("contexts", "actions"):
             layers.put_table(name, of_groups(scan.extract.frames[name], groups))

@@ -50,7 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="carry out this stage only (repeatable; default: all, in order)",
     )
-    parser.add_argument("--no-leakage", action="store_true", help="leave the leakage audit out; the card says so")
+    parser.add_argument(
+        "--no-leakage", action="store_true", help="leave the leakage audit out, an earlier one too; the card says so"
+    )
     parser.add_argument(
         "--seed", metavar="S", type=seed, default=0, help="seed of split, intervals and audit (default: 0)"
     )
@@ -87,6 +89,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             args.dataset,
             output=args.output,
             stages=stages,
+            drop_leakage=args.no_leakage,
             options=options,
             executor=isolated(args.jobs),
             progress=lambda stage, done, total, note: show(done, total, f"{stage} {note}".strip()),

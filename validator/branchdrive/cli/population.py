@@ -16,7 +16,7 @@ from rich.text import Text
 
 from branchdrive.audit.finding import printable
 from branchdrive.derive.layer.ledger import num_test_openings
-from branchdrive.derive.layer.wording import UNITS, leakage_sentences, opening_sentence, percent
+from branchdrive.derive.layer.wording import UNITS, leakage_sentences, opening_sentence, percent, population_sentences
 
 __all__ = ["print_leakage", "print_openings", "print_population", "print_retention"]
 
@@ -48,6 +48,8 @@ def print_population(console: Console, population: Document) -> None:
     console.print(
         Text(f"Traj. = groups x {population['num_policies']} candidates; not independent samples", style="dim")
     )
+    for sentence in population_sentences(population):
+        console.print(Text(sentence, style="yellow"))
 
 
 def print_retention(console: Console, retention: Document) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO, get_args
@@ -19,7 +19,7 @@ from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.audit.verdict import Verdict, is_waived
 from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
-from branchdrive.contract.catalogue import AREAS, CATALOGUE, Kind, RuleInfo
+from branchdrive.contract.catalogue import AREAS, CATALOGUE, RuleInfo
 
 if TYPE_CHECKING:
     from branchdrive.build.build import BuildReport
@@ -31,7 +31,7 @@ _PLAIN_WIDTH = 110
 _STYLE: dict[str, str] = {
     "valid": "bold green", "valid-with-waivers": "bold yellow", "partial": "bold yellow", "invalid": "bold red",
     "error": "bold magenta", "pass": "green", "fail": "red", "skipped": "yellow", "not-claimed": "dim",
-    "inconclusive": "yellow",
+    "inconclusive": "yellow", "noted": "yellow",
 }  # fmt: skip
 _MEANING: dict[Verdict, str] = {
     "valid": "the dataset conforms to the specification",
@@ -42,12 +42,13 @@ _MEANING: dict[Verdict, str] = {
 }
 
 
-_SECTIONS: dict[str, tuple[Kind, ...]] = {
-    "Violations": ("structure", "claim"),
-    "Why attempts and groups do not qualify": ("qualification",),
-    "Diagnostics": ("diagnostic",),
+_SECTIONS: dict[str, Callable[[RuleInfo], bool]] = {
+    "Violations": lambda rule: rule.decides,
+    "Recommendations": lambda rule: rule.level == "SHOULD",
+    "Why attempts and groups do not qualify": lambda rule: rule.kind == "qualification" and rule.level == "MUST",
+    "Diagnostics": lambda rule: rule.kind == "diagnostic" and rule.level == "MUST",
 }
-"""Sections of findings, and the kinds of rules in each."""
+"""Sections of findings, and the rules of each."""
 
 
 def _console(stdout: TextIO, is_file: bool = False) -> tuple[Console, StringIO]:
@@ -125,8 +126,8 @@ def _print_head(console: Console, report: Report) -> None:
 
 
 def _print_findings(console: Console, report: Report) -> None:
-    for title, kinds in _SECTIONS.items():
-        failed = [t for t in report.tallies if t.num_findings and t.info.kind in kinds]
+    for title, belongs in _SECTIONS.items():
+        failed = [tally for tally in report.tallies if tally.num_findings and belongs(tally.info)]
         if failed:
             console.print()
             console.print(Text(title, style="bold"))
@@ -190,9 +191,12 @@ def _print_waivers(console: Console, report: Report) -> None:
 
 def _print_rules(console: Console, report: Report) -> None:
     console.print()
-    counts = Counter(tally.status for tally in report.tallies)
+    # What fails and decides nothing is noted: it stands under the verdict `valid` and contradicts it not.
+    counts = Counter("noted" if t.status == "fail" and not t.info.decides else t.status for t in report.tallies)
     parts = [
-        (f"{counts[status]} {status}", _STYLE.get(status, "")) for status in get_args(RuleStatus) if counts[status]
+        (f"{counts[status]} {status}", _STYLE.get(status, ""))
+        for status in (*get_args(RuleStatus), "noted")
+        if counts[status]
     ]
     line = Text("Rules: ", style="bold")
     for i, (text, style) in enumerate(parts):

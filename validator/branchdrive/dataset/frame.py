@@ -67,7 +67,9 @@ def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
         for i, cell in enumerate(array):
             plain[i] = np.array(cell.as_py() or [], np.float64)
     elif pa.types.is_string(kind) or pa.types.is_dictionary(kind):
-        plain = np.array(array.cast(pa.string()).to_pylist(), dtype=object)
+        coded = array if pa.types.is_dictionary(kind) else array.dictionary_encode()
+        words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+        plain = words[coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)]
     else:
         filler: Any = False if pa.types.is_boolean(kind) else 0
         plain = np.asarray(pc.fill_null(array, pa.scalar(filler, kind)).to_numpy(zero_copy_only=False))

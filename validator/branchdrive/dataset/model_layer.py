@@ -170,7 +170,7 @@ class ModelLayer:
 
     def column(
         self,
-        contract: InputContract,
+        contract: InputContract | str,
         table: str,
         column: str,
         partition: str | None = None,
@@ -185,7 +185,7 @@ class ModelLayer:
             UsageError: No such column, or the contract refuses its track: identifiers and outcomes always.
             DatasetError: A file cannot be read, or its rows cannot be packed.
         """
-        declared = admit_column(contract, table, column)
+        declared = admit_column(InputContract.named(contract), table, column)
         packed = arrays.pack_column(self._frame(table), table, column, self._group_ids, self.candidate_order)
         values = packed if declared.nullable else np.ma.getdata(packed)
         return values if table == "actions" else values[self._rows(partition, variant)]

@@ -51,6 +51,18 @@ class InputContract(Enum):
         """Tracks that the contract admits."""
         return _TRACKS[: _TRACKS.index(self.value) + 1]
 
+    @classmethod
+    def named(cls, contract: InputContract | str) -> InputContract:
+        """The contract that is given itself, or by its name.
+
+        Raises:
+            UsageError: No contract is called so.
+        """
+        try:
+            return cls(contract)
+        except ValueError:
+            raise UsageError(f"no input contract {contract!r}; there are {', '.join(c.value for c in cls)}") from None
+
     def admit(self, table: str, column: str) -> Column:
         """The declaration of a column that the contract admits.
 

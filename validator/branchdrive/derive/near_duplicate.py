@@ -6,7 +6,7 @@ With ``h_g`` the standardised state and control history of group ``g`` as one ve
     g is a near duplicate  iff  the nearest h of another partition is closer than the threshold, or equal
 
 Distances are Euclidean. A matrix product finds who may be nearest, and exact differences decide, so equal
-histories are at distance 0.
+histories are at distance 0. Of points that are equal, the first two of different labels stand for all.
 
 Source: paper V-E (partitions share no context); the measure is this project's choice.
 """
@@ -19,13 +19,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["QUANTILE", "NearDuplicates", "Nearest", "history_vectors", "near_duplicates", "nearest_other"]
+from branchdrive.derive.split import TRAINING
+
+__all__ = ["QUANTILE", "TOLERANCE", "NearDuplicates", "Nearest", "history_vectors", "near_duplicates", "nearest_other"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 QUANTILE = 0.01
 """Quantile of the training distances below which a neighbour is too close."""
+
+TOLERANCE = 1e-9
+"""Largest distance from the threshold at which last bits decide, in units of ``1 + threshold``."""
 
 _MAX_CELLS = 1 << 21
 """Pairs of points that are held at once: 16 MiB per intermediate array."""
@@ -54,6 +59,12 @@ class NearDuplicates(NamedTuple):
     threshold: float
     nearest: Nearest
     flagged: NDArray[np.bool_]
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """``[groups]``, who has a nearest neighbour so close to the threshold that last bits decide."""
+        distance = self.nearest.distance
+        return np.asarray((distance > 0) & (np.abs(distance - self.threshold) <= TOLERANCE * (1 + self.threshold)))
 
     @property
     def num_examined(self) -> int:
@@ -85,7 +96,7 @@ def near_duplicates(vectors: ArrayLike, partition_of: Sequence[str]) -> NearDupl
     """
     home = np.asarray(partition_of, np.str_)
     points = np.asarray(vectors, np.float64)
-    in_training = points[home == "train"] if home.shape == points.shape[:1] else points[:0]
+    in_training = points[home == TRAINING] if home.shape == points.shape[:1] else points[:0]
     if len(in_training) < 2:
         raise ValueError(
             f"vectors of shape {list(points.shape)} and {len(home)} partitions, {len(in_training)} groups in training; "
@@ -112,22 +123,36 @@ def nearest_other(points: ArrayLike, labels: ArrayLike) -> Nearest:
     if not (np.abs(at) <= _MAX_COORDINATE).all():
         raise ValueError(f"a coordinate of a point is no number or beyond {_MAX_COORDINATE:g}")
     distance, row = np.full(len(at), np.inf), np.full(len(at), -1)
-    block = max(1, _MAX_CELLS // max(1, len(at)))
+    kept = _representatives(at, label)
+    block = max(1, _MAX_CELLS // max(1, len(kept)))
     square = np.square(at).sum(axis=1)
     # A dot product of n terms is off by less than n eps |a| |b|; twice over and generously rounded up.
     slack = 8 * (at.shape[1] + 8) * np.finfo(np.float64).eps
     for start in range(0, len(at), block):
         rows = np.arange(start, min(start + block, len(at)))
-        size = square[rows, None] + square
-        other = label[rows, None] != label
-        rough = size - 2 * (at[rows] @ at.T)
+        size = square[rows, None] + square[kept]
+        other = label[rows, None] != label[kept]
+        rough = size - 2 * (at[rows] @ at[kept].T)
         at_most = np.where(other, rough + slack * size, np.inf).min(axis=1, keepdims=True, initial=np.inf)
-        here, there = np.nonzero(other & (rough - slack * size <= at_most))
+        here, near = np.nonzero(other & (rough - slack * size <= at_most))
+        there = kept[near]
         exact = _distance(at, rows[here], there)
         order = np.lexsort((there, exact, here))
         first = order[np.flatnonzero(np.diff(here[order], prepend=-1))]
         distance[rows[here[first]]], row[rows[here[first]]] = exact[first], there[first]
     return Nearest(distance, row)
+
+
+def _representatives(points: Array, label: NDArray[np.generic]) -> Index:
+    """Rows that can be the first nearest one of another label: of equal points the first, and the first of a second."""
+    seen: dict[bytes, set[object]] = {}
+    kept = []
+    for row, (point, own) in enumerate(zip(points + 0.0, label.tolist(), strict=True)):  # -0.0 becomes 0.0
+        labels = seen.setdefault(point.tobytes(), set())
+        if len(labels) < 2 and own not in labels:
+            labels.add(own)
+            kept.append(row)
+    return np.array(kept, np.int64)
 
 
 def _distance(points: Array, a: Index, b: Index) -> Array:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.derive.feature import Feature, Profile
 from branchdrive.derive.history import HistoryInput
-from branchdrive.derive.split import split_digest
+from branchdrive.derive.split import TRAINING, split_digest
 from branchdrive.derive.target import TRAJECTORY, Targets, Trajectory
 
 __all__ = [
@@ -89,7 +89,7 @@ def training(group_ids: Sequence[str], assignment: Mapping[str, str]) -> Trainin
         ValueError: A group is in no partition, or no group is in training.
     """
     missing = [group_id for group_id in group_ids if group_id not in assignment]
-    rows = np.array([assignment.get(group_id) == "train" for group_id in group_ids], np.bool_)
+    rows = np.array([assignment.get(group_id) == TRAINING for group_id in group_ids], np.bool_)
     if missing or not rows.any():
         found = f"group {missing[0]!r} is in no partition" if missing else "no group is in training"
         raise ValueError(f"{found}, of {len(group_ids)} groups and an assignment of {len(assignment)}")

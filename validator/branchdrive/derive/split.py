@@ -35,6 +35,7 @@ from typing import NamedTuple
 __all__ = [
     "CALIBRATION",
     "SHARES",
+    "TRAINING",
     "Calibration",
     "Violation",
     "assign_split",
@@ -42,7 +43,10 @@ __all__ = [
     "split_digest",
 ]
 
-SHARES: Mapping[str, int] = MappingProxyType({"train": 70, "val": 15, "test": 15})
+TRAINING = "train"
+"""Name of the partition on which everything is fitted."""
+
+SHARES: Mapping[str, int] = MappingProxyType({TRAINING: 70, "val": 15, "test": 15})
 """Partitions and their shares of the groups, per cent."""
 
 CALIBRATION = "calibration"

@@ -36,6 +36,9 @@ STEER_LEFT = "g0.steer_left_0.10.a1"
 INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
 """Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 
+RECOMMENDED = frozenset(rule_id for rule_id, rule in CATALOGUE.items() if rule.level == "SHOULD")
+"""Rules whose failure decides nothing: a defect of another rule may well go against a recommendation too."""
+
 
 @dataclass(frozen=True)
 class Mutant:

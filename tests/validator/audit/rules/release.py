@@ -44,9 +44,6 @@ from branchdrive.derive.layer.model import near_duplicate_flags
 from branchdrive.derive.layer.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.derive.layer.population import population_document
 from branchdrive.derive.layer.variants import declared_of, variants_document
-from branchdrive.derive.leakage.audit import AuditProtocol
-from branchdrive.derive.leakage.parity_protocol import ParityProtocol
-from branchdrive.derive.leakage.protocol import Protocol
 from branchdrive.derive.leakage.sequence import Unavailable
 
 __all__ = [
@@ -61,12 +58,6 @@ LEAKAGE = LEAKAGE_FILE
 
 BUILT = ("canonical", "quality", "model")
 """Layers that the builder makes."""
-
-PROTOCOL = AuditProtocol(
-    gate=Protocol(num_permutations=4999, num_frequencies=20, num_replicates=1, offsets_sd=(0.8,)),
-    parity=ParityProtocol(num_permutations=1999, num_resamples=100),
-)
-"""As few permutations as the gate can fail with, and one offset."""
 
 
 @dataclass
@@ -86,7 +77,7 @@ def built() -> Built:
         scan = scan_raw(raw, in_process)
         layers = _built_layers(scan, BuildOptions(seed=SEED))
         nobody = Unavailable("the tests train no network")
-        build_leakage(scan, layers, Path(folder), seed=SEED, protocol=PROTOCOL, classifier=nobody)
+        build_leakage(scan, layers, Path(folder), seed=SEED, classifier=nobody)
         build_model(scan, layers)
     return Built(scan, layers, synthetic.shared(_arrow(layers)))
 

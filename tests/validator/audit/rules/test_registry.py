@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
-from tests.validator.audit.rules.case import INHERITED, judged
+from tests.validator.audit.rules.case import INHERITED, RECOMMENDED, judged
 from tests.validator.audit.rules.release import BUILT
 
 from branchdrive.audit import rules as bound_rules
@@ -109,6 +109,7 @@ def test_declared_consequences_are_real(rule: RuleInfo, tmp_path: Path) -> None:
         seen |= {tally.rule_id for tally in report.tallies if tally.status == "fail"} - {rule.id}
         if mutant.is_release:
             seen -= INHERITED
+    seen -= RECOMMENDED
     assert seen == set(rule.consequences)
 
 

@@ -14,6 +14,7 @@ from branchdrive.audit.check import RELEASE_RULES
 from branchdrive.audit.engine import validate
 from branchdrive.audit.report import Report
 from branchdrive.contract.layer import table_path
+from branchdrive.derive import near_duplicate
 
 BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
 
@@ -63,6 +64,14 @@ def test_rules_that_read_a_broken_document_are_not_judged(tmp_path: Path) -> Non
     assert set(found.values()) == {f"{SPLIT} is missing or breaks its schema"}
 
 
+def test_near_duplicates_on_the_threshold_are_told_either_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = spoiled(BY_NAME["BD-SPL-007", "unwelcome_group_called_a_near_duplicate"]).write(tmp_path / "dataset")
+    for tolerance, status in ((near_duplicate.TOLERANCE, "fail"), (1e6, "pass")):
+        monkeypatch.setattr(near_duplicate, "TOLERANCE", tolerance)
+        (found,) = (tally for tally in validate(root, select=["BD-SPL"]).tallies if tally.rule_id == "BD-SPL-007")
+        assert found.status == status
+
+
 @pytest.mark.parametrize("table", ["records", "attempts", "attempt_quality", "group_quality", "pairs"])
 def test_no_rule_fails_for_want_of_a_row(table: str, tmp_path: Path) -> None:
     """Tables without rows are what rules find them to be, and no rule breaks down."""
@@ -101,6 +110,11 @@ def _huge_numbers(d: ReleaseDraft) -> None:
     d.set("records", "seed", 2**63 - 1)
 
 
+def _no_links(d: ReleaseDraft) -> None:
+    d.set("records", ("rollout_id", "nominal_rollout_id"), None, kind="nominal_link")
+    d.set("records", "nominal_rollout_id", None, group_id="g13")
+
+
 def _nobody_trained(d: ReleaseDraft) -> None:
     d.set("group_quality", "partition", lambda home: None if home is None else "test")
 
@@ -109,7 +123,7 @@ def _nobody_trained(d: ReleaseDraft) -> None:
     "edit",
     [
         _swap_ids, _all_eligible, _half_the_pairs, _replays_called_interventions, _no_variables, _huge_numbers,
-        _nobody_trained,
+        _nobody_trained, _no_links,
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("base", ["release", "alone"])

@@ -9,19 +9,38 @@ import numpy as np
 import pytest
 from tests.validator.derive.layer.release import concat, numbered, paper_groups, reaching, shuffled
 
-from branchdrive.derive.layer.partition import assignment_of, clusters_of, split_document
+from branchdrive.derive.layer.partition import (
+    assignment_of,
+    clusters_of,
+    draw_partitions,
+    split_document,
+    with_partitions,
+)
+from branchdrive.derive.layer.problem import Problem
 from branchdrive.derive.layer.split_problem import (
     calibration_problems,
     cluster_problems,
     count_problems,
     digest_problems,
+    draw_problems,
     empty_problems,
     membership_problems,
-    split_problems,
 )
 from branchdrive.derive.split import Calibration
 
 Table = dict[str, Any]
+
+
+def split_problems(document: Table, groups: Table) -> list[Problem]:
+    """All that is wrong with a split, however it was drawn."""
+    return [
+        *membership_problems(groups),
+        *cluster_problems(groups),
+        *digest_problems(document, groups),
+        *empty_problems(groups),
+        *calibration_problems(document, groups),
+        *count_problems(document, groups),
+    ]
 
 
 def stored(*, calibration: int = 0) -> tuple[Table, Table]:
@@ -157,3 +176,19 @@ def test_a_partition_that_the_document_leaves_out_is_found() -> None:
         ("/partitions/test/groups", "2", "nothing"),
         ("/partitions/test/clusters", "2", "nothing"),
     ]
+
+
+def test_the_drawn_split_is_the_drawn_one_and_any_other_is_told_group_by_group() -> None:
+    groups = paper_groups()
+    drawn = draw_partitions(groups, clusters_of(groups), seed=5)
+    kept = with_partitions(groups, clusters_of(groups), drawn)
+    assert draw_problems(kept, seed=5) == []
+    assert draw_problems(shuffled(kept, 1), seed=5) == []
+    moved = min(group_id for group_id, name in drawn.items() if name == "val")
+    assert draw_problems(edited(kept, "partition", moved, "train"), seed=5) == [
+        (moved, "partition val", "partition train")
+    ]
+    assert draw_problems(kept, seed=6)
+    assert draw_problems(kept, seed=5, calibration=Calibration(20, 5))
+    with pytest.raises(ValueError, match="has none"):
+        draw_problems(edited(kept, "route_cluster", moved, np.ma.masked), seed=5)

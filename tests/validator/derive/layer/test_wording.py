@@ -6,7 +6,13 @@ import pytest
 from tests.validator.derive.layer.release import DIGEST, documents, leakage, paper_groups, paper_pairs
 
 from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.wording import leakage_sentences, opening_sentence, percent, target_sentences
+from branchdrive.derive.layer.wording import (
+    leakage_sentences,
+    opening_sentence,
+    percent,
+    population_sentences,
+    target_sentences,
+)
 
 OTHER = "e" * 64
 
@@ -36,6 +42,19 @@ def test_a_missed_target_is_said_plainly() -> None:
     ]
 
 
+def test_what_the_population_leaves_out_is_said() -> None:
+    stages = [
+        {"stage": "core_valid", "groups": {"train": 3, "val": 2}, "total": 5},
+        {"stage": "frozen", "groups": {"train": 3, "val": 0}, "total": 3},
+    ]
+    assert population_sentences({"partitions": ["train", "val"], "stages": stages}) == [
+        "2 core-valid groups are left out as near duplicates of another partition.",
+        "The frozen population has no group in: Validation. Collect more groups.",
+    ]
+    stages[1] = {"stage": "frozen", "groups": {"train": 3, "val": 2}, "total": 5}
+    assert population_sentences({"partitions": ["train", "val"], "stages": stages}) == []
+
+
 def test_what_was_not_audited_is_said() -> None:
     (sentence,) = leakage_sentences(None)
     assert sentence.startswith("Leakage was not audited")
@@ -47,7 +66,8 @@ def test_a_pass_comes_with_its_minimum_detectable_effect() -> None:
         "(606 groups, 12 actions and 24 features).",
         "This is why.",
         "Minimum detectable effect in one feature of one action: above 0.8 standard deviations.",
-        "Minimum detectable effect as a dose over all actions on a quarter of the features: 0.4 standard deviations.",
+        "Minimum detectable effect as a dose over all actions on a quarter of the features: "
+        "at most 0.4 standard deviations.",
         "The battery of classifiers, a diagnostic beside the gate: 2 pass, 2 inconclusive, 2 not run.",
         "PyTorch is not installed.",
     ]

@@ -14,12 +14,11 @@ from branchdrive.derive.leakage.sensitivity import PATTERNS, Detection, Sensitiv
 PROTOCOL = Protocol(num_permutations=399, alpha=0.02, num_frequencies=32, offsets_sd=(1e-4, 0.8, 2.0), num_replicates=4)
 
 
-def measured(x: np.ndarray, protocol: Protocol = PROTOCOL) -> Sensitivity | None:
+def measured(x: np.ndarray, protocol: Protocol = PROTOCOL) -> Sensitivity:
     battery = Battery.of(x, protocol, seed=1)
     null = battery.null(protocol.num_permutations, seed=1, scratch_bytes=protocol.scratch_bytes)
     found = sensitivity(x, battery.reference, null, protocol=protocol, seed=1)
-    if found is not None:
-        assert found.critical == tuple(critical_value(column, protocol.alpha / 4) for column in null.T)
+    assert found.critical == tuple(critical_value(column, protocol.alpha / 4) for column in null.T)
     return found
 
 
@@ -46,7 +45,6 @@ def test_unavailable_stays_unavailable() -> None:
 
 def test_large_offsets_are_found_and_tiny_ones_are_not() -> None:
     found = measured(exchangeable(80, 6, 8, seed=0))
-    assert found is not None
     assert found.alpha == 0.005
     assert [(d.pattern, d.offset_sd) for d in found.detections] == [
         (pattern, offset) for pattern in PATTERNS for offset in PROTOCOL.offsets_sd
@@ -65,13 +63,11 @@ def test_a_leak_in_the_data_does_not_pass_for_a_found_offset() -> None:
     x = exchangeable(80, 6, 8, seed=0)
     x[:, 3, 2] += 50.0
     found = measured(x)
-    assert found is not None
     assert all(d.gate_share <= 0.25 for d in found.detections if d.offset_sd == 1e-4)
 
 
 def test_too_few_permutations_find_nothing() -> None:
     found = measured(exchangeable(40, 4, 3, seed=0), Protocol(num_permutations=99, num_frequencies=8, num_replicates=1))
-    assert found is not None
     assert found.critical == (np.inf,) * 4
     assert {d.gate_share for d in found.detections} == {0.0}
     assert found.smallest_sd("one") is None
@@ -80,7 +76,9 @@ def test_too_few_permutations_find_nothing() -> None:
 def test_an_offset_needs_a_feature_to_move() -> None:
     x = np.zeros((20, 4, 2))
     x[::2, 1, 0] = np.nan
-    assert measured(x) is None
+    found = measured(x)
+    assert {d.gate_share for d in found.detections} == {0.0}
+    assert found.smallest_sd("dense") is None
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,15 @@ def offer(monkeypatch: pytest.MonkeyPatch, *values: str) -> None:
     monkeypatch.setattr(sequence, "entry_points", lambda group: points if group == ENTRY_POINTS else [])
 
 
-def test_the_first_by_name_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    offer(monkeypatch, "math:tau", "math:pi")
+def test_the_only_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch, "math:pi")
     assert sequence_classifier() == pytest.approx(3.14159, abs=1e-5)
+
+
+def test_none_of_several_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch, "math:tau", "math:pi")
+    reason = "several sequence classifiers are installed: `c1`, `c2`; uninstall all but one"
+    assert sequence_classifier() == Unavailable(reason)
 
 
 def test_a_missing_package_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from tests.validator.derive.leakage.test_audit import CLEAN, audited
 from tests.validator.derive.leakage.test_inputs import without_nominal_replay
 
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.derive.leakage.audit import AuditProtocol
 from branchdrive.derive.leakage.sequence import Unavailable
 from branchdrive.derive.leakage.verify import (
     Difference,
@@ -20,6 +21,8 @@ from branchdrive.derive.leakage.verify import (
     count_differences,
     gate_differences,
     input_differences,
+    protocol_differences,
+    score_differences,
     statistic_differences,
 )
 
@@ -28,7 +31,8 @@ OWN: list[Callable[[dict[str, Any]], list[Difference]]] = [count_differences, ga
 
 def every(document: dict[str, Any]) -> list[Difference]:
     found = [difference for check in OWN for difference in check(document)]
-    return [*found, *input_differences(document, CLEAN), *statistic_differences(document, CLEAN)]
+    found += [*input_differences(document, CLEAN), *statistic_differences(document, CLEAN)]
+    return [*found, *score_differences(document, CLEAN)]
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +58,7 @@ def test_other_right_documents_have_none(kind: str) -> None:
     document = audited(inputs, Unavailable("because") if kind == "without a classifier" else None)
     assert [difference for check in OWN for difference in check(document)] == []
     assert input_differences(document, inputs) == statistic_differences(document, inputs) == []
+    assert score_differences(document, inputs) == []
 
 
 def test_counts_may_be_written_as_floats(clean: dict[str, Any]) -> None:
@@ -140,3 +145,26 @@ def test_a_fail_cannot_be_told_as_a_pass() -> None:
         test["p"] = test["p_adjusted"] = 1.0
     pointers = [difference.pointer for difference in gate_differences(document)]
     assert any(pointer.startswith("/gate/minimum_detectable_effect/critical/") for pointer in pointers)
+
+
+@pytest.mark.parametrize("p", [0.01, 0.05, 0.5, 1.0])
+def test_a_fail_is_no_pass_under_another_p_value_and_critical_value(p: float) -> None:
+    leak = np.array(CLEAN.discrepancy)
+    leak[:, 2] += 1.0
+    inputs = changed(CLEAN, discrepancy=leak)
+    document = audited(inputs, Unavailable("because"))
+    gate = document["gate"]
+    for test in gate["tests"]:
+        test.update(p=p, p_adjusted=min(1.0, 4 * p))
+    gate["minimum_detectable_effect"]["critical"] = [1e6] * 4
+    pointers = {difference.pointer for difference in statistic_differences(document, inputs)}
+    assert "/gate/tests/0/p" in pointers
+    assert any(pointer.startswith("/gate/minimum_detectable_effect/critical") for pointer in pointers)
+
+
+def test_a_protocol_is_compared_exactly(clean: dict[str, Any]) -> None:
+    document = copy.deepcopy(clean)
+    document["protocol"].update(AuditProtocol().as_json())
+    assert protocol_differences(document) == []
+    document["protocol"]["gate"]["penalty"] *= 1 + 1e-12
+    assert [difference.pointer for difference in protocol_differences(document)] == ["/protocol/gate/penalty"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from branchdrive.audit.extract.history import INPUT_TABLES, inputs_of
 from branchdrive.audit.view import ShardView, StreamView
 from branchdrive.contract.timing import ACTIVE_TICKS, PREDECESSOR_OFFSET
-from branchdrive.derive.layer.frame import Values, num_rows
+from branchdrive.derive.layer.frame import Values
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -48,25 +48,34 @@ def changed_groups(view: ShardView, nominals: Index, candidates: Index) -> dict[
     group_ids = view.rollouts["group_id"][nominals]
     view = _narrowed(view, candidates)
     return {
-        step: tuple(sorted(group_ids[_differs(expected, change(view, nominals, candidates))].tolist()))
+        step: tuple(sorted(group_ids[_differs(expected, change(view, nominals, candidates), len(nominals))].tolist()))
         for step, change in STEPS.items()
     }
 
 
-def _differs(expected: Mapping[str, Mapping[str, Values]], found: Mapping[str, Mapping[str, Values]]) -> Mask:
+def _differs(
+    expected: Mapping[str, Mapping[str, Values]], found: Mapping[str, Mapping[str, Values]], size: int
+) -> Mask:
     """Groups in which any input has other bits ``[groups]``; rows of a group are a block in both."""
-    size = num_rows(expected["state"]) // 16
     differs = np.zeros(size, bool)
     for name in INPUT_TABLES:
         for column, values in expected[name].items():
             if column == "group_id" or not len(values):
                 continue
             other = found[name][column]
-            same = np.ma.getdata(values) == np.ma.getdata(other)
+            same = _same_bits(np.ma.getdata(values), np.ma.getdata(other))
             same |= np.ma.getmaskarray(values)
             same &= np.ma.getmaskarray(values) == np.ma.getmaskarray(other)
             differs |= ~same.reshape(size, -1).all(axis=1)
     return differs
+
+
+def _same_bits(one: NDArray[Any], other: NDArray[Any]) -> Mask:
+    """Values whose bits are equal, those of NaN among them ``[rows]``; text is equal as text."""
+    if one.dtype != other.dtype or one.dtype.hasobject:
+        return np.asarray((one == other) & (one.dtype == other.dtype))
+    bits = [np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1) for values in (one, other)]
+    return np.asarray((bits[0] == bits[1]).all(axis=1))
 
 
 def _narrowed(view: ShardView, candidates: Index) -> ShardView:

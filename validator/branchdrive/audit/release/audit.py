@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
@@ -17,11 +18,13 @@ import numpy as np
 
 from branchdrive.audit import rules as _bind_rules  # noqa: F401  (importing binds the rules)
 from branchdrive.audit.check import RELEASE_RULES
-from branchdrive.audit.finding import Finding, Sighting
+from branchdrive.audit.finding import Finding, Sighting, printable
 from branchdrive.audit.release.view import NotAtHandError, RawLayer, ReleaseView
-from branchdrive.audit.shard import metadata_problems, type_problems
+from branchdrive.audit.rules.quality import POPULATION
+from branchdrive.audit.shard import CHECKED_METADATA, ColumnProblem, metadata_problems, type_problems
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
 from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_violations
 from branchdrive.contract.layer import LAYERS
@@ -44,6 +47,14 @@ TEXT_SUFFIX = ".md"
 """Of files that are read as a whole."""
 
 _CHUNK_BYTES = 1 << 20
+
+
+_JUDGED_KEYS = tuple(key.encode() for key in CHECKED_METADATA)
+_FORMAT_KEYS = (b"PARQUET:field_id",)
+"""Metadata of a column that the file format adds."""
+
+_POPULATION_RULE = "BD-QUA-011"
+"""The rule that a population must pass before a report shows it."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +111,12 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
             _read_table(task, f"{name}/{table}.parquet", table, files, result)
         for document in LAYERS[name].documents.values():
             _read_document(task, f"{name}/{document.name}", document.schema, files, result)
-    for path in (CARD_FILE, LICENCE_FILE):
-        if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
-            files.contents[path] = content
         for path in task.files:
             if LAYERS[name].admits_free(path):
                 _read_free(task, path, files, result)
+    for path in (CARD_FILE, LICENCE_FILE):
+        if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
+            files.contents[path] = content
     view = ReleaseView(
         task.descriptor,
         files.tables,
@@ -116,13 +127,14 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
         files.problems,
         digests=result.digests,
     )
-    result.population = files.documents.get("quality/population.json")
     # Rules on structure come first and always run: they say which tables the others can trust.
     for rule_id, info in CATALOGUE.items():
         if rule_id in RELEASE_RULES and (rule_id in task.selected or info.kind == "structure"):
             tally = _judge(view, rule_id)
             if rule_id in task.selected:
                 result.tallies[rule_id] = tally
+    if _judge(view, _POPULATION_RULE).status == "pass":
+        result.population = files.documents[POPULATION]
     return result
 
 
@@ -184,10 +196,22 @@ def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: 
         files.note("BD-LYR-003", Sighting(problem.expected, problem.found, place))
     if not wrong:
         files.tables[name] = table
-        for problem in metadata_problems(table.schema, name):
+        for problem in (*metadata_problems(table.schema, name), *_undeclared_metadata(table.schema, name)):
             files.note(
                 "BD-LYR-004", Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
             )
+
+
+def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[ColumnProblem]:
+    """What a table of a derived layer stores beside its rows and the declared metadata of its columns."""
+    for key in schema.metadata or {}:
+        yield ColumnProblem("", "no metadata of the file", printable(key.decode("utf-8", "replace")))
+    for column in LAYER_TABLES[name].columns:
+        declared = {key.encode(): value.encode() for key, value in column.metadata.items()}
+        for key, value in (schema.field(column.name).metadata or {}).items():
+            if key in (*_FORMAT_KEYS, *_JUDGED_KEYS) or declared.get(key) == value:
+                continue
+            yield ColumnProblem(column.name, "declared metadata alone", printable(key.decode("utf-8", "replace")))
 
 
 def _read_document(task: ReleaseTask, path: str, schema: str, files: _Files, result: ReleaseResult) -> None:

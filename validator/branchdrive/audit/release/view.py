@@ -121,6 +121,10 @@ class ReleaseView:
         """
         if table not in self.tables or table in self.distrusted:
             raise NotAtHandError(f"{layer_of_table(table)}/{table}.parquet is missing or breaks the format")
+        return self.rows(table)
+
+    def rows(self, table: str) -> Frame:
+        """Rows of a decoded table, whatever rules say about them."""
         if table not in self._frames:
             self._frames[table] = from_arrow(self.tables[table], table)
         return self._frames[table]
@@ -140,10 +144,13 @@ class ReleaseView:
         """What the raw layer says.
 
         Raises:
-            NotAtHandError: It is not at hand.
+            NotAtHandError: It is not at hand, or is another than the release names.
         """
         if self.raw.extract is None:
             raise NotAtHandError(self.raw.reason)
+        named = self.documents.get("canonical/source.json", {}).get("raw_layer", self.raw.digest)
+        if self.raw.digest not in (None, named):
+            raise NotAtHandError("the raw layer at hand is not the one that the release names")
         return self.raw.extract
 
     def expected(self, table: str) -> Frame:

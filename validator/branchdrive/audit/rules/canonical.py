@@ -76,16 +76,17 @@ def interventions_share_their_nominal(view: ReleaseView) -> Iterator[ReleaseChec
     """The nominal of a selected intervention is the rollout that the group's link record names."""
     records, bank = view.frame("records"), view.descriptor.action_bank
     nominal = records["action_key"] == bank.nominal.key
-    links = dict(zip(records["group_id"][nominal].tolist(), records["rollout_id"][nominal].tolist(), strict=True))
+    own = np.ma.filled(records["rollout_id"], "")
+    links = dict(zip(records["group_id"][nominal].tolist(), own[nominal].tolist(), strict=True))
     rows = np.flatnonzero(~nominal & (records["state"] == "selected"))
-    named = records["nominal_rollout_id"]
-    bad = [row for row in rows.tolist() if named[row] != links.get(records["group_id"][row])]
+    named = np.ma.filled(records["nominal_rollout_id"], "")
+    bad = [row for row in rows.tolist() if named[row] != links.get(records["group_id"][row], "")]
     yield ReleaseCheck.of(
         len(rows),
         [
             Sighting(
-                shown(links.get(records["group_id"][row])),
-                shown(named[row]),
+                shown(links.get(records["group_id"][row]) or None),
+                shown(named[row] or None),
                 place("records", records, row, "nominal_rollout_id"),
             )
             for row in bad

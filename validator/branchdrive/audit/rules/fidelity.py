@@ -11,27 +11,43 @@ from collections.abc import Iterator
 import numpy as np
 
 from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.release.compare import columns_agree, frames_agree, problems_found, rows_agree
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.release.compare import (
+    TOLERANCE,
+    columns_agree,
+    differs,
+    frames_agree,
+    place,
+    problems_found,
+    rows_agree,
+    shown,
+)
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
 from branchdrive.audit.rules.split import SPLIT
 from branchdrive.derive.discrepancy import CORE, EXTENDED
 from branchdrive.derive.layer.comparison import document_problems
 from branchdrive.derive.layer.fidelity import (
+    CRITERIA,
+    near_thresholds,
     retention_document,
     threshold_document,
     thresholds_of,
     with_passes,
     with_validity,
 )
-from branchdrive.derive.layer.frame import num_rows
+from branchdrive.derive.layer.frame import Frame, num_rows, take
 from branchdrive.derive.layer.ledger import ledger_problems, num_test_openings
 from branchdrive.derive.layer.wording import percent
+from branchdrive.derive.threshold import VARIABLES, Thresholds
 
 THRESHOLDS = "quality/thresholds.json"
 RETENTION = "quality/retention.json"
 LEDGER = "quality/ledger.json"
-TOLERANCE = 1e-9
+INTERVAL_TOLERANCE = 1e-9
 """Relative difference up to which two intervals are one: a mean of counts and a quantile of them."""
+
+COUNTED = ("tick_offset", "actor_count_share", "traffic_light_share")
+"""Discrepancies that count, so that every machine gives the same number."""
 
 
 def thresholds_digest(view: ReleaseView) -> str:
@@ -55,14 +71,14 @@ def pairs_name_kind_and_action(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-FID-003")
 def core_discrepancies_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Largest differences of pose, speed, controls and branch tick before the branch."""
-    yield from columns_agree(view, "pairs", [variable.name for variable in CORE])
+    yield from columns_agree(view, "pairs", [variable.name for variable in CORE], exact=COUNTED)
 
 
 @release_rule("BD-FID-004")
 def extended_discrepancies_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Differences of what surrounds the ego, and whether they can be compared."""
     masks = ("vehicle_comparable", "pedestrian_comparable", "has_pedestrian")
-    yield from columns_agree(view, "pairs", (*masks, *(variable.name for variable in EXTENDED)))
+    yield from columns_agree(view, "pairs", (*masks, *(variable.name for variable in EXTENDED)), exact=COUNTED)
 
 
 @release_rule("BD-FID-005")
@@ -89,14 +105,45 @@ def thresholds_carry_the_split(view: ReleaseView) -> Iterator[ReleaseCheck]:
 
 @release_rule("BD-FID-007")
 def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """A pair passes exactly where every judged variable is within its threshold, exactly."""
+    """A pair passes exactly where every judged variable is within its threshold, exactly.
+
+    Where the raw layer is at hand, what it gives instead of the stored discrepancies decides alike, unless last
+    bits decide: a difference within the tolerance turns no pair around.
+    """
     pairs = view.frame("pairs")
     try:
-        expected = with_passes(pairs, thresholds_of(view.document(THRESHOLDS)))
+        thresholds = thresholds_of(view.document(THRESHOLDS))
+        expected = with_passes(pairs, thresholds)
     except ValueError as error:
         raise NotAtHandError(f"{THRESHOLDS}: {error}") from error
     rows = np.arange(num_rows(pairs))
     yield from frames_agree("pairs", ("core_pass", "extended_pass"), expected, pairs, rows, rows)
+    if view.raw.extract is not None:
+        yield _turned_around(view, expected, thresholds)
+
+
+def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> ReleaseCheck:
+    """Pairs whose stored discrepancies agree with raw and decide otherwise; they were examined before.
+
+    Args:
+        view: The derived layers, with the raw one at hand.
+        stored: Rows of `pairs` with the flags that the stored discrepancies give.
+        thresholds: The stored ones.
+    """
+    found, pairs = view.frame("pairs"), view.aligned("pairs")
+    raw, here = take(view.expected("pairs"), pairs.expected), take(found, pairs.found)
+    told = take(stored, pairs.found)
+    names = [variable.name for variable in VARIABLES]
+    agree = ~np.any([differs(raw[name], here[name], exact=name in COUNTED) for name in names], axis=0)
+    near, passed = near_thresholds(raw, thresholds, TOLERANCE), with_passes(raw, thresholds)
+    sightings: dict[int, Sighting] = {}
+    for criterion, num_variables in zip(CRITERIA, (len(CORE), len(VARIABLES)), strict=True):
+        flag = f"{criterion}_pass"
+        turned = (passed[flag] != here[flag]) & (told[flag] == here[flag]) & agree
+        for i in np.flatnonzero(turned & ~near[:, :num_variables].any(axis=1)).tolist():
+            where = place("pairs", found, int(pairs.found[i]), flag)
+            sightings.setdefault(i, Sighting(shown(passed[flag][i]), shown(here[flag][i]), where))
+    return ReleaseCheck.of(0, sightings.values())
 
 
 @release_rule("BD-FID-008")
@@ -125,7 +172,7 @@ def retention_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
         )
     except ValueError as error:
         raise NotAtHandError(f"quality/pairs.parquet: {error}") from error
-    problems = document_problems(expected, document, tolerance=TOLERANCE)
+    problems = document_problems(expected, document, tolerance=INTERVAL_TOLERANCE)
     yield problems_found(RETENTION, max(1, len(document["rows"])), problems)
 
 

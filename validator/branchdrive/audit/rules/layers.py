@@ -22,8 +22,7 @@ from branchdrive.audit.rules.values import (
 )
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import LAYERS, table_path
-from branchdrive.dataset.frame import from_arrow
-from branchdrive.derive.layer.frame import Frame, sort_rows
+from branchdrive.derive.layer.frame import Frame, repeated_rows, sort_rows
 
 
 @release_rule("BD-LYR-001")
@@ -73,19 +72,12 @@ def layer_documents_conform(view: ReleaseView) -> Iterator[ReleaseCheck]:
 def layer_keys_are_unique(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """No two rows of a table have one key; that no part of a key is null is the matter of another rule."""
     for name in view.table_names:
-        key, frame = LAYER_TABLES[name].key, from_arrow(view.tables[name], name)
-        seen: set[tuple[object, ...]] = set()
-        bad = []
-        for row, values in enumerate(zip(*(frame[part].tolist() for part in key), strict=True)):
-            if values in seen:
-                bad.append(row)
-            seen.add(values)
-        if bad:
+        frame = view.rows(name)
+        bad = repeated_rows(frame, LAYER_TABLES[name].key)
+        if len(bad):
             view.distrusted.add(name)
-        yield ReleaseCheck.of(
-            len(view.tables[name]),
-            [Sighting("a key of its own", "the key of another row", _place(view, name, frame, row)) for row in bad],
-        )
+        told = (("a key of its own", "the key of another row", _place(view, name, frame, row)) for row in bad.tolist())
+        yield ReleaseCheck(len(view.tables[name]), len(bad), (Sighting(*words) for words in told))
 
 
 def _place(view: ReleaseView, name: str, frame: Frame, row: int) -> dict[str, str | int]:
@@ -109,7 +101,7 @@ def _rows(view: ReleaseView, rules: Iterable[RowRule]) -> Iterator[ReleaseCheck]
 def _described(view: ReleaseView, check: RowCheck) -> Iterator[Sighting]:
     if not len(check.bad):
         return
-    frame = from_arrow(view.tables[check.table], check.table)
+    frame = view.rows(check.table)
     for row in check.bad.tolist():
         expected, found = check.describe(row)
         where = _place(view, check.table, frame, row)

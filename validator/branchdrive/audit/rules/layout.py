@@ -73,7 +73,13 @@ def existing_files_are_listed(survey: Survey) -> SurveyCheck:
         Sighting("a file that the manifest lists", "not listed", {"file": path}) for path in files if path not in stated
     ]
     if any(entry.path == STAGING_DIR for entry in survey.entries):
-        found.append(Sighting("a finished dataset", "a writer's working area", {"file": STAGING_DIR}))
+        found.append(
+            Sighting(
+                "a finished dataset",
+                "the working area of a command that did not finish; run it again",
+                {"file": STAGING_DIR},
+            )
+        )
     return SurveyCheck(len(files), tuple(found))
 
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.extract.metamorphic import STEPS
@@ -25,15 +26,27 @@ from branchdrive.derive.history import CONTROL_WINDOW
 from branchdrive.derive.layer.comparison import document_problems
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.leakage.metamorphic import metamorphic_document
-from branchdrive.derive.leakage.structural import ALPHA, MAX_CORRELATION, neighbours_p, telltales
+from branchdrive.derive.leakage.structural import (
+    ALPHA,
+    MAX_CORRELATION,
+    Telltale,
+    held_targets,
+    neighbours_p,
+    ranked_targets,
+)
 from branchdrive.derive.leakage.verify import (
     battery_differences,
     count_differences,
     gate_differences,
     input_differences,
+    protocol_differences,
+    score_differences,
     statistic_differences,
 )
 from branchdrive.derive.target import TARGETS
+
+Targets: TypeAlias = tuple[NDArray[np.float64], NDArray[np.bool_]]
+"""Values ``[groups, actions, targets]``, 0 where not available, and whether they are."""
 
 
 def _audit(view: ReleaseView) -> dict[str, Any] | None:
@@ -82,12 +95,26 @@ def audit_inputs_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
 
 @release_rule("BD-LKG-003")
 def gate_statistics_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """Observed statistics and named places of the gate; its permutations are not repeated."""
+    """Statistics, places, p-values and effect size of the gate; permutations are drawn again as far as they decide."""
     if (audit := _audit(view)) is not None:
-        inputs = view.once(_recomputed)
-        if inputs.digest() != audit["inputs"]["digest"]:
-            raise NotAtHandError("the leakage audit saw other inputs")
+        inputs = _audited(view, audit)
         yield _found(max(1, len(audit["gate"]["tests"])), _judged(statistic_differences, audit, inputs))
+
+
+def _audited(view: ReleaseView, audit: dict[str, Any]) -> ReplayInputs:
+    """Inputs of an audit, where they are those that recompute and its protocol bounds the work.
+
+    Raises:
+        NotAtHandError: They are not.
+    """
+    inputs = view.once(_recomputed)
+    if inputs.digest() != audit["inputs"]["digest"]:
+        raise NotAtHandError("the leakage audit saw other inputs")
+    if protocol_differences(audit):
+        raise NotAtHandError("the leakage audit followed another protocol")
+    if count_differences(audit):
+        raise NotAtHandError("parts of the leakage audit are of other groups")
+    return inputs
 
 
 def _judged(judge: Any, *arguments: Any) -> list[tuple[str, object, object]]:
@@ -156,23 +183,53 @@ def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[Release
     yield ReleaseCheck.of(int(len(ordered) > 1), told if p <= ALPHA else [])
 
 
-@release_rule("BD-LKG-009")
-def no_history_variable_tells_a_target(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """No variable of a sensor history ranks a target by itself, or repeats it."""
+def _history_variables(view: ReleaseView) -> tuple[NDArray[np.float64], list[str], Targets]:
+    """Sensor histories as variables ``[groups, variables]``, their names, and the scalar targets."""
     arrays = view.once(model_arrays)
     size = len(arrays.groups)
     variables = np.concatenate([arrays.state.reshape(size, -1), arrays.controls.reshape(size, -1)], axis=1)
     names = [f"state {f.name} at tick {offset}" for offset in HISTORY_OFFSETS for f in SENSOR_PROFILE.state]
     names += [f"past_controls {f.name} at tick {offset}" for offset in CONTROL_WINDOW for f in SENSOR_PROFILE.controls]
-    found = telltales(
-        variables, np.where(arrays.scalars.available, arrays.scalars.values, 0.0), arrays.scalars.available
-    )
+    available = arrays.scalars.available
+    return variables, names, (np.where(available, arrays.scalars.values, 0.0), available)
+
+
+def _told(expected: str, names: list[str], found: list[Telltale]) -> ReleaseCheck:
     sightings = [
         Sighting(
-            f"a correlation of at most {MAX_CORRELATION:g}, and values of its own",
-            f"{t.how} with the target {TARGETS[t.target].name}",
-            {"file": FEATURES, "column": names[t.variable]},
+            expected, f"{t.how} of the target {TARGETS[t.target].name}", {"file": FEATURES, "column": names[t.variable]}
         )
         for t in found
     ]
-    yield ReleaseCheck.of(len(names), sightings)
+    return ReleaseCheck.of(len(names), sightings)
+
+
+@release_rule("BD-LKG-009")
+def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """No variable of a sensor history ranks a target by itself."""
+    variables, names, targets = view.once(_history_variables)
+    yield _told(f"a correlation of at most {MAX_CORRELATION:g}", names, ranked_targets(variables, *targets))
+
+
+@release_rule("BD-LKG-010")
+def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """No variable of a sensor history is an affine function of a target of one action."""
+    variables, names, targets = view.once(_history_variables)
+    yield _told("values of its own", names, held_targets(variables, *targets))
+
+
+@release_rule("BD-LKG-011")
+def protocol_is_the_specification_s(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Numbers of gate and battery are the specification's constants, exactly."""
+    if (audit := _audit(view)) is not None:
+        examined = sum(len(audit["protocol"][part]) for part in ("gate", "parity"))
+        yield _found(examined, protocol_differences(audit))
+
+
+@release_rule("BD-LKG-012")
+def battery_scores_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Scores of controls and regressions of the battery; the recurrent tests are not repeated."""
+    if (audit := _audit(view)) is not None:
+        inputs = _audited(view, audit)
+        examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
+        yield _found(examined, _judged(score_differences, audit, inputs))

@@ -12,8 +12,9 @@ from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import problems_found, shown
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
 from branchdrive.audit.rules.canonical import SOURCE
-from branchdrive.dataset.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
+from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.derive.layer.card import render_card, render_licence
+from branchdrive.derive.layer.comparison import document_problems
 
 
 @release_rule("BD-REL-001")
@@ -28,7 +29,7 @@ def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
 
 @release_rule("BD-REL-002")
 def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """Identity, version and action bank of the raw dataset are those of the release."""
+    """The descriptor of the raw dataset is that of the release, but for the layers that it claims."""
     document, raw = view.document(SOURCE), view.raw.descriptor
     if raw is None:
         raise NotAtHandError(view.raw.reason)
@@ -37,9 +38,8 @@ def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
         ("/dataset_version", raw.dataset_version, document["dataset_version"]),
     ]
     yield problems_found(SOURCE, len(facts), [fact for fact in facts if fact[1] != fact[2]])
-    same = raw.action_bank == view.descriptor.action_bank
-    place: dict[str, str | int] = {"file": "branchdrive.json", "pointer": "/action_bank"}
-    yield ReleaseCheck.of(1, [] if same else [Sighting("the action bank of the raw dataset", "another", place)])
+    named, own = (descriptor.model_dump(mode="json", exclude={"layers"}) for descriptor in (raw, view.descriptor))
+    yield problems_found(DESCRIPTOR_FILE, len(named), document_problems(named, own))
 
 
 def text_agrees(view: ReleaseView, path: str, expected: str) -> ReleaseCheck:

@@ -9,16 +9,17 @@ import numpy as np
 from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import place, problems_found
-from branchdrive.audit.release.view import ReleaseView
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
 from branchdrive.derive.layer.frame import num_rows
-from branchdrive.derive.layer.model import near_duplicate_flags
-from branchdrive.derive.layer.partition import assignment_of, cluster_of_groups, clusters_of
+from branchdrive.derive.layer.model import duplicate_flags
+from branchdrive.derive.layer.partition import ALGORITHM, assignment_of, calibration_of, cluster_of_groups, clusters_of
 from branchdrive.derive.layer.problem import Problem
 from branchdrive.derive.layer.split_problem import (
     calibration_problems,
     cluster_problems,
     count_problems,
     digest_problems,
+    draw_problems,
     empty_problems,
     membership_problems,
 )
@@ -86,10 +87,10 @@ def near_duplicates_are_marked(view: ReleaseView) -> Iterator[ReleaseCheck]:
     judged = np.asarray(groups["core_valid"], bool)
     if not set(groups["group_id"][judged].tolist()) <= complete & assignment_of(groups).keys():
         judged &= np.array([g in complete and g in assignment_of(groups) for g in groups["group_id"].tolist()])
-    expected = near_duplicate_flags(
+    expected, doubtful = duplicate_flags(
         {**groups, "core_valid": judged}, frames["state"], frames["past_controls"], assignment_of(groups)
     )
-    bad = np.flatnonzero(expected != np.asarray(groups["near_duplicate"], bool))
+    bad = np.flatnonzero((expected != np.asarray(groups["near_duplicate"], bool)) & ~doubtful)
     words = {True: "a near duplicate", False: "no near duplicate"}
     yield ReleaseCheck(
         len(expected),
@@ -103,3 +104,16 @@ def near_duplicates_are_marked(view: ReleaseView) -> Iterator[ReleaseCheck]:
             for row in bad.tolist()
         ),
     )
+
+
+@release_rule("BD-SPL-008")
+def split_is_the_drawn_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Drawing again from stored clusters and scenario types, by the stored seed, gives the stored partitions."""
+    document, groups = view.document(SPLIT), view.frame("group_quality")
+    if document["algorithm"] != ALGORITHM:
+        raise NotAtHandError(f"the split was drawn by {document['algorithm']!r}; only {ALGORITHM!r} recomputes")
+    try:
+        problems = draw_problems(groups, seed=int(document["seed"]), calibration=calibration_of(document))
+    except ValueError as error:
+        raise NotAtHandError(f"the split cannot be drawn again: {error}") from error
+    yield _of_groups(len(assignment_of(groups)), problems)

@@ -23,6 +23,7 @@ from branchdrive.derive.layer.wording import (
     leakage_sentences,
     opening_sentence,
     percent,
+    population_sentences,
     target_sentences,
 )
 
@@ -56,7 +57,7 @@ def render_card(
 ) -> str:
     """The card as Markdown, of a release's descriptor and documents; `leakage` is None where it was not audited."""
     sections = [
-        _head(descriptor, ledger, leakage),
+        _head(descriptor, population, ledger, leakage),
         _about(descriptor),
         _population(population),
         _attempts(source),
@@ -72,10 +73,12 @@ def render_card(
     return "\n\n".join("\n".join(section) for section in sections) + "\n"
 
 
-def _head(descriptor: Descriptor, ledger: Document, leakage: Document | None) -> list[str]:
+def _head(descriptor: Descriptor, population: Document, ledger: Document, leakage: Document | None) -> list[str]:
     lines = [f"# {_plain(descriptor.title)}"]
     if num_test_openings(ledger) > 1:
         lines += ["", f"> **Warning.** {opening_sentence(ledger)}"]
+    for sentence in population_sentences(population):
+        lines += ["", f"> **Note.** {sentence}"]
     if leakage is not None and leakage["gate"]["verdict"] == "fail":
         lines += ["", f"> **Warning.** {leakage_sentences(leakage)[0]}"]
     return lines
@@ -92,6 +95,7 @@ def _about(descriptor: Descriptor) -> list[str]:
         "Action bank": f"`{bank.name}`, {len(bank.policies)} candidates",
         "Streams": ", ".join(f"`{name}`" for name in descriptor.streams),
         "Replay noise": f"{descriptor.collection.replay_noise:g}",
+        "Injected faults": _rates(descriptor.collection.faults),
         "Licence": _plain(descriptor.licence),
     }
     return [
@@ -102,6 +106,10 @@ def _about(descriptor: Descriptor) -> list[str]:
         "",
         *_table(["Item", "Value"], [[name, text] for name, text in facts.items()], "ll"),
     ]
+
+
+def _rates(faults: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {percent(rate)}" for name, rate in sorted(faults.items()) if rate) or "none"
 
 
 def _population(population: Document) -> list[str]:

@@ -23,12 +23,12 @@ from branchdrive.derive.discrepancy import CORE
 from branchdrive.derive.layer.frame import Frame, Values
 from branchdrive.derive.layer.partition import PARTITIONS, assignment_of
 from branchdrive.derive.retention import NUM_RESAMPLES, retention
-from branchdrive.derive.split import split_digest
+from branchdrive.derive.split import TRAINING, split_digest
 from branchdrive.derive.threshold import QUANTILE, VARIABLES, Thresholds, fit_thresholds, passes
 
 __all__ = [
-    "CRITERIA", "LEVEL", "bank_rows", "retention_document", "threshold_document", "thresholds_of", "with_passes",
-    "with_validity",
+    "CRITERIA", "LEVEL", "bank_rows", "near_thresholds", "retention_document", "threshold_document",
+    "thresholds_of", "with_passes", "with_validity",
 ]  # fmt: skip
 
 Index = NDArray[np.int64]
@@ -38,8 +38,6 @@ CRITERIA = ("core", "extended")
 
 LEVEL = 0.95
 """Level of the intervals of retention."""
-
-_FITTED_ON = "train"
 
 
 def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
@@ -54,7 +52,7 @@ def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
     """
     assignment = assignment_of(groups)
     eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
-    fitted_on = sorted(group_id for group_id in eligible if assignment.get(group_id) == _FITTED_ON)
+    fitted_on = sorted(group_id for group_id in eligible if assignment.get(group_id) == TRAINING)
     if not fitted_on:
         raise ValueError("no training group is structurally eligible, so no threshold can be fitted")
     rows = bank_rows(pairs, fitted_on)
@@ -64,7 +62,7 @@ def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
         "split_digest": split_digest(assignment),
         "quantile": QUANTILE,
         "method": "higher",
-        "partition": _FITTED_ON,
+        "partition": TRAINING,
         "num_groups": fitted.num_groups,
         "pedestrian_support": fitted.support,
         "variables": [
@@ -107,6 +105,19 @@ def with_passes(pairs: Frame, thresholds: Thresholds) -> dict[str, Values]:
     """
     passed = passes(_discrepancies(pairs)[:, None, :], thresholds)
     return {**pairs, "core_pass": passed.core[:, 0], "extended_pass": passed.extended[:, 0]}
+
+
+def near_thresholds(pairs: Frame, thresholds: Thresholds, tolerance: float) -> NDArray[np.bool_]:
+    """Discrepancies whose last bits may decide ``[pairs, 12]``: those that lie beside their threshold, not at it.
+
+    Args:
+        pairs: Rows of `pairs`; no flag of theirs is read.
+        thresholds: Of the training groups.
+        tolerance: Largest distance that is near, in units of ``1 + threshold``.
+    """
+    values, limits = _discrepancies(pairs), thresholds.values
+    with np.errstate(invalid="ignore"):
+        return np.asarray((values != limits) & (np.abs(values - limits) <= tolerance * (1 + limits)))
 
 
 def with_validity(groups: Frame, pairs: Frame) -> dict[str, Values]:

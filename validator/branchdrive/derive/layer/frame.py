@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Alignment", "Frame", "align", "concat", "num_rows", "sort_rows", "take"]
+__all__ = ["Alignment", "Frame", "align", "concat", "num_rows", "repeated_rows", "sort_rows", "take"]
 
 Values: TypeAlias = "NDArray[Any] | np.ma.MaskedArray[Any, Any]"
 Frame: TypeAlias = Mapping[str, Values]
@@ -93,6 +93,19 @@ def align(expected: Frame, found: Frame, key: Sequence[str]) -> Alignment:
     lonely = np.ones(len(right), bool)
     lonely[partner] = False
     return Alignment(np.flatnonzero(is_there), partner, np.flatnonzero(~is_there), np.flatnonzero(lonely))
+
+
+def repeated_rows(frame: Frame, key: Sequence[str]) -> Index:
+    """Rows whose key an earlier row has; a null in a key is equal to a null."""
+    code = np.zeros(num_rows(frame), np.int64)
+    for name in key:
+        values = np.ma.getdata(frame[name])
+        if values.dtype == object:
+            values = np.array(["" if word is None else f"={word}" for word in values.tolist()], object)
+        (part,) = _codes([values])
+        (code,) = _codes([code * (int(part.max(initial=0)) + 1) + part])
+    _, first = np.unique(code, return_index=True)
+    return np.setdiff1d(np.arange(len(code)), first)
 
 
 def _codes(parts: Sequence[NDArray[Any]]) -> list[Index]:

@@ -27,7 +27,7 @@ _LAST = _ORDER[-1]
 
 
 def opened(ledger: Mapping[str, Any] | None, *, split_digest: str, thresholds_digest: str) -> dict[str, Any]:
-    """The ledger after a whole round; the same ledger where its last round has these digests.
+    """The ledger after a whole round; the same ledger where the test partition was opened under these digests before.
 
     Args:
         ledger: Document ``ledger.json`` so far; None if there is none.
@@ -35,6 +35,8 @@ def opened(ledger: Mapping[str, Any] | None, *, split_digest: str, thresholds_di
         thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
     """
     after = dict(ledger or {"entries": []})
+    if (split_digest, thresholds_digest) in _openings(after):
+        return after
     for event in EVENTS:
         after = recorded(after, event, split_digest=split_digest, thresholds_digest=thresholds_digest)
     return after
@@ -70,8 +72,13 @@ def recorded(
 
 
 def num_test_openings(ledger: Mapping[str, Any]) -> int:
-    """How often the test partition was opened."""
-    return sum(entry["event"] == _LAST for entry in ledger["entries"])
+    """How often the test partition was opened: under how many pairs of split and thresholds."""
+    return len(_openings(ledger))
+
+
+def _openings(ledger: Mapping[str, Any]) -> set[tuple[str, str]]:
+    """Digests of split and thresholds under which the test partition was opened."""
+    return {(e["split_digest"], e["thresholds_digest"]) for e in ledger["entries"] if e["event"] == _LAST}
 
 
 def ledger_problems(document: Mapping[str, Any], *, split_digest: str, thresholds_digest: str) -> list[Problem]:
@@ -110,12 +117,11 @@ def _next_events(before: Mapping[str, Any] | None, entry: Mapping[str, Any]) -> 
 
 
 def _current_problems(document: Mapping[str, Any], split_digest: str, thresholds_digest: str) -> list[Problem]:
-    """The last entry is that the test partition was opened under the release's own digests."""
-    if not document["entries"]:
-        return [Problem("/entries", f"a round that ends with {_LAST}", "no entry")]
-    last, place = document["entries"][-1], f"/entries/{len(document['entries']) - 1}"
-    wanted = {"event": _LAST, "split_digest": split_digest, "thresholds_digest": thresholds_digest}
-    return [Problem(f"{place}/{name}", value, str(last[name])) for name, value in wanted.items() if last[name] != value]
+    """The test partition was opened under the release's own digests."""
+    if (split_digest, thresholds_digest) in _openings(document):
+        return []
+    wanted = f"{_LAST} under split {split_digest} and thresholds {thresholds_digest}"
+    return [Problem("/entries", wanted, "no such entry")]
 
 
 def _digests(entry: Mapping[str, Any]) -> dict[str, str]:

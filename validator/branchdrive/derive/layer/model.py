@@ -6,6 +6,7 @@ Source: paper III-E, III-F; spec/12-model.md#frozen.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,12 @@ from branchdrive.derive.layer.frame import Frame, Values, sort_rows, take
 from branchdrive.derive.layer.population import frozen_groups
 from branchdrive.derive.near_duplicate import NearDuplicates, history_vectors, near_duplicates
 from branchdrive.derive.normalisation import fit_controls, fit_state, training
+from branchdrive.derive.split import TRAINING
 
-__all__ = ["action_rows", "context_rows", "duplicates_among", "near_duplicate_flags", "of_groups"]
-
-TRAINING = "train"
+__all__ = [
+    "DuplicateFlags", "action_rows", "context_rows", "duplicate_flags", "duplicates_among", "near_duplicate_flags",
+    "of_groups",
+]  # fmt: skip
 
 
 def of_groups(frame: Frame, groups: Sequence[str]) -> dict[str, Values]:
@@ -55,10 +58,22 @@ def duplicates_among(
     return near_duplicates(history_vectors(*scaled), [assignment[group] for group in groups])
 
 
+class DuplicateFlags(NamedTuple):
+    """Groups outside of training that are near duplicates, and those of which last bits decide, ``[groups]`` each."""
+
+    flagged: NDArray[np.bool_]
+    doubtful: NDArray[np.bool_]
+
+
 def near_duplicate_flags(
     groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]
 ) -> NDArray[np.bool_]:
-    """Which groups are core-valid, outside of training, and near duplicates across partitions ``[groups]``.
+    """Which groups are core-valid, outside of training, and near duplicates across partitions ``[groups]``."""
+    return duplicate_flags(groups, state, past_controls, assignment).flagged
+
+
+def duplicate_flags(groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]) -> DuplicateFlags:
+    """Core-valid groups outside of training that are near duplicates across partitions, and how surely.
 
     Nothing is compared where fewer than two core-valid groups are in training.
 
@@ -70,14 +85,11 @@ def near_duplicate_flags(
     """
     valid = sorted(groups["group_id"][np.asarray(groups["core_valid"], bool)].tolist())
     if sum(assignment[group] == TRAINING for group in valid) < 2:
-        return np.zeros(len(groups["group_id"]), bool)
+        return DuplicateFlags(*np.zeros((2, len(groups["group_id"])), bool))
     found = duplicates_among(of_groups(state, valid), of_groups(past_controls, valid), valid, assignment)
-    flagged = {
-        group
-        for group, close in zip(valid, found.flagged.tolist(), strict=True)
-        if close and assignment[group] != TRAINING
-    }
-    return np.array([group in flagged for group in groups["group_id"].tolist()], bool)
+    judged = {group: row for row, group in enumerate(valid) if assignment[group] != TRAINING}
+    rows = [judged.get(group, len(valid)) for group in groups["group_id"].tolist()]
+    return DuplicateFlags(*(np.append(told, False)[rows] for told in (found.flagged, found.doubtful)))
 
 
 def context_rows(groups: Frame, records: Frame) -> dict[str, Values]:

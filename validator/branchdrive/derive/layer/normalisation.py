@@ -32,6 +32,7 @@ from branchdrive.derive.normalisation import (
     fit_trajectory,
     training,
 )
+from branchdrive.derive.split import TRAINING
 from branchdrive.derive.target import TARGETS, TRAJECTORY, Targets, Trajectory
 from branchdrive.errors import DatasetError
 
@@ -41,8 +42,6 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
 """Relative difference up to which two fits are one: the order in which a processor sums decides the last bits."""
-
-PARTITION = "train"
 
 _SCALED = ("state", "past_controls", "expert")
 _SCALARS = tuple(target.name for target in TARGETS)
@@ -84,7 +83,7 @@ def normalisation_document(arrays: ModelArrays, assignment: Mapping[str, str]) -
     trajectories = fit_trajectory(Trajectory(paths.values[order], paths.available[order]), fitted_on)
     return {
         "split_digest": fitted_on.split_digest,
-        "partition": PARTITION,
+        "partition": TRAINING,
         "num_groups": int(fitted_on.rows.sum()),
         **{
             name: [

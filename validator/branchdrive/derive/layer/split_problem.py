@@ -1,4 +1,4 @@
-"""What is wrong with a stored split, one function for each concern; how it was drawn is not questioned.
+"""What is wrong with a stored split, one function for each concern; how it was drawn is one of them.
 
 Every function reads the document ``split.json``, which conforms to its schema, and the stored rows of
 `group_quality`, whose group ids are unique, or one of them.
@@ -14,26 +14,21 @@ from typing import Any
 import numpy as np
 
 from branchdrive.derive.layer.frame import Frame
-from branchdrive.derive.layer.partition import PARTITIONS, assignment_of, calibration_of, clusters_of, held_by
+from branchdrive.derive.layer.partition import (
+    PARTITIONS,
+    assignment_of,
+    calibration_of,
+    clusters_of,
+    draw_partitions,
+    held_by,
+)
 from branchdrive.derive.layer.problem import Problem
-from branchdrive.derive.split import CALIBRATION, SHARES, split_digest
+from branchdrive.derive.split import CALIBRATION, SHARES, Calibration, split_digest
 
 __all__ = [
-    "calibration_problems", "cluster_problems", "count_problems", "digest_problems", "empty_problems",
-    "membership_problems", "split_problems",
+    "calibration_problems", "cluster_problems", "count_problems", "digest_problems", "draw_problems",
+    "empty_problems", "membership_problems",
 ]  # fmt: skip
-
-
-def split_problems(document: Mapping[str, Any], groups: Frame) -> list[Problem]:
-    """All that is wrong with a split, concern by concern."""
-    return [
-        *membership_problems(groups),
-        *cluster_problems(groups),
-        *digest_problems(document, groups),
-        *empty_problems(groups),
-        *calibration_problems(document, groups),
-        *count_problems(document, groups),
-    ]
 
 
 def membership_problems(groups: Frame) -> list[Problem]:
@@ -112,6 +107,20 @@ def count_problems(document: Mapping[str, Any], groups: Frame) -> list[Problem]:
     ]
     return [
         Problem(place, str(count), "nothing" if it is None else str(it)) for place, count, it in counts if it != count
+    ]
+
+
+def draw_problems(groups: Frame, *, seed: int, calibration: Calibration | None = None) -> list[Problem]:
+    """Every group that has a partition is where the algorithm draws it, from the stored clusters and scenario types.
+
+    Raises:
+        ValueError: There is nothing to draw from: a group lacks its cluster, or there are too few groups.
+    """
+    drawn = draw_partitions(groups, clusters_of(groups), seed=seed, calibration=calibration)
+    return [
+        Problem(group_id, f"partition {drawn.get(group_id, 'none')}", f"partition {name}")
+        for group_id, name in sorted(assignment_of(groups).items())
+        if drawn.get(group_id) != name
     ]
 
 

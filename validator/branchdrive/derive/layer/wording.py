@@ -12,7 +12,15 @@ from typing import Any
 
 from branchdrive.derive.layer.ledger import num_test_openings
 
-__all__ = ["PARTITION_TITLES", "UNITS", "leakage_sentences", "opening_sentence", "percent", "target_sentences"]
+__all__ = [
+    "PARTITION_TITLES",
+    "UNITS",
+    "leakage_sentences",
+    "opening_sentence",
+    "percent",
+    "population_sentences",
+    "target_sentences",
+]
 
 PARTITION_TITLES: Mapping[str, str] = MappingProxyType(
     {"train": "Train", "val": "Validation", "test": "Test", "calibration": "Calibration"}
@@ -51,6 +59,21 @@ def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> l
         for row in retention["rows"]
         if row["criterion"] == "core" and row["partition"] == partition and row["share"] is not None
     ]
+
+
+def population_sentences(population: Mapping[str, Any]) -> list[str]:
+    """What the population table does not say by itself: near duplicates that were left out, empty partitions."""
+    stages = {stage["stage"]: stage for stage in population["stages"]}
+    frozen, valid = stages["frozen"], stages["core_valid"]
+    sentences = []
+    left_out = valid["total"] - frozen["total"]
+    if left_out:
+        groups = "group is" if left_out == 1 else "groups are"
+        sentences.append(f"{left_out} core-valid {groups} left out as near duplicates of another partition.")
+    empty = [PARTITION_TITLES[name] for name in population["partitions"] if not (frozen["groups"] or {}).get(name)]
+    if empty:
+        sentences.append(f"The frozen population has no group in: {', '.join(empty)}. Collect more groups.")
+    return sentences
 
 
 def opening_sentence(ledger: Mapping[str, Any]) -> str:
@@ -108,7 +131,8 @@ def _effect(gate: Mapping[str, Any]) -> list[str]:
     for pattern, where in _PATTERNS.items():
         smallest = effect["smallest_sd"].get(pattern)
         if smallest is not None:
-            found = f"{smallest:g} standard deviations"
+            least = "at most " if offsets and smallest == offsets[0] else ""
+            found = f"{least}{smallest:g} standard deviations"
         else:
             found = f"above {offsets[-1]:g} standard deviations" if offsets else "unknown"
         sentences.append(f"Minimum detectable effect {where}: {found}.")

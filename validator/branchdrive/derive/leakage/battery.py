@@ -110,15 +110,15 @@ class Battery:
         rows = identity(self.table.num_groups, self.table.num_actions)
         return np.asarray(self._statistics(rows)[0])
 
-    def null(self, num_permutations: int, *, seed: int, scratch_bytes: int) -> Array:
-        """Statistics of random permutations, ``[permutations, 4]``."""
+    def null(self, num_permutations: int, *, seed: int, scratch_bytes: int, start: int = 0) -> Array:
+        """Statistics of the random permutations ``start .. num_permutations - 1``, ``[permutations, 4]``."""
         shape = (self.table.num_groups, self.table.num_actions)
         widest = max(getattr(self, name).scratch_columns for name in STATISTICS)
         length = chunk_length(*shape, widest, scratch_bytes)
-        null = np.empty((num_permutations, len(STATISTICS)))
-        for start in range(0, num_permutations, length):
-            stop = min(start + length, num_permutations)
-            null[start:stop] = self._statistics(draw(start, stop, *shape, seed=seed))
+        null = np.empty((num_permutations - start, len(STATISTICS)))
+        for first in range(start, num_permutations, length):
+            stop = min(first + length, num_permutations)
+            null[first - start : stop - start] = self._statistics(draw(first, stop, *shape, seed=seed))
         return null
 
     def _statistics(self, rows: NDArray[np.intp]) -> Array:

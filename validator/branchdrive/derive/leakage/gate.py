@@ -27,7 +27,14 @@ from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.derive.leakage.sensitivity import Sensitivity, sensitivity
 from branchdrive.derive.leakage.table import Kind, checked
 
-__all__ = ["Gate", "Outcome", "Place", "Verdict", "dealt", "gate_verdict", "leakage_gate", "strongest_places"]
+__all__ = [
+    "IDENTICAL", "NOTHING", "Gate", "Outcome", "Place", "Verdict", "dealt", "gate_verdict", "leakage_gate",
+    "strongest_places", "too_few",
+]  # fmt: skip
+
+NOTHING = "There is nothing to examine."
+IDENTICAL = "All rows of every group are identical."
+"""Reasons of a gate without statistics, and of one without differences."""
 
 Array = NDArray[np.float64]
 Verdict = Literal["pass", "fail", "inconclusive"]
@@ -77,7 +84,7 @@ class Gate:
         bandwidth: Of the kernel, as used; None where nothing was computed.
         tests: In the order of `STATISTICS`; empty where nothing was computed.
         places: Largest first; empty where nothing was computed.
-        sensitivity: Minimum detectable effect; None where it is not applicable.
+        sensitivity: Minimum detectable effect; None where rows are identical or nothing was computed.
     """
 
     verdict: Verdict
@@ -123,12 +130,12 @@ def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = 
         return Gate(verdict, reason, bit_identical, shape, seed, protocol, bandwidth, tests, places, effect)
 
     if not x.size:
-        return result("inconclusive", "There is nothing to examine.")
+        return result("inconclusive", NOTHING)
     if rows_agree(x):
         tests = tuple(Outcome(name, 0.0, 1.0, 1.0) for name in STATISTICS)
-        return result("pass", "All rows of every group are identical.", bit_identical=True, tests=tests)
+        return result("pass", IDENTICAL, bit_identical=True, tests=tests)
     if num_groups < protocol.num_folds:
-        return result("inconclusive", f"{num_groups} groups cannot fill {protocol.num_folds} folds.")
+        return result("inconclusive", too_few(num_groups, protocol))
 
     x = dealt(x, protocol.num_folds)
     battery = Battery.of(x, protocol, seed=seed)
@@ -147,6 +154,11 @@ def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = 
 def dealt(features: Array, num_folds: int) -> Array:
     """Groups dealt in turn, so that folds, which are runs, hold every `num_folds`-th of them."""
     return features[np.argsort(np.arange(len(features)) % num_folds, kind="stable")]
+
+
+def too_few(num_groups: int, protocol: Protocol) -> str:
+    """Reason of a gate on fewer groups than folds."""
+    return f"{num_groups} groups cannot fill {protocol.num_folds} folds."
 
 
 def gate_verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdict, str]:

@@ -25,7 +25,9 @@ __all__ = [
     "RANDOM_LABELS",
     "REPLICATES",
     "REPLICATE_PLACES",
+    "TIE",
     "TRAINING",
+    "critical_rank",
     "critical_value",
     "draw",
     "generator",
@@ -94,12 +96,17 @@ def p_value(observed: float, null: Array) -> float:
     return float((1 + np.count_nonzero(null >= observed - TIE * abs(observed))) / (len(null) + 1))
 
 
+def critical_rank(num_permutations: int, alpha: float) -> int:
+    """``k = floor(alpha (B + 1))``: the critical value is the ``k``-th largest of ``B`` permutations."""
+    return int(np.floor(alpha * (num_permutations + 1) * (1 + TIE)))
+
+
 def critical_value(null: Array, alpha: float) -> float:
     """Value that a statistic must exceed for ``p <= alpha``; ``inf`` where no value can.
 
     With ``k = floor(alpha (B + 1))`` it is the ``k``-th largest of the null distribution ``[B]``.
     """
-    rank = int(np.floor(alpha * (len(null) + 1) * (1 + TIE)))
+    rank = critical_rank(len(null), alpha)
     if rank == 0:
         return np.inf
     if rank > len(null):

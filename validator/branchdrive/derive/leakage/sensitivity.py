@@ -15,7 +15,9 @@ Source: this project's choice.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -26,7 +28,7 @@ from branchdrive.derive.leakage.permutation import REPLICATE_PLACES, REPLICATES,
 from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.derive.leakage.table import checked
 
-__all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "sensitivity"]
+__all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "replicate_values", "sensitivity"]
 
 Array = NDArray[np.float64]
 Pattern = Literal["one", "dense"]
@@ -79,8 +81,8 @@ class Sensitivity:
 
 def sensitivity(
     features: ArrayLike, reference: Reference, null: Array, *, protocol: Protocol, seed: int
-) -> Sensitivity | None:
-    """Minimum detectable effect in features ``[groups, actions, features]``; None where no feature has a value to move.
+) -> Sensitivity:
+    """Minimum detectable effect in features ``[groups, actions, features]``; nothing is found where nothing can move.
 
     Args:
         features: As the gate saw them.
@@ -90,18 +92,14 @@ def sensitivity(
         seed: Of the replicates.
     """
     x = checked(features)
-    movable = np.array([c.feature for c in reference.columns if c.kind == "value"], np.intp)
-    if not movable.size:
-        return None
     alpha = protocol.alpha / len(STATISTICS)
     critical = np.array([critical_value(column, alpha) for column in null.T])
-    num_groups, num_actions, _ = x.shape
-    places = np.random.Generator(generator(seed, REPLICATE_PLACES))
+    replicates = _replicates(x, reference, seed)
     found = np.zeros((len(PATTERNS), len(protocol.offsets_sd), protocol.num_replicates, len(STATISTICS)), np.bool_)
     for replicate in range(protocol.num_replicates):
-        rows = draw(replicate, replicate + 1, num_groups, num_actions, seed=seed, stream=REPLICATES)[0]
-        order = places.permutation(movable)
-        action = int(places.integers(num_actions))
+        rows, order, action = next(replicates)
+        if not order.size:
+            break
         for i, pattern in enumerate(PATTERNS):
             for j, offset_sd in enumerate(protocol.offsets_sd):
                 moved = np.take_along_axis(x, rows[:, :, None], axis=1)
@@ -113,6 +111,29 @@ def sensitivity(
         for j, offset_sd in enumerate(protocol.offsets_sd)
     )
     return Sensitivity(alpha, tuple(critical.tolist()), detections)
+
+
+def _replicates(x: Array, reference: Reference, seed: int) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
+    """Of each replicate in turn: the row of each action ``[groups, actions]``, features in order, and an action."""
+    num_groups, num_actions, _ = x.shape
+    movable = np.array([c.feature for c in reference.columns if c.kind == "value"], np.intp)
+    places = np.random.Generator(generator(seed, REPLICATE_PLACES))
+    for replicate in count():
+        rows = draw(replicate, replicate + 1, num_groups, num_actions, seed=seed, stream=REPLICATES)[0]
+        yield rows, places.permutation(movable), int(places.integers(num_actions))
+
+
+def replicate_values(
+    features: ArrayLike, reference: Reference, pattern: Pattern, offset_sd: float, *, seed: int
+) -> Array | None:
+    """Features of the first replicate with an offset ``[groups, actions, features]``; None where none can move."""
+    x = checked(features)
+    rows, order, action = next(_replicates(x, reference, seed))
+    if not order.size:
+        return None
+    moved = np.take_along_axis(x, rows[:, :, None], axis=1)
+    inject(moved, pattern, offset_sd * reference.sd, order, action)
+    return moved
 
 
 def inject(features: Array, pattern: Pattern, offset: Array, order: NDArray[np.intp], action: int) -> None:

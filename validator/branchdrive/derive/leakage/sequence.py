@@ -55,7 +55,7 @@ class SequenceClassifier(Protocol):
 
     @property
     def settings(self) -> Mapping[str, int | float | str]:
-        """What it fixes before it sees data, for the report."""
+        """What it fixes before it sees data, for the report; its `name` is among it."""
 
     def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
         """Fit on `train`, stop by `val`, and score `test`."""
@@ -68,10 +68,13 @@ class Unavailable(NamedTuple):
 
 
 def sequence_classifier() -> SequenceClassifier | Unavailable:
-    """The installed sequence classifier, the first by name where there are several."""
+    """The installed sequence classifier; none is chosen where there are several."""
     found = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
     if not found:
         return Unavailable("no sequence classifier is installed: pip install 'branchdrive[models]'")
+    if len(found) > 1:
+        names = ", ".join(f"`{point.name}`" for point in found)
+        return Unavailable(f"several sequence classifiers are installed: {names}; uninstall all but one")
     try:
         classifier: SequenceClassifier = found[0].load()
     except ImportError as missing:

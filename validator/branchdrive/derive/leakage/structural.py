@@ -1,9 +1,9 @@
-"""Structural leakage: history variables that rank or repeat a target, and identifiers that tell the partition.
+"""Structural leakage: history variables that rank or hold a target, and identifiers that tell the partition.
 
 * A variable ranks a target where its Spearman correlation ``|rho| > 0.98``, over every group and available
   candidate, ties at their mean rank; every row of a history is a variable of its own.
-* A variable repeats a target where it lies within ``1e-6 (1 + |y|)`` of the target of one action in more
-  than half of the groups in which that target is available and differs from 0.
+* A variable holds a target where, for one action, it is an affine function of it at floating-point precision:
+  ``1 - r^2 <= 1e-9`` over the groups in which that target is available, with 10 distinct values of both.
 * Identifiers tell the partition where more neighbours in their sorted order share one than in all but
   ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``. The generator is Philox with the key 0.
 
@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ALPHA", "MAX_CORRELATION", "Telltale", "neighbours_p", "telltales"]
+__all__ = ["ALPHA", "MAX_CORRELATION", "MAX_UNEXPLAINED", "Telltale", "held_targets", "neighbours_p", "ranked_targets"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,11 +29,12 @@ MAX_CORRELATION = 0.98
 ALPHA = 0.001
 """Level at which identifiers tell the partition."""
 
-_MAX_REPEATED = 0.5
-_SAME = 1e-6
+MAX_UNEXPLAINED = 1e-9
+"""Share ``1 - r^2`` of the variance of an affine function that rounding may leave."""
+
 _PERMUTATIONS = 1_999
 _MIN_GROUPS = 10
-"""Groups below which a rank correlation says nothing."""
+"""Groups, or distinct values, below which a correlation says nothing."""
 
 
 class Telltale(NamedTuple):
@@ -44,8 +45,8 @@ class Telltale(NamedTuple):
     how: str
 
 
-def telltales(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
-    """Variables that rank or repeat a target; none are looked for among fewer than ten groups.
+def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
+    """Variables that rank a target; none are looked for among fewer than ten groups.
 
     Args:
         variables: ``[groups, variables]``, finite.
@@ -56,14 +57,41 @@ def telltales(variables: Array, targets: Array, available: Mask) -> list[Telltal
         return []
     found = []
     for target in range(targets.shape[2]):
-        y, there = targets[..., target], available[..., target]
-        rho = _spearman(variables, y, there)
+        rho = _spearman(variables, targets[..., target], available[..., target])
         ranking = np.flatnonzero(np.abs(rho) > MAX_CORRELATION).tolist()
         found += [Telltale(v, target, f"a rank correlation of {rho[v]:.3f}") for v in ranking]
-        share = _repeated_share(variables, y, there)
-        repeating = np.flatnonzero(share > _MAX_REPEATED).tolist()
-        found += [Telltale(v, target, f"its value in {100 * share[v]:.0f} % of the groups") for v in repeating]
     return found
+
+
+def held_targets(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
+    """Variables that are an affine function of a target of one action, each target once.
+
+    Args:
+        variables: ``[groups, variables]``, finite.
+        targets: ``[groups, actions, targets]``; any value where not available.
+        available: ``[groups, actions, targets]``.
+    """
+    found: dict[tuple[int, int], Telltale] = {}
+    for target in range(targets.shape[2]):
+        for action in range(targets.shape[1]):
+            there = available[:, action, target]
+            for v in np.flatnonzero(_is_affine(variables[there], targets[there, action, target])).tolist():
+                found.setdefault((target, v), Telltale(v, target, f"an affine function, at action {action},"))
+    return list(found.values())
+
+
+def _is_affine(variables: Array, y: Array) -> Mask:
+    """Whether a variable is an affine function of ``y`` ``[groups]``, for each ``[variables]``."""
+    affine = np.zeros(variables.shape[1], np.bool_)
+    if len(np.unique(y)) < _MIN_GROUPS:
+        return affine
+    centred, signed = variables - variables.mean(axis=0), y - y.mean()
+    spread = np.square(centred).sum(axis=0) * np.square(signed).sum()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = 1 - np.square(centred.T @ signed) / spread
+    near = np.flatnonzero(left <= MAX_UNEXPLAINED)
+    affine[near] = [len(np.unique(variables[:, v])) >= _MIN_GROUPS for v in near.tolist()]
+    return affine
 
 
 def _spearman(variables: Array, y: Array, there: Mask) -> Array:
@@ -92,18 +120,6 @@ def _mean_ranks(values: Array, weight: Array) -> Array:
     _, place = np.unique(values, return_inverse=True)
     mass = np.bincount(place, weights=weight)
     return np.asarray((np.cumsum(mass) - mass + (mass + 1) / 2)[place])
-
-
-def _repeated_share(variables: Array, y: Array, there: Mask) -> Array:
-    """Largest share over the actions of the groups whose variable is the target, ``[variables]``."""
-    share = np.zeros(variables.shape[1])
-    for action in range(y.shape[1]):
-        rows = np.flatnonzero(there[:, action] & (y[:, action] != 0))
-        if len(rows) >= _MIN_GROUPS:
-            wanted = y[rows, action][:, None]
-            same = np.abs(variables[rows] - wanted) <= _SAME * (1 + np.abs(wanted))
-            share = np.maximum(share, same.mean(axis=0))
-    return share
 
 
 def neighbours_p(homes: Sequence[str]) -> float:

@@ -1,8 +1,9 @@
-"""What an auditor checks of a leakage document without repeating its permutations.
+"""What an auditor checks of a leakage document.
 
 From the document alone: verdict and adjusted p-values of the gate, and statuses of the battery, follow from
-its numbers. From inputs that were recomputed: digest, counts and names agree, and the observed statistics and
-places of the gate come out again. Every document here conforms to `schemas/v0.1/leakage.schema.json`.
+its numbers. From inputs that were recomputed: digest, counts and names agree, the observed statistics and
+places of the gate come out again, with p-values that fit permutations drawn again, and so do the scores of
+regressions. Every document here conforms to `schemas/v0.1/leakage.schema.json`.
 
 Source: this project's choice.
 """
@@ -11,18 +12,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.derive.leakage.agreement import rows_agree
 from branchdrive.derive.leakage.audit import AuditProtocol, described_inputs
 from branchdrive.derive.leakage.battery import Battery
-from branchdrive.derive.leakage.gate import Outcome, dealt, gate_verdict, strongest_places
+from branchdrive.derive.leakage.difference import REL, Difference, compared
+from branchdrive.derive.leakage.gate import (
+    IDENTICAL,
+    NOTHING,
+    Outcome,
+    dealt,
+    gate_verdict,
+    strongest_places,
+    too_few,
+)
 from branchdrive.derive.leakage.gate_input import CONTROL_SPANS, gate_features
 from branchdrive.derive.leakage.holm import holm
 from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.parity_protocol import ParityProtocol
+from branchdrive.derive.leakage.parity import PARTITIONS
+from branchdrive.derive.leakage.parity_protocol import SEQUENCE_TESTS, ParityProtocol
+from branchdrive.derive.leakage.permutation import critical_rank
 from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.derive.leakage.redraw import redrawn_differences
+from branchdrive.derive.leakage.rescore import rescored_differences
 from branchdrive.derive.leakage.sensitivity import PATTERNS, Detection, Sensitivity
 from branchdrive.derive.leakage.status import judged_battery
 
@@ -32,7 +46,9 @@ __all__ = [
     "count_differences",
     "gate_differences",
     "input_differences",
+    "protocol_differences",
     "protocol_of",
+    "score_differences",
     "statistic_differences",
 ]
 
@@ -42,22 +58,6 @@ _PLACES = {
     "controls": len(CONTROL_SPANS),
     "availability": 1,
 }
-_REL = 1e-6
-_ABS = 1e-9
-
-
-class Difference(NamedTuple):
-    """One place where a document says something else than what follows.
-
-    Attributes:
-        pointer: JSON pointer of the place.
-        expected: What follows.
-        found: What the document says.
-    """
-
-    pointer: str
-    expected: Any
-    found: Any
 
 
 def protocol_of(document: Mapping[str, Any]) -> AuditProtocol:
@@ -76,9 +76,20 @@ def _with_whole_counts(numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {name: int(value) if name.startswith("num_") else value for name, value in numbers.items()}
 
 
+def protocol_differences(document: Mapping[str, Any]) -> list[Difference]:
+    """Numbers of the protocol against those of the specification, exactly."""
+    said = document["protocol"]
+    return [
+        Difference(f"/protocol/{part}/{name}", value, said[part][name])
+        for part, numbers in AuditProtocol().as_json().items()
+        for name, value in numbers.items()
+        if said[part][name] != value
+    ]
+
+
 def input_differences(document: Mapping[str, Any], inputs: ReplayInputs) -> list[Difference]:
     """Digest, counts and names against recomputed inputs."""
-    return list(_compared("/inputs", described_inputs(inputs), document["inputs"]))
+    return list(compared("/inputs", described_inputs(inputs), document["inputs"]))
 
 
 def count_differences(document: Mapping[str, Any]) -> list[Difference]:
@@ -86,25 +97,25 @@ def count_differences(document: Mapping[str, Any]) -> list[Difference]:
     said = document["inputs"]
     num_interventions = len(said["action_keys"]) - 1
     num_groups = sum(said["num_groups"].values())
-    found = list(_compared("/gate/shape/groups", num_groups, document["gate"]["shape"]["groups"]))
-    found += _compared("/gate/shape/actions", num_interventions, document["gate"]["shape"]["actions"])
+    found = list(compared("/gate/shape/groups", num_groups, document["gate"]["shape"]["groups"]))
+    found += compared("/gate/shape/actions", num_interventions, document["gate"]["shape"]["actions"])
     expected = [
         (num_interventions + 1, said["num_nominal_replays"]),
         (num_interventions, said["num_groups"]),
     ]
     for index, (way, (num_actions, counts)) in enumerate(zip(document["battery"]["ways"], expected, strict=True)):
         place = f"/battery/ways/{index}"
-        found += _compared(f"{place}/name", f"{num_actions}-way", way["name"])
-        found += _compared(f"{place}/num_actions", num_actions, way["num_actions"])
+        found += compared(f"{place}/name", f"{num_actions}-way", way["name"])
+        found += compared(f"{place}/num_actions", num_actions, way["num_actions"])
         used = {name: counts.get(name, 0) for name in way["num_groups"]}
-        found += _compared(f"{place}/num_groups", used, way["num_groups"])
+        found += compared(f"{place}/num_groups", used, way["num_groups"])
     num_features = sum(len(said["variables"][source]) * count for source, count in _PLACES.items())
-    found += _compared("/gate/shape/features", num_features, document["gate"]["shape"]["features"])
+    found += compared("/gate/shape/features", num_features, document["gate"]["shape"]["features"])
     return found
 
 
 def statistic_differences(document: Mapping[str, Any], inputs: ReplayInputs) -> list[Difference]:
-    """Observed statistics, bandwidth and places of the gate against those of recomputed inputs.
+    """Statistics, bandwidth, places, p-values and effect size of the gate against those of recomputed inputs.
 
     Raises:
         ValueError: The protocol of the document is out of range.
@@ -113,17 +124,23 @@ def statistic_differences(document: Mapping[str, Any], inputs: ReplayInputs) -> 
     x, columns = gate_features(inputs)
     if not x.size or len(x) < protocol.num_folds or rows_agree(x):
         expected: dict[str, Any] = {"bit_identical": bool(x.size) and rows_agree(x), "bandwidth": None, "places": []}
-        return list(_compared("/gate", expected, {name: gate[name] for name in expected}))
-    battery = Battery.of(dealt(x, protocol.num_folds), protocol, seed=int(document["seed"]))
-    found = list(_compared("/gate/bit_identical", False, gate["bit_identical"]))
-    found += _compared("/gate/bandwidth", battery.reference.bandwidth, gate["bandwidth"])
+        found = list(compared("/gate", expected, {name: gate[name] for name in expected}))
+        num_tests = len(STATISTICS) if expected["bit_identical"] else 0
+        return found + list(compared("/gate/tests", num_tests, len(gate["tests"])))
+    if not gate["tests"]:
+        return [Difference("/gate/tests", list(STATISTICS), [])]
+    x = dealt(x, protocol.num_folds)
+    battery = Battery.of(x, protocol, seed=int(document["seed"]))
+    found = list(compared("/gate/bit_identical", False, gate["bit_identical"]))
+    found += compared("/gate/bandwidth", battery.reference.bandwidth, gate["bandwidth"])
     said = [{name: test[name] for name in ("name", "observed")} for test in gate["tests"]]
     observed = [
         {"name": name, "observed": value} for name, value in zip(STATISTICS, battery.observed().tolist(), strict=True)
     ]
-    found += _compared("/gate/tests", observed, said)
+    found += compared("/gate/tests", observed, said)
     keys = [inputs.action_keys[index] for index in inputs.interventions]
     empty = battery.table.values[:0, 0, 0]
+    strongest = strongest_places(battery, empty, protocol.num_named)
     places = [
         {
             "source": columns[place.feature].source,
@@ -134,10 +151,20 @@ def statistic_differences(document: Mapping[str, Any], inputs: ReplayInputs) -> 
             "t": place.t,
             "difference": place.difference,
         }
-        for place in strongest_places(battery, empty, protocol.num_named)
+        for place in strongest
     ]
     named = [{name: value for name, value in place.items() if name != "p"} for place in gate["places"]]
-    return found + list(_compared("/gate/places", places, named))
+    found += compared("/gate/places", places, named)
+    return found + redrawn_differences(gate, x, battery, strongest, protocol, int(document["seed"]))
+
+
+def score_differences(document: Mapping[str, Any], inputs: ReplayInputs) -> list[Difference]:
+    """Scores of controls and regressions of the battery against those of recomputed inputs.
+
+    Raises:
+        ValueError: The protocol of the document is out of range.
+    """
+    return rescored_differences(document["battery"], inputs, protocol_of(document).parity, int(document["seed"]))
 
 
 def gate_differences(document: Mapping[str, Any]) -> list[Difference]:
@@ -148,40 +175,69 @@ def gate_differences(document: Mapping[str, Any]) -> list[Difference]:
     """
     gate, protocol = document["gate"], protocol_of(document).gate
     tests = gate["tests"]
+    found: list[Difference] = []
+    for index, place in enumerate(gate["places"]):
+        found += _attainable(f"/gate/places/{index}/p", place["p"], protocol.num_permutations)
     if not tests:
-        return list(_compared("/gate/verdict", "inconclusive", gate["verdict"]))
-    found = list(_compared("/gate/tests", list(STATISTICS), [test["name"] for test in tests]))
+        shape = gate["shape"]
+        if all(shape.values()) and shape["groups"] >= protocol.num_folds:
+            found += compared("/gate/tests", list(STATISTICS), [])
+        else:
+            reason = too_few(shape["groups"], protocol) if all(shape.values()) else NOTHING
+            found += compared("/gate/reason", reason, gate["reason"])
+        found += compared("/gate/minimum_detectable_effect", None, gate["minimum_detectable_effect"])
+        return found + list(compared("/gate/verdict", "inconclusive", gate["verdict"]))
+    found += compared("/gate/tests", list(STATISTICS), [test["name"] for test in tests])
     adjusted = holm([test["p"] for test in tests]).tolist()
     for index, (test, p) in enumerate(zip(tests, adjusted, strict=True)):
         if gate["bit_identical"]:
-            found += _compared(f"/gate/tests/{index}/p", 1.0, test["p"])
+            found += compared(f"/gate/tests/{index}/p", 1.0, test["p"])
         else:
             found += _attainable(f"/gate/tests/{index}/p", test["p"], protocol.num_permutations)
-        found += _compared(f"/gate/tests/{index}/p_adjusted", p, test["p_adjusted"])
+        found += compared(f"/gate/tests/{index}/p_adjusted", p, test["p_adjusted"])
     outcomes = tuple(Outcome(t["name"], t["observed"], t["p"], p) for t, p in zip(tests, adjusted, strict=True))
-    verdict, reason = ("pass", gate["reason"]) if gate["bit_identical"] else gate_verdict(outcomes, protocol)
-    found += _compared("/gate/verdict", verdict, gate["verdict"])
-    found += _compared("/gate/reason", reason, gate["reason"])
+    verdict, reason = ("pass", IDENTICAL) if gate["bit_identical"] else gate_verdict(outcomes, protocol)
+    found += compared("/gate/verdict", verdict, gate["verdict"])
+    found += compared("/gate/reason", reason, gate["reason"])
     return found + list(_effect_differences(gate, protocol))
 
 
 def _effect_differences(gate: Mapping[str, Any], protocol: Protocol) -> Iterator[Difference]:
     """Minimum detectable effect against its detections, and critical values against the p-values."""
     said, pointer = gate["minimum_detectable_effect"], "/gate/minimum_detectable_effect"
+    if gate["bit_identical"]:
+        yield from compared(pointer, None, said)
+        return
     if said is None:
+        yield Difference(pointer, "an effect size, since rows differ", said)
         return
     detections = tuple(Detection(**{**found, "shares": tuple(found["shares"])}) for found in said["detections"])
     effect = Sensitivity(protocol.alpha / len(STATISTICS), (), detections)
-    yield from _compared(f"{pointer}/alpha", effect.alpha, said["alpha"])
+    yield from compared(f"{pointer}/alpha", effect.alpha, said["alpha"])
     expected = [[pattern, offset_sd] for pattern in PATTERNS for offset_sd in protocol.offsets_sd]
-    yield from _compared(f"{pointer}/detections", expected, [[d.pattern, d.offset_sd] for d in detections])
+    yield from compared(f"{pointer}/detections", expected, [[d.pattern, d.offset_sd] for d in detections])
     smallest = {pattern: effect.smallest_sd(pattern) for pattern in PATTERNS}
-    yield from _compared(f"{pointer}/smallest_sd", smallest, said["smallest_sd"])
+    yield from compared(f"{pointer}/smallest_sd", smallest, said["smallest_sd"])
+    for index, detection in enumerate(detections):
+        yield from _share_differences(f"{pointer}/detections/{index}", detection, protocol.num_replicates)
+    is_finite = 1 <= critical_rank(protocol.num_permutations, effect.alpha) <= protocol.num_permutations
     for index, (test, critical) in enumerate(zip(gate["tests"], said["critical"], strict=False)):
+        if is_finite != (critical is not None):
+            yield Difference(f"{pointer}/critical/{index}", "a number" if is_finite else None, critical)
+            continue
         beyond = critical is not None and test["observed"] > critical
-        tied = critical is not None and math.isclose(test["observed"], critical, rel_tol=_REL)
-        if not tied and beyond != (test["p"] <= effect.alpha * (1 + _REL)):
+        tied = critical is not None and math.isclose(test["observed"], critical, rel_tol=REL)
+        if not tied and beyond != (test["p"] <= effect.alpha * (1 + REL)):
             yield Difference(f"{pointer}/critical/{index}", f"p {test['p']!r} of {test['observed']!r}", critical)
+
+
+def _share_differences(pointer: str, found: Detection, num_replicates: int) -> Iterator[Difference]:
+    """Shares are of whole replicates, and the gate finds what a statistic finds, and no more."""
+    for name, share in (*((f"shares/{i}", s) for i, s in enumerate(found.shares)), ("gate_share", found.gate_share)):
+        yield from compared(f"{pointer}/{name}", round(share * num_replicates) / num_replicates, share)
+    least, most = max(found.shares), min(1.0, sum(found.shares))
+    if not least - REL <= found.gate_share <= most + REL:
+        yield Difference(f"{pointer}/gate_share", f"{least:g} .. {most:g}", found.gate_share)
 
 
 def battery_differences(document: Mapping[str, Any]) -> list[Difference]:
@@ -193,41 +249,50 @@ def battery_differences(document: Mapping[str, Any]) -> list[Difference]:
     battery, protocol = document["battery"], protocol_of(document).parity
     found: list[Difference] = []
     missing = []
+    has_classifier = document["protocol"]["sequence_classifier"] is not None
     for index, way in enumerate(battery["ways"]):
         for kind in ("controls", "tests"):
             for place, result in enumerate(way[kind]):
                 pointer, score = f"/battery/ways/{index}/{kind}/{place}/score", result["score"]
+                found += _run_differences(pointer, way, result, has_classifier)
                 if score is None:
                     missing.append({"test": f"{way['name']}/{result['name']}", "reason": result["reason"]})
-                elif score["identical"]:
+                    continue
+                found += _range_differences(pointer, score)
+                if score["identical"]:
                     at_chance = {"accuracy": 1 / way["num_actions"], "p_accuracy": 1.0, "p_log_likelihood": 1.0}
-                    found += _compared(pointer, at_chance, {name: score[name] for name in at_chance})
+                    found += compared(pointer, at_chance, {name: score[name] for name in at_chance})
                 else:
                     for name in ("p_accuracy", "p_log_likelihood"):
                         found += _attainable(f"{pointer}/{name}", score[name], protocol.num_permutations)
-    found += _compared("/not_run", missing, document["not_run"])
+    found += compared("/not_run", missing, document["not_run"])
     follows = judged_battery(battery["ways"], protocol)
-    return found + list(_compared("/battery", follows, battery))
+    return found + list(compared("/battery", follows, battery))
+
+
+def _run_differences(
+    pointer: str, way: Mapping[str, Any], result: Mapping[str, Any], has_classifier: bool
+) -> Iterator[Difference]:
+    """A part runs where its partitions have groups and, if it is recurrent, there is a classifier; else it cannot."""
+    is_recurrent = result["name"] in SEQUENCE_TESTS
+    needed = PARTITIONS if is_recurrent else ("train", "test")
+    can_run = all(way["num_groups"].get(name, 0) for name in needed) and (has_classifier or not is_recurrent)
+    if can_run != (result["score"] is not None):
+        yield Difference(pointer, "a score" if can_run else None, result["score"])
+
+
+def _range_differences(pointer: str, score: Mapping[str, Any]) -> Iterator[Difference]:
+    """An accuracy is within its interval, which ascends, and a log-likelihood is at most 0."""
+    low, high = score["accuracy_interval"]
+    if not low - REL <= score["accuracy"] <= high + REL:
+        yield Difference(f"{pointer}/accuracy", f"{low!r} .. {high!r}", score["accuracy"])
+    if score["log_likelihood"] > 0:
+        yield Difference(f"{pointer}/log_likelihood", "at most 0", score["log_likelihood"])
 
 
 def _attainable(pointer: str, p: float, num_permutations: int) -> Iterator[Difference]:
     """A p-value of `num_permutations` permutations is a whole number of shares."""
     count = p * (num_permutations + 1)
     whole = max(1, round(count))
-    if abs(count - whole) > _REL:
+    if abs(count - whole) > REL:
         yield Difference(pointer, whole / (num_permutations + 1), p)
-
-
-def _compared(pointer: str, expected: Any, found: Any) -> Iterator[Difference]:
-    """Differences of two JSON values, numbers to a relative 1e-6."""
-    if isinstance(expected, Mapping) and isinstance(found, Mapping) and expected.keys() == found.keys():
-        for key in expected:
-            yield from _compared(f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}", expected[key], found[key])
-    elif isinstance(expected, list) and isinstance(found, list) and len(expected) == len(found):
-        for index, (one, other) in enumerate(zip(expected, found, strict=True)):
-            yield from _compared(f"{pointer}/{index}", one, other)
-    elif isinstance(expected, float) and type(found) in (int, float):
-        if not math.isclose(expected, found, rel_tol=_REL, abs_tol=_ABS):
-            yield Difference(pointer, expected, found)
-    elif expected != found:
-        yield Difference(pointer, expected, found)

@@ -9,6 +9,7 @@ from tests.validator.audit.rules.release import SPLIT, ReleaseDraft
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
+from branchdrive.derive.layer.model import duplicates_among
 from branchdrive.derive.layer.normalisation import normalisation_document
 from branchdrive.derive.layer.partition import assignment_of
 
@@ -42,18 +43,35 @@ def copy_history(d: ReleaseDraft, group: str, model: str) -> None:
         d.put(table, frame)
 
 
+def bring_near(d: ReleaseDraft, group: str, model: str, share: float) -> None:
+    """Bring the history of a group to a share of the threshold of near duplicates before that of another."""
+    contexts = d.frame("contexts")
+    homes = dict(zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True))
+    assert "train" not in (homes[group], homes[model])
+    copy_history(d, group, model)
+    threshold = duplicates_among(d.frame("state"), d.frame("past_controls"), sorted(homes), homes).threshold
+    (entry,) = (e for e in d.documents[NORMALISATION]["state"] if e["feature"] == "route_offset_m")
+    step = share * threshold * entry["scale"]
+    d.set("state", "route_offset_m", lambda value: value + step, group_id=group, offset_ticks=0)
+
+
 # Limits
 
 
 @boundary("BD-MOD-018")
 def scalings_of_another_machine(d: ReleaseDraft) -> None:
     for entry in d.documents[NORMALISATION]["state"]:
-        entry["offset"], entry["scale"] = within(entry["offset"], 5e-4), within(entry["scale"], 5e-4)
+        entry["offset"], entry["scale"] = within(entry["offset"]), within(entry["scale"])
 
 
 @boundary("BD-MOD-020", base="alone")
 def near_duplicates_inside_a_partition(d: ReleaseDraft) -> None:
     copy_history(d, "g13", TEST)
+
+
+@boundary("BD-MOD-020", base="alone")
+def distance_just_below_the_threshold(d: ReleaseDraft) -> None:
+    bring_near(d, VAL, TEST, 1 - 1e-10)
 
 
 # BD-MOD-017: features
@@ -114,6 +132,11 @@ def context_that_repeats_a_training_context(d: ReleaseDraft) -> None:
 @mutant("BD-MOD-020", at={"table": "contexts", "group_id": VAL}, base="alone", findings=2)
 def validation_context_that_repeats_a_test_context(d: ReleaseDraft) -> None:
     copy_history(d, VAL, TEST)
+
+
+@mutant("BD-MOD-020", at={"table": "contexts", "group_id": VAL}, base="alone", findings=2)
+def distance_below_the_threshold_by_more_than_last_bits(d: ReleaseDraft) -> None:
+    bring_near(d, VAL, TEST, 1 - 1e-6)
 
 
 @mutant("BD-MOD-020", at={"table": "contexts", "group_id": NEAR_DUPLICATE[1]}, base="alone", findings=2)

@@ -103,7 +103,26 @@ def training_noise_overstated(d: ReleaseDraft) -> None:
     d.reseal("thresholds")
 
 
+@mutant("BD-FID-003", at={"table": "pairs", "rollout_id": "g18.brake_0.50.a1", "column": "tick_offset"})
+def group_dropped_by_a_millionth_of_a_tick(d: ReleaseDraft) -> None:
+    d.set("pairs", "tick_offset", 9e-10, rollout_id="g18.brake_0.50.a1")
+    d.reseal("passes")
+    assert not d.value("group_quality", "core_valid", group_id="g18")
+
+
+@mutant("BD-FID-003", at={"table": "pairs", **REPLAY, "column": "position_m"})
+def position_just_outside_of_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("pairs", "position_m", lambda value: value + 1.1e-9 * (1 + value), **REPLAY)
+
+
 # BD-FID-004
+
+
+@mutant("BD-FID-004", at={"table": "pairs", "rollout_id": "g18.brake_0.50.a1", "column": "actor_count_share"})
+def group_dropped_by_the_share_of_nobody(d: ReleaseDraft) -> None:
+    d.set("pairs", "actor_count_share", 9e-10, rollout_id="g18.brake_0.50.a1")
+    d.reseal("passes")
+    assert not d.value("group_quality", "extended_valid", group_id="g18")
 
 
 @mutant("BD-FID-004", at={"table": "pairs", "rollout_id": f"{MOVED}.accelerate_0.80.a1", "column": "vehicle_gap_m"})
@@ -190,6 +209,14 @@ def failing_pairs_waved_through(d: ReleaseDraft) -> None:
     d.reseal("validity")
 
 
+@mutant("BD-FID-007", at={"table": "pairs", "rollout_id": "g18.brake_0.50.a1", "column": "core_pass"})
+def group_dropped_within_the_tolerance(d: ReleaseDraft) -> None:
+    """No replay differs in its brake, so the threshold is 0 and the last bits of one discrepancy fail a group."""
+    d.set("pairs", "brake", 9e-10, rollout_id="g18.brake_0.50.a1")
+    d.reseal("passes")
+    assert not d.value("group_quality", "core_valid", group_id="g18")
+
+
 # BD-FID-008
 
 
@@ -249,19 +276,19 @@ def _digests(d: ReleaseDraft) -> dict[str, str]:
     return {"split_digest": d.documents[SPLIT]["digest"], "thresholds_digest": d.digest(THRESHOLDS)}
 
 
-@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries/1/event"})
+@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
 def ledger_without_the_opening_of_test(d: ReleaseDraft) -> None:
     d.documents[LEDGER]["entries"].pop()
     d.reseal("card")
 
 
-@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries/2/thresholds_digest"})
+@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
 def ledger_of_other_thresholds(d: ReleaseDraft) -> None:
     d.documents[LEDGER] = opened(None, **{**_digests(d), "thresholds_digest": "0" * 64})
     d.reseal("card")
 
 
-@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries/2/split_digest"})
+@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
 def ledger_of_another_split(d: ReleaseDraft) -> None:
     d.documents[LEDGER] = opened(None, **{**_digests(d), "split_digest": "0" * 64})
     d.reseal("card")

@@ -166,9 +166,14 @@ def privileged_column_called_a_sensor(d: ReleaseDraft) -> None:
     d.map_table("surroundings", lambda rows: _with_metadata(rows, "separation_m", track="sensor"), folder="model")
 
 
-@boundary("BD-LYR-004")
-def further_metadata(d: ReleaseDraft) -> None:
-    d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", note="from the nominal"), folder="model")
+@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"})
+def outcomes_in_the_metadata_of_a_column(d: ReleaseDraft) -> None:
+    d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", note="12.5 11.0 3.4"), folder="model")
+
+
+@mutant("BD-LYR-004", at={"file": STATE})
+def outcomes_in_the_metadata_of_a_file(d: ReleaseDraft) -> None:
+    d.map_table("state", lambda rows: rows.replace_schema_metadata({"outcomes": "12.5 11.0 3.4"}), folder="model")
 
 
 # BD-LYR-005

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,16 +12,34 @@ from tests.validator.audit.rules.release import LEAKAGE, ReleaseDraft
 
 from branchdrive.derive.leakage.gate import Outcome, gate_verdict
 from branchdrive.derive.leakage.holm import holm
+from branchdrive.derive.leakage.sensitivity import PATTERNS
+from branchdrive.derive.leakage.status import judged_battery
 from branchdrive.derive.leakage.verify import protocol_of
 
-ALL = tuple(f"BD-LKG-{number:03d}" for number in range(1, 10))
-AUDITED = ALL[:7]
+ALL = tuple(f"BD-LKG-{number:03d}" for number in range(1, 13))
+AUDITED = (*ALL[:7], *ALL[10:])
 """Rules on the document of the audit."""
+
+NEED_RAW = ("BD-LKG-002", "BD-LKG-003", "BD-LKG-006", "BD-LKG-012")
 
 
 def audit(d: ReleaseDraft) -> dict[str, Any]:
     """The document of the audit."""
     return d.documents[LEAKAGE]
+
+
+def hide(d: ReleaseDraft, hidden: Callable[[int, float], float], told: float | None = None) -> None:
+    """Make the speed limit at the branch a function of the rank of a group and of its mean jerk when it brakes.
+
+    With `told` given, that target becomes `told` times the speed limit.
+    """
+    for rank, group in enumerate(d.frame("contexts")["group_id"].tolist()):
+        where = {"group_id": group, "action_key": "brake_0.50"}
+        limit = hidden(rank, d.value("scalars", "mean_jerk_mps3", **where))
+        d.set("state", "speed_limit_mps", limit, group_id=group, offset_ticks=0)
+        if told is not None:
+            d.set("scalars", "mean_jerk_mps3", told * limit, **where)
+    renormalise(d)
 
 
 def way(d: ReleaseDraft, index: int) -> dict[str, Any]:
@@ -45,15 +64,40 @@ def conclude(d: ReleaseDraft, p_values: list[float]) -> None:
 
 def fail(d: ReleaseDraft) -> None:
     """Let one statistic of the gate be beyond every permutation."""
-    conclude(d, [1 / 5000, 0.5, 0.25, 0.75])
+    conclude(d, [1 / 10_000, 0.5, 0.25, 0.75])
     assert audit(d)["gate"]["verdict"] == "fail"
 
 
-def leave_open(d: ReleaseDraft) -> None:
-    """Let the permutations be too few for the gate to fail."""
-    audit(d)["protocol"]["gate"]["num_permutations"] = 99
-    conclude(d, [0.01, 0.5, 0.25, 0.75])
-    assert audit(d)["gate"]["verdict"] == "inconclusive"
+def state(d: ReleaseDraft, p_values: list[float]) -> None:
+    """Give the gate these p-values and the verdict that follows, and leave the effect size as it is."""
+    effect = audit(d)["gate"]["minimum_detectable_effect"]
+    kept = list(effect["critical"])
+    conclude(d, p_values)
+    effect["critical"] = kept
+    d.reseal("card")
+
+
+def judge(d: ReleaseDraft) -> None:
+    """Give the battery the statuses that follow from its scores."""
+    battery = audit(d)["battery"]
+    audit(d)["battery"] = judged_battery(battery["ways"], protocol_of(audit(d)).parity)
+    audit(d)["not_run"] = [
+        {"test": f"{way['name']}/{result['name']}", "reason": result["reason"]}
+        for way in battery["ways"]
+        for kind in ("controls", "tests")
+        for result in way[kind]
+        if result["score"] is None
+    ]
+    d.reseal("card")
+
+
+def claim_effect(d: ReleaseDraft) -> None:
+    """Claim that every offset was found."""
+    effect = audit(d)["gate"]["minimum_detectable_effect"]
+    for found in effect["detections"]:
+        found.update(shares=[1.0] * 4, gate_share=1.0)
+    effect["smallest_sd"] = dict.fromkeys(PATTERNS, 0.1)
+    d.reseal("card")
 
 
 # Limits
@@ -70,12 +114,12 @@ def release_without_an_audit(d: ReleaseDraft) -> None:
     d.reseal("card")
 
 
-@boundary("BD-LKG-002", "BD-LKG-003", "BD-LKG-006", base="alone", status="skipped")
+@boundary("BD-LKG-002", "BD-LKG-003", "BD-LKG-006", "BD-LKG-012", base="alone", status="skipped")
 def audit_while_raw_is_not_at_hand(d: ReleaseDraft) -> None:
     assert d.raw is None
 
 
-@boundary("BD-LKG-001", "BD-LKG-004", "BD-LKG-005", "BD-LKG-007", "BD-LKG-008", "BD-LKG-009", base="alone")
+@boundary(*(rule for rule in ALL if rule not in NEED_RAW), base="alone")
 def audit_judged_without_raw(d: ReleaseDraft) -> None:
     assert d.raw is None
 
@@ -88,9 +132,9 @@ def statistics_of_another_machine(d: ReleaseDraft) -> None:
     gate["bandwidth"] *= 1 + 5e-7
 
 
-@boundary("BD-LKG-004", "BD-LKG-007")
+@boundary("BD-LKG-004", "BD-LKG-007", base="alone")
 def gate_that_nearly_fails(d: ReleaseDraft) -> None:
-    conclude(d, [2 / 5000, 0.5, 0.25, 0.75])
+    conclude(d, [3 / 10_000, 0.5, 0.25, 0.75])
     assert audit(d)["gate"]["verdict"] == "pass"
     d.reseal("card")
 
@@ -101,7 +145,33 @@ def battery_with_tests_that_did_not_run(d: ReleaseDraft) -> None:
     assert {test["status"] for test in way(d, 0)["tests"]} == {"pass", "inconclusive", "not_run"}
 
 
-@boundary("BD-LKG-009", base="alone")
+@boundary("BD-LKG-003", "BD-LKG-004")
+def p_values_of_one_permutation_more(d: ReleaseDraft) -> None:
+    state(d, [test["p"] + 1 / 10_000 for test in audit(d)["gate"]["tests"]])
+
+
+@boundary("BD-LKG-005", "BD-LKG-011", base="alone")
+def recurrent_tests_of_a_classifier(d: ReleaseDraft) -> None:
+    """A classifier is named, and ran in all recurrent tests."""
+    audit(d)["protocol"]["sequence_classifier"] = {"name": "gru"}
+    for index in range(2):
+        model, *others = way(d, index)["tests"][1:]
+        for other in others:
+            other.update(score=dict(model["score"]), training={"num_epochs": 3, "best_epoch": 1})
+    judge(d)
+
+
+@boundary("BD-LKG-010", base="alone")
+def variable_that_is_nearly_a_target(d: ReleaseDraft) -> None:
+    hide(d, lambda rank, told: told * (1 + (-1) ** rank * 1e-3))
+
+
+@boundary("BD-LKG-010", base="alone")
+def target_of_nine_values(d: ReleaseDraft) -> None:
+    hide(d, lambda rank, told: 10.0 + rank % 9, 0.5)
+
+
+@boundary("BD-LKG-010", base="alone")
 def target_in_the_history_of_fewer_than_half_of_the_groups(d: ReleaseDraft) -> None:
     for group in d.frame("contexts")["group_id"].tolist()[:7]:
         told = d.value("scalars", "mean_jerk_mps3", group_id=group, action_key="brake_0.50")
@@ -169,21 +239,106 @@ def strongest_place_named_elsewhere(d: ReleaseDraft) -> None:
     audit(d)["gate"]["places"][0]["action"] = "accelerate_0.30"
 
 
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/tests/0/p"}, findings=4)
+def p_values_of_one_everywhere(d: ReleaseDraft) -> None:
+    state(d, [1.0] * 4)
+
+
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/tests/3/p"})
+def p_value_of_other_permutations(d: ReleaseDraft) -> None:
+    state(d, [*(test["p"] for test in audit(d)["gate"]["tests"][:3]), 0.75])
+
+
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/places/0/p"})
+def place_made_remarkable(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["places"][0]["p"] = 0.01
+
+
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/1"}, findings=2)
+def critical_value_that_many_exceed(d: ReleaseDraft) -> None:
+    gate = audit(d)["gate"]
+    gate["minimum_detectable_effect"]["critical"][1] = gate["tests"][1]["observed"] + 0.001
+
+
+@mutant(
+    "BD-LKG-003",
+    at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/0/gate_share"},
+    findings=10,
+)
+def offsets_found_that_were_missed(d: ReleaseDraft) -> None:
+    claim_effect(d)
+
+
+@mutant(
+    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/4/shares/3"}, findings=10
+)
+def offsets_found_beyond_any_statistic(d: ReleaseDraft) -> None:
+    claim_effect(d)
+    audit(d)["gate"]["minimum_detectable_effect"]["critical"] = [1e6] * 4
+
+
+@mutant(
+    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/7/gate_share"}, findings=3
+)
+def offset_missed_that_is_found(d: ReleaseDraft) -> None:
+    effect = audit(d)["gate"]["minimum_detectable_effect"]
+    for found in effect["detections"]:
+        found.update(shares=[0.0] * 4, gate_share=0.0)
+    effect["smallest_sd"] = dict.fromkeys(PATTERNS)
+    d.reseal("card")
+
+
 # BD-LKG-004: the gate's verdict
 
 
-@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/verdict"})
+@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/verdict"}, base="alone")
 def failed_gate_called_passed(d: ReleaseDraft) -> None:
     fail(d)
     audit(d)["gate"]["verdict"] = "pass"
     d.reseal("card")
 
 
-@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/verdict"})
+@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/verdict"}, base="alone", findings=2)
 def inconclusive_gate_called_passed(d: ReleaseDraft) -> None:
-    leave_open(d)
-    audit(d)["gate"]["verdict"] = "pass"
+    audit(d)["gate"].update(tests=[], places=[], bandwidth=None, minimum_detectable_effect=None)
     d.reseal("card")
+
+
+@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/reason"})
+def reason_of_somebody_s_own(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["reason"] = "Nothing leaks."
+    d.reseal("card")
+
+
+@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect"})
+def gate_without_an_effect_size(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["minimum_detectable_effect"] = None
+    d.reseal("card")
+
+
+@mutant(
+    "BD-LKG-004",
+    at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/0"},
+    findings=4,
+    base="alone",
+)
+def critical_values_kept_to_oneself(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["minimum_detectable_effect"]["critical"] = [None] * 4
+
+
+@mutant("BD-LKG-004", at={"pointer": "/gate/minimum_detectable_effect/detections/0/shares/0"}, base="alone")
+def share_of_half_a_replicate(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["minimum_detectable_effect"]["detections"][0].update(shares=[0.1, 0.2, 0.0, 0.0], gate_share=0.2)
+
+
+@mutant("BD-LKG-004", at={"pointer": "/gate/minimum_detectable_effect/detections/0/gate_share"}, base="alone")
+def gate_that_finds_more_than_its_statistics(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["minimum_detectable_effect"]["detections"][0].update(shares=[0.2, 0.0, 0.0, 0.0], gate_share=0.4)
+
+
+@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/places/0/p"})
+def place_of_no_permutations(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["places"][0]["p"] += 0.00005
 
 
 @mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/tests/2/p_adjusted"}, findings=4)
@@ -195,7 +350,7 @@ def p_values_not_adjusted(d: ReleaseDraft) -> None:
 @mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/tests/0/p"})
 def p_value_of_no_permutations(d: ReleaseDraft) -> None:
     test = audit(d)["gate"]["tests"][0]
-    test["p"] += 0.0001
+    test["p"] += 0.00005
 
 
 @mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/smallest_sd/one"})
@@ -234,6 +389,46 @@ def missing_tests_not_mentioned(d: ReleaseDraft) -> None:
     audit(d)["not_run"].pop()
 
 
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/0/tests/1/score/accuracy"}, base="alone")
+def accuracy_outside_of_its_interval(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][1]["score"]["accuracy"] = 0.99
+
+
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/0/tests/1/score/log_likelihood"}, base="alone")
+def probability_above_one(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][1]["score"]["log_likelihood"] = 0.5
+
+
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/0/tests/1/score/p_accuracy"}, base="alone")
+def score_of_no_permutations(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][1]["score"]["p_accuracy"] += 0.00005
+    judge(d)
+
+
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/0/tests/0/score/accuracy"}, base="alone")
+def identical_scores_above_chance(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][0]["score"].update(accuracy=0.5, accuracy_interval=[0.25, 0.75])
+    judge(d)
+
+
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/1/tests/1/score"})
+def regression_that_did_not_run(d: ReleaseDraft) -> None:
+    way(d, 1)["tests"][1].update(score=None, reason="there was no time")
+    judge(d)
+
+
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/1/controls/2/score"})
+def control_that_did_not_run(d: ReleaseDraft) -> None:
+    way(d, 1)["controls"][2].update(score=None, reason="there was no time")
+    judge(d)
+
+
+@mutant("BD-LKG-005", at={"pointer": "/battery/ways/0/tests/2/score"}, findings=6)
+def recurrent_tests_left_out_though_there_is_a_classifier(d: ReleaseDraft) -> None:
+    audit(d)["protocol"]["sequence_classifier"] = {"name": "gru"}
+    d.reseal("card")
+
+
 # BD-LKG-006: metamorphic steps
 
 
@@ -250,15 +445,9 @@ def change_that_did_not_happen(d: ReleaseDraft) -> None:
 # BD-LKG-007: the gate, a diagnostic
 
 
-@mutant("BD-LKG-007", at={"file": LEAKAGE, "pointer": "/gate/verdict"})
+@mutant("BD-LKG-007", at={"file": LEAKAGE, "pointer": "/gate/verdict"}, base="alone")
 def gate_that_fails(d: ReleaseDraft) -> None:
     fail(d)
-    d.reseal("card")
-
-
-@mutant("BD-LKG-007", at={"file": LEAKAGE, "pointer": "/gate/verdict"})
-def gate_that_is_inconclusive(d: ReleaseDraft) -> None:
-    leave_open(d)
     d.reseal("card")
 
 
@@ -278,18 +467,93 @@ def partitions_in_the_order_of_identifiers(d: ReleaseDraft) -> None:
 # BD-LKG-009: histories that tell a target
 
 
-@mutant("BD-LKG-009", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
-def target_hidden_in_the_history(d: ReleaseDraft) -> None:
-    for group in d.frame("contexts")["group_id"].tolist():
-        told = d.value("scalars", "mean_jerk_mps3", group_id=group, action_key="brake_0.50")
-        d.set("state", "speed_limit_mps", told, group_id=group, offset_ticks=0)
-    renormalise(d)
-
-
 @mutant("BD-LKG-009", at={"column": "state speed_limit_mps at tick -75"}, base="alone")
 def history_that_ranks_a_target(d: ReleaseDraft) -> None:
     groups = d.frame("contexts")["group_id"].tolist()
     for rank, group in enumerate(np.random.default_rng(3).permutation(groups).tolist()):
         d.set("state", "speed_limit_mps", 10.0 + rank, group_id=group, offset_ticks=-75)
-        d.set("scalars", "max_yaw_rate_radps", 0.25 + rank / 64, group_id=group)
+        d.set("scalars", "max_yaw_rate_radps", 0.25 + rank**2 / 512, group_id=group)
     renormalise(d)
+
+
+# BD-LKG-010: histories that hold a target
+
+
+@mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
+def target_hidden_in_the_history(d: ReleaseDraft) -> None:
+    hide(d, lambda _, told: told)
+
+
+@mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
+def target_hidden_by_scale_and_offset(d: ReleaseDraft) -> None:
+    hide(d, lambda _, told: 3 * told + 1)
+
+
+@mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
+def target_hidden_with_the_other_sign(d: ReleaseDraft) -> None:
+    hide(d, lambda _, told: 40 - told)
+
+
+# BD-LKG-011: the protocol
+
+
+@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/gate/alpha"})
+def gate_at_a_level_of_its_own(d: ReleaseDraft) -> None:
+    gate = audit(d)["gate"]
+    audit(d)["protocol"]["gate"]["alpha"] = 0.01
+    gate["minimum_detectable_effect"]["alpha"] = 0.0025
+    state(d, [test["p"] for test in gate["tests"]])
+
+
+@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/gate/penalty"})
+def ridge_that_sees_nothing(d: ReleaseDraft) -> None:
+    audit(d)["protocol"]["gate"]["penalty"] = 1e12
+
+
+@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/gate/offsets_sd"})
+def offsets_that_everybody_finds(d: ReleaseDraft) -> None:
+    audit(d)["protocol"]["gate"]["offsets_sd"] = [50.0]
+    effect = audit(d)["gate"]["minimum_detectable_effect"]
+    effect["detections"] = [
+        {"pattern": pattern, "offset_sd": 50.0, "shares": [1.0] * 4, "gate_share": 1.0} for pattern in PATTERNS
+    ]
+    effect["smallest_sd"] = dict.fromkeys(PATTERNS, 50.0)
+    d.reseal("card")
+
+
+@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/gate/num_permutations"})
+def more_permutations_than_were_agreed(d: ReleaseDraft) -> None:
+    gate = audit(d)["gate"]
+    audit(d)["protocol"]["gate"]["num_permutations"] = 19_999
+    state(d, [test["p"] for test in gate["tests"]])
+
+
+@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/parity/control_alpha"})
+def controls_that_are_found_by_chance(d: ReleaseDraft) -> None:
+    audit(d)["protocol"]["parity"]["control_alpha"] = 0.01
+
+
+# BD-LKG-012: scores of the regressions
+
+
+@mutant("BD-LKG-012", at={"file": LEAKAGE, "pointer": "/battery/ways/0/tests/1/score/accuracy"}, findings=3)
+def accuracy_nearly_one_with_a_p_value_of_one(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][1]["score"].update(accuracy=0.99, accuracy_interval=[0.98, 1.0])
+    judge(d)
+
+
+@mutant("BD-LKG-012", at={"file": LEAKAGE, "pointer": "/battery/ways/0/tests/1/score/p_accuracy"})
+def p_value_of_other_scores(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][1]["score"]["p_accuracy"] = 1.0
+    judge(d)
+
+
+@mutant("BD-LKG-012", at={"file": LEAKAGE, "pointer": "/battery/ways/0/tests/0/score/identical"})
+def identical_availability_called_different(d: ReleaseDraft) -> None:
+    way(d, 0)["tests"][0]["score"]["identical"] = False
+    judge(d)
+
+
+@mutant("BD-LKG-012", at={"file": LEAKAGE, "pointer": "/battery/ways/1/controls/0/score/log_likelihood"})
+def control_that_scored_otherwise(d: ReleaseDraft) -> None:
+    way(d, 1)["controls"][0]["score"]["log_likelihood"] *= 2

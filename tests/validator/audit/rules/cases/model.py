@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
 from tests.synthetic_release import NOISY
 from tests.validator.audit.rules.case import boundary, mutant
-from tests.validator.audit.rules.release import ReleaseDraft
+from tests.validator.audit.rules.release import LEAKAGE, ReleaseDraft
+
+from branchdrive.audit.release.compare import TOLERANCE
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.derive.layer.features import features_document
 
 TRAIN, VAL, TEST = "g0", "g18", "g12"
 """A context of each partition; no scaling depends on the last two."""
@@ -66,33 +71,73 @@ def model_layer_with_raw_beside(d: ReleaseDraft) -> None:
 
 
 def within(value: float, share: float = 0.9) -> float:
-    return value + share * 1e-6 * (1 + abs(value))
+    return value + share * TOLERANCE * (1 + abs(value))
 
 
 @boundary("BD-MOD-005")
-def statewithin_the_tolerance(d: ReleaseDraft) -> None:
-    d.set("state", ("speed_mps", "rel_x_m"), within, group_id=TEST)
-
-
-@boundary("BD-MOD-006")
-def brake_of_negative_zero(d: ReleaseDraft) -> None:
-    assert d.take("past_controls", group_id=TEST)["brake"].to_pylist() == [0.0] * 80
-    d.set("past_controls", "brake", -0.0, group_id=TEST)
+def state_within_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("state", ("rel_x_m", "mean_yaw_rate_radps"), within, group_id=TEST)
 
 
 @boundary("BD-MOD-011")
-def branch_posewithin_the_tolerance(d: ReleaseDraft) -> None:
+def branch_pose_within_the_tolerance(d: ReleaseDraft) -> None:
     d.set("candidates", ("offset_x_m", "offset_y_m", "offset_yaw_rad"), within, group_id=TEST)
 
 
 @boundary("BD-MOD-012", "BD-MOD-013")
-def targetswithin_the_tolerance(d: ReleaseDraft) -> None:
+def targets_within_the_tolerance(d: ReleaseDraft) -> None:
     d.set("scalars", ("mean_jerk_mps3", "max_accel_mps2"), within, group_id=TEST)
 
 
 @boundary("BD-MOD-014", "BD-MOD-015")
-def trajectorieswithin_the_tolerance(d: ReleaseDraft) -> None:
-    d.set("trajectories", ("x_m", "y_m", "speed_mps"), within, group_id=TEST)
+def trajectories_within_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("trajectories", ("x_m", "y_m", "sin_yaw"), within, group_id=TEST)
+
+
+def without_evidence(d: ReleaseDraft) -> None:
+    """Claim no evidence, which the audit of leakage took for granted."""
+    d.descriptor["streams"] = [name for name in d.descriptor["streams"] if name != "actor_risk_evidence"]
+    d.documents["model/features.json"] = features_document(Descriptor.model_validate(d.descriptor))
+    d.documents.pop(LEAKAGE, None)
+    d.reseal("card")
+
+
+@boundary("BD-MOD-003", base="alone")
+def no_surroundings_without_evidence(d: ReleaseDraft) -> None:
+    d.map_table("surroundings", lambda rows: rows.slice(0, 0), folder="model")
+    without_evidence(d)
+
+
+def own_encoding(d: ReleaseDraft, vectors: Any) -> None:
+    """Declare an encoding of the dataset's own, with the width and digest of `vectors` in the order of the bank."""
+    matrix = np.asarray(vectors, "<f4")
+    digest = hashlib.sha256(matrix.tobytes()).hexdigest()
+    d.descriptor["action_encoding"] = {"name": "own", "width": matrix.shape[1], "sha256": digest}
+    d.documents["model/features.json"] = features_document(Descriptor.model_validate(d.descriptor))
+    place = {policy["key"]: row for row, policy in enumerate(d.descriptor["action_bank"]["policies"])}
+    frame = d.frame("actions")
+    cells = np.empty(len(place), object)
+    for row, key in enumerate(frame["action_key"].tolist()):
+        cells[row] = matrix[place[key]].astype(np.float64)
+    d.put("actions", {**frame, "encoding": np.ma.masked_array(cells, np.zeros(len(place), bool))})
+    d.reseal("card")
+
+
+def noise(d: ReleaseDraft) -> Any:
+    """A matrix that no formula gives, ``[policies, 5]``."""
+    return np.random.default_rng(0).normal(size=(len(d.descriptor["action_bank"]["policies"]), 5))
+
+
+@boundary("BD-MOD-009", "BD-MOD-017", base="alone")
+def encoding_of_the_datasets_own(d: ReleaseDraft) -> None:
+    own_encoding(d, noise(d))
+
+
+@boundary("BD-MOD-009", base="alone")
+def encoding_that_no_builder_could_compute(d: ReleaseDraft) -> None:
+    own_encoding(d, noise(d))
+    d.set("actions", "encoding", None)
+    d.set("actions", "encoded", False)
 
 
 # BD-MOD-001, BD-MOD-002: contexts
@@ -174,7 +219,60 @@ def last_step_missing(d: ReleaseDraft) -> None:
     d.drop("trajectories", group_id=TEST, action_key="brake_0.50", step=10)
 
 
+@mutant("BD-MOD-003", at={"table": "surroundings", "group_id": TEST}, base="alone", findings=16)
+def surroundings_without_evidence(d: ReleaseDraft) -> None:
+    rows = d.take("surroundings", group_id=TEST)
+    d.map_table("surroundings", lambda _: rows, folder="model")
+    without_evidence(d)
+
+
 # BD-MOD-005 .. BD-MOD-008: histories
+
+
+def bent(value: float) -> float:
+    """The next number, as a channel of one bit."""
+    return float(np.nextafter(value, np.inf))
+
+
+@mutant("BD-MOD-005", at={"table": "state", "group_id": TEST, "column": "speed_mps"}, findings=16)
+def recorded_speeds_with_another_last_bit(d: ReleaseDraft) -> None:
+    d.set("state", "speed_mps", bent, group_id=TEST)
+
+
+@mutant("BD-MOD-005", at={"table": "state", "group_id": TEST, "column": "command_left"}, findings=16)
+def command_between_yes_and_no(d: ReleaseDraft) -> None:
+    d.set("state", "command_left", bent, group_id=TEST)
+
+
+@mutant("BD-MOD-005", at={"table": "state", "group_id": TEST, "column": "rel_x_m"})
+def computed_position_just_outside_of_the_tolerance(d: ReleaseDraft) -> None:
+    d.set("state", "rel_x_m", lambda value: within(value, 1.1), group_id=TEST, offset_ticks=-75)
+
+
+@mutant("BD-MOD-007", at={"table": "expert", "group_id": TEST, "column": "target_speed_mps"}, findings=16)
+def target_speed_with_another_last_bit(d: ReleaseDraft) -> None:
+    d.set("expert", "target_speed_mps", bent, group_id=TEST)
+
+
+@mutant("BD-MOD-008", at={"table": "surroundings", "group_id": TEST, "column": "separation_m"})
+def separation_with_another_last_bit(d: ReleaseDraft) -> None:
+    d.set("surroundings", "separation_m", bent, group_id=TEST, offset_ticks=0)
+
+
+@mutant("BD-MOD-012", at={"table": "scalars", "group_id": TEST, "column": "min_separation_m"})
+def smallest_separation_with_another_last_bit(d: ReleaseDraft) -> None:
+    d.set("scalars", "min_separation_m", bent, group_id=TEST, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-014", at={"table": "trajectories", "group_id": TEST, "column": "speed_mps"}, findings=10)
+def future_speeds_with_another_last_bit(d: ReleaseDraft) -> None:
+    d.set("trajectories", "speed_mps", bent, group_id=TEST, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-006", at={"table": "past_controls", "group_id": TEST, "column": "brake"}, findings=80)
+def brake_of_negative_zero(d: ReleaseDraft) -> None:
+    assert d.take("past_controls", group_id=TEST)["brake"].to_pylist() == [0.0] * 80
+    d.set("past_controls", "brake", -0.0, group_id=TEST)
 
 
 @mutant("BD-MOD-005", at={"table": "state", "group_id": TEST, "offset_ticks": 0, "column": "speed_mps"})
@@ -253,6 +351,39 @@ def candidates_renumbered(d: ReleaseDraft) -> None:
 @mutant("BD-MOD-009", at={"table": "actions", "action_key": "brake_0.50", "column": "family"})
 def family_of_another_actuator(d: ReleaseDraft) -> None:
     d.set("actions", "family", d.value("actions", "family", action_key="nominal"), action_key="brake_0.50")
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "column": "encoding"}, base="alone")
+def own_encoding_with_another_last_bit(d: ReleaseDraft) -> None:
+    matrix = noise(d)
+    own_encoding(d, matrix)
+    told = {**d.descriptor["action_encoding"]}
+    matrix[3, 2] += 1e-6
+    own_encoding(d, matrix)
+    d.descriptor["action_encoding"] = told
+    d.documents["model/features.json"] = features_document(Descriptor.model_validate(d.descriptor))
+    d.reseal("card")
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "column": "encoding"}, base="alone")
+def own_encoding_of_another_width(d: ReleaseDraft) -> None:
+    own_encoding(d, noise(d))
+    d.descriptor["action_encoding"]["width"] = 6
+    d.documents["model/features.json"] = features_document(Descriptor.model_validate(d.descriptor))
+    d.reseal("card")
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "column": "encoding"}, base="alone")
+def own_encoding_without_a_policy(d: ReleaseDraft) -> None:
+    own_encoding(d, noise(d))
+    d.set("actions", "encoding", None, action_key="brake_0.50")
+    d.set("actions", "encoded", False, action_key="brake_0.50")
+
+
+@mutant("BD-MOD-009", at={"table": "actions", "column": "encoding"}, base="alone")
+def own_encoding_of_more_digits(d: ReleaseDraft) -> None:
+    own_encoding(d, noise(d))
+    d.set("actions", "encoding", lambda vector: [bent(vector[0]), *vector[1:]], action_key="brake_0.50")
 
 
 @mutant("BD-MOD-010", at={"table": "candidates", "group_id": TEST, "column": "rollout_id"}, findings=2)

@@ -30,8 +30,14 @@ def release_beside_its_raw_layer(d: ReleaseDraft) -> None:
 
 
 @boundary("BD-REL-001", "BD-REL-002", base="detached")
-def raw_dataset_with_another_title_and_licence(d: ReleaseDraft) -> None:
-    beside(d).descriptor.update(title="Another title", licence="CC0-1.0")
+def raw_dataset_that_claims_other_layers(d: ReleaseDraft) -> None:
+    assert beside(d).descriptor["layers"] != d.descriptor["layers"]
+
+
+@boundary("BD-REL-002", base="detached")
+def raw_dataset_that_writes_defaults_out(d: ReleaseDraft) -> None:
+    beside(d).descriptor["tolerances"] = {"actuator": 0, "evidence": 1e-6}
+    assert d.descriptor.get("tolerances") != beside(d).descriptor["tolerances"]
 
 
 @boundary("BD-REL-001", base="detached")
@@ -71,19 +77,46 @@ def raw_layer_recorded_again(d: ReleaseDraft) -> None:
     beside(d).set("rollouts", "result_termination", "recorded again", rollout_id="g0.nominal.a1")
 
 
-@mutant("BD-REL-002", at={"file": SOURCE, "pointer": "/dataset_version"}, base="detached")
+@mutant("BD-REL-002", at={"file": SOURCE, "pointer": "/dataset_version"}, base="detached", findings=2)
 def raw_dataset_of_another_version(d: ReleaseDraft) -> None:
     beside(d).descriptor["dataset_version"] = "0.2.0"
 
 
-@mutant("BD-REL-002", at={"file": SOURCE, "pointer": "/dataset_id"}, base="detached")
+@mutant("BD-REL-002", at={"file": SOURCE, "pointer": "/dataset_id"}, base="detached", findings=2)
 def raw_dataset_of_another_name(d: ReleaseDraft) -> None:
     beside(d).descriptor["dataset_id"] = "another"
 
 
-@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/action_bank"}, base="detached")
+@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/action_bank/name"}, base="detached")
 def raw_dataset_of_another_bank(d: ReleaseDraft) -> None:
     beside(d).descriptor["action_bank"]["name"] = "another"
+
+
+@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/licence"}, base="detached", findings=2)
+def release_under_a_licence_and_title_of_its_own(d: ReleaseDraft) -> None:
+    d.descriptor.update(title="A better title", licence="CC0-1.0")
+    d.reseal("card")
+
+
+@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/simulator/name"}, base="detached")
+def release_of_another_simulator(d: ReleaseDraft) -> None:
+    d.descriptor["simulator"] = {**d.descriptor["simulator"], "name": "A real road"}
+    d.reseal("card")
+
+
+@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/collection/replay_noise"}, base="detached")
+def noise_of_replays_denied(d: ReleaseDraft) -> None:
+    beside(d).descriptor["collection"] = {**d.descriptor["collection"], "replay_noise": 0.5}
+
+
+@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/collection/faults/drop"}, base="detached")
+def faults_that_were_injected_denied(d: ReleaseDraft) -> None:
+    beside(d).descriptor["collection"] = {**d.descriptor["collection"], "faults": {"drop": 0.1}}
+
+
+@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/tolerances/actuator"}, base="detached")
+def tolerance_tightened_after_the_fact(d: ReleaseDraft) -> None:
+    beside(d).descriptor["tolerances"] = {"actuator": 0.05, "evidence": 1e-6}
 
 
 # BD-REL-003, BD-REL-004: card and licence

@@ -10,7 +10,7 @@ from tests.validator.audit.rules.release import SPLIT, ReleaseDraft
 from branchdrive.build.stage import BuildOptions
 from branchdrive.derive.split import Calibration
 
-ALL = tuple(f"BD-SPL-{number:03d}" for number in range(1, 8))
+ALL = tuple(f"BD-SPL-{number:03d}" for number in range(1, 9))
 
 
 @boundary(*ALL, "BD-FID-010")
@@ -142,3 +142,25 @@ def group_that_repeats_another_within_its_partition(d: ReleaseDraft) -> None:
     groups = d.frame("group_quality")
     assert set(groups["partition"][np.isin(groups["group_id"], NEAR_DUPLICATE)]) == {"train"}
     assert not groups["near_duplicate"].any()
+
+
+# BD-SPL-008
+
+
+@mutant("BD-SPL-008", at={"table": "group_quality", "group_id": "g18"})
+def group_placed_by_hand(d: ReleaseDraft) -> None:
+    d.set("group_quality", "partition", "train", group_id="g18")
+    d.reseal("split")
+
+
+@mutant("BD-SPL-008", at={"table": "group_quality", "group_id": "g12"}, base="alone", findings=7)
+def split_of_another_seed(d: ReleaseDraft) -> None:
+    d.documents[SPLIT]["seed"] = SEED + 1
+    d.reseal("card")
+
+
+@mutant("BD-SPL-008", at={"table": "group_quality", "group_id": "g13"}, findings=2)
+def groups_of_validation_and_test_exchanged(d: ReleaseDraft) -> None:
+    d.set("group_quality", "partition", "test", group_id="g18")
+    d.set("group_quality", "partition", "val", group_id="g13")
+    d.reseal("split")

@@ -1,0 +1,61 @@
+"""Openings of a test partition that earlier releases of the same dataset have recorded, here and beside its raw layer.
+
+Source: paper V-B; spec/11-fidelity.md#ledger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from branchdrive.build.layers import LEDGER, load_document
+from branchdrive.contract.layer import LAYERS
+from branchdrive.derive.layer.ledger import EVENTS, recorded
+from branchdrive.errors import DatasetError
+
+__all__ = ["ledger_of", "merged_ledger"]
+
+_LAST = list(EVENTS)[-1]
+
+
+def ledger_of(root: Path) -> dict[str, Any] | None:
+    """Ledger of the release in the folder `root`; None if there is none.
+
+    Raises:
+        DatasetError: There is one that cannot be read.
+    """
+    if not (root / LEDGER).exists():
+        return None
+    document: dict[str, Any] = load_document(root, LEDGER, LAYERS["quality"].documents["ledger.json"].schema)[1]
+    return document
+
+
+def merged_ledger(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """One ledger of all openings of two.
+
+    Where one continues the other it is the longer one; otherwise it is `first` and then those rounds of `second`
+    after the entries that they share that `first` does not have.
+
+    Raises:
+        DatasetError: Events of `second` are out of order.
+    """
+    ours, theirs = (list(ledger["entries"]) if ledger else [] for ledger in (first, second))
+    shared = 0
+    while shared < min(len(ours), len(theirs)) and ours[shared] == theirs[shared]:
+        shared += 1
+    if shared == len(ours):
+        return {"entries": theirs} if theirs else None
+    merged: dict[str, Any] = {"entries": ours}
+    known = {_digests(entry) for entry in ours if entry["event"] == _LAST}
+    for entry in theirs[shared:]:
+        if (digests := _digests(entry)) not in known:
+            try:
+                merged = recorded(merged, entry["event"], split_digest=digests[0], thresholds_digest=digests[1])
+            except ValueError as error:
+                raise DatasetError(f"{LEDGER!r} of the release: {error}; restore the file") from error
+    return merged
+
+
+def _digests(entry: Mapping[str, Any]) -> tuple[str, str]:
+    return entry["split_digest"], entry["thresholds_digest"]
