@@ -9,6 +9,7 @@ from __future__ import annotations
 from tests.validator.audit.rules.case import REGISTRY, Boundary, Mutant, new_draft
 from tests.validator.audit.rules.cases import (
     attempts,
+    battery,
     canonical,
     controls,
     documents,
@@ -26,6 +27,7 @@ from tests.validator.audit.rules.cases import (
     release,
     split,
     tables,
+    targets,
     trigger,
     values,
     windows,
@@ -38,8 +40,7 @@ __all__ = [
 
 AREAS = (
     layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
-    layers, canonical, quality, split, fidelity, model, features, leakage, release,
-)  # fmt: skip
+    layers, canonical, quality, split, fidelity, model, features, leakage, release, battery, targets)  # fmt: skip
 """Modules that define cases."""
 
 MUTANTS: tuple[Mutant, ...] = tuple(REGISTRY.mutants)
