@@ -9,6 +9,7 @@ from __future__ import annotations
 from tests.validator.audit.rules.case import REGISTRY, Boundary, Mutant, new_draft
 from tests.validator.audit.rules.cases import (
     attempts,
+    battery,
     benchmark,
     canonical,
     controls,
@@ -27,6 +28,7 @@ from tests.validator.audit.rules.cases import (
     release,
     split,
     tables,
+    targets,
     trigger,
     values,
     windows,
@@ -38,8 +40,8 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    benchmark, layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
-    layers, canonical, quality, split, fidelity, model, features, leakage, release,
+    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
+    layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
 )  # fmt: skip
 """Modules that define cases."""
 

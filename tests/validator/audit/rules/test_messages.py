@@ -110,7 +110,6 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ),
         ("BD-SPL-007", "near_duplicate_let_through", "a near duplicate", "no near duplicate"),
         ("BD-FID-006", "thresholds_of_another_split", SPLIT_DIGEST, "0" * 64),
-        ("BD-FID-010", "ledger_without_the_opening_of_test", "test_opened", "validation_evaluated"),
         (
             "BD-FID-012", "test_opened_under_other_thresholds_before",
             "one opening of the test partition", "2 openings",
