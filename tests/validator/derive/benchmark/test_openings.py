@@ -76,9 +76,9 @@ def test_without_results_nothing_needs_to_be_opened() -> None:
 
 
 def test_changed_checkpoints_unlocked_runs_and_test_reuse_are_told() -> None:
-    entry = {"event": "test_opened"}
+    entry, other = ({"event": "test_opened", "split_digest": d, "thresholds_digest": d} for d in ("a", "b"))
     found = warnings(
-        once(), unlocked=["Y", "X"], changed=["checkpoints/M3.safetensors"], ledger={"entries": [entry] * 2}
+        once(), unlocked=["Y", "X"], changed=["checkpoints/M3.safetensors"], ledger={"entries": [entry, other]}
     )
     assert len(found) == 4
     assert "opened 2 times, under different splits or thresholds" in found[0]
