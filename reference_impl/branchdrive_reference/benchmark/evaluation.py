@@ -14,6 +14,7 @@ from typing import Any
 
 from branchdrive.cli.progress import Update
 from branchdrive.contract.document import dump_json
+from branchdrive.dataset.layout import LEDGER_FILE
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.lock import lock_digest, ranking_lock_document, risk_fit_of
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
@@ -35,7 +36,6 @@ from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, RANKING_LO
 
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "presented"]
 
-LEDGER = "quality/ledger.json"
 TABLES = f"{LAYER}/TABLES.md"
 
 
@@ -77,7 +77,7 @@ def evaluate_published(
         files |= {OPENINGS: dump_json(openings), RANKING_LOCK: dump_json(ranking_lock)}
         workspace.publish(files)
     show(1, 4, "statistics")
-    said = warnings(openings, changed=_changed(release, lock), ledger=release.document(LEDGER))
+    said = warnings(openings, changed=_changed(release, lock), ledger=release.document(LEDGER_FILE))
     noise = None if ranking_lock["outcome_noise"] is None else stored_noise(ranking_lock["outcome_noise"])
     results = results_document(protocol, data, predictions, risk_fit_of(ranking_lock), noise, warnings=said)
     show(2, 4, "figures")
@@ -114,7 +114,7 @@ def evaluate_foreign(
         risk = risk_fit_of(ranking_lock)
         if ranking_lock is not None and ranking_lock["outcome_noise"] is not None:
             noise = stored_noise(ranking_lock["outcome_noise"])
-    said = warnings(openings, unlocked=found.models, changed=changed, ledger=release.document(LEDGER))
+    said = warnings(openings, unlocked=found.models, changed=changed, ledger=release.document(LEDGER_FILE))
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
 

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
 import torch
 from torch import Tensor, nn
 
 from branchdrive.derive.leakage.sequence import SequenceScores, SequenceTask
+from branchdrive_reference.learning.execution import deterministic
 
 __all__ = ["GruClassifier", "gru"]
 
@@ -53,7 +53,8 @@ class GruClassifier:
             task: Standardised sequences, each partition with at least one group.
             seed: Of weights and batches, below 2**64.
         """
-        with _one_thread(seed):
+        with deterministic(), torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
             train, val, test = (torch.from_numpy(part.copy()).float() for part in task)
             network = _Network(train.shape[3], self.hidden, train.shape[1])
             optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
@@ -107,20 +108,3 @@ class _Network:
 
     def loss(self, rows: Tensor) -> Tensor:
         return -self.log_probability(rows).diagonal(dim1=1, dim2=2).mean()
-
-
-@contextmanager
-def _one_thread(seed: int) -> Iterator[None]:
-    """One thread, deterministic algorithms and a seeded generator; afterwards everything is as before."""
-    threads = torch.get_num_threads()
-    deterministic = torch.are_deterministic_algorithms_enabled()
-    warn_only = torch.is_deterministic_algorithms_warn_only_enabled()
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        torch.set_num_threads(1)
-        torch.use_deterministic_algorithms(True)
-        try:
-            yield
-        finally:
-            torch.set_num_threads(threads)
-            torch.use_deterministic_algorithms(deterministic, warn_only=warn_only)

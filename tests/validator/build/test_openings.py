@@ -12,9 +12,9 @@ from tests.validator.build.running import build, call, contents
 from tests.validator.build.test_stages import entries
 
 from branchdrive.audit.engine import validate
-from branchdrive.build.layers import LEDGER
 from branchdrive.build.openings import merged_ledger
 from branchdrive.contract.document import dump_json
+from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
 from branchdrive.derive.layer.ledger import EVENTS, num_test_openings, opened, recorded
 from branchdrive.errors import DatasetError
 

@@ -17,9 +17,9 @@ from tests.validator.build.test_determinism import shuffled
 
 from branchdrive.audit.engine import validate
 from branchdrive.build.build import STAGES
-from branchdrive.build.layers import LEDGER
 from branchdrive.build.scan import RawScan, scan_raw
 from branchdrive.contract.document import dump_json, parse_json
+from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
 from branchdrive.errors import DatasetError, UsageError
 
 CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonical/source.json"}

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from branchdrive.audit.worker import Executor, in_process
-from branchdrive.build.layers import LEDGER, BuiltLayers, load_layers
+from branchdrive.build.layers import BuiltLayers, load_layers
 from branchdrive.build.leakage import build_leakage
 from branchdrive.build.openings import ledger_of, merged_ledger
 from branchdrive.build.publish import publish, staging, stated_identity
 from branchdrive.build.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.build.stage import (
-    SOURCE,
     BuildOptions,
     build_canonical,
     build_model,
@@ -27,7 +26,16 @@ from branchdrive.build.stage import (
 )
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.descriptor_file import read_descriptor
-from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, RAW_DIR, STAGING_DIR
+from branchdrive.dataset.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LEAKAGE_FILE,
+    LEDGER_FILE,
+    LICENCE_FILE,
+    RAW_DIR,
+    SOURCE_FILE,
+    STAGING_DIR,
+)
 from branchdrive.dataset.manifest import Manifest
 from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.leakage.audit import AuditProtocol
@@ -155,7 +163,7 @@ def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], tar
         raise UsageError(
             f"{target}: the stage {first!r} needs the layer {needed!r}, which is not there; build it first"
         )
-    if needed and layers.documents[SOURCE]["raw_layer"] != scan.digest:
+    if needed and layers.documents[SOURCE_FILE]["raw_layer"] != scan.digest:
         raise UsageError(f"{target}: its layers are of another raw layer; begin with the stage 'canonical'")
 
 
@@ -193,7 +201,7 @@ class _Job:
         build_canonical(self.scan, layers)
         if layers.changed_since(before):
             layers.drop_after("canonical")
-        if LEDGER in layers.contents and "quality" not in (*layers.names, *self.stages):
+        if LEDGER_FILE in layers.contents and "quality" not in (*layers.names, *self.stages):
             raise UsageError(
                 f"{self.scan.root}: the ledger of openings has no layer to lie in; build 'quality' together with "
                 "'canonical'"
@@ -201,7 +209,7 @@ class _Job:
 
     def _quality(self) -> None:
         layers, before = self.layers, dict(self.layers.contents)
-        ledger = layers.documents.get(LEDGER)
+        ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
             ledger = merged_ledger(ledger_of(self.scan.root), ledger)
         build_quality(self.scan, layers, self.options, ledger)
@@ -231,7 +239,7 @@ class _Job:
         claimed = (("raw",) if self.is_in_place else ()) + layers.names
         descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
         # The ledger stays in its place while the layer around it is built again.
-        kept = {*layers.names, LEDGER}
+        kept = {*layers.names, LEDGER_FILE}
         files = {path: content for path, content in layers.contents.items() if {path, path.split("/")[0]} & kept}
         if "quality" in layers.names:
             named = {
@@ -239,7 +247,7 @@ class _Job:
                 for name in ("population", "split", "thresholds", "retention", "ledger", "variants")
             }
             leakage = layers.documents.get(LEAKAGE_FILE)
-            files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE], **named, leakage=leakage).encode()
+            files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE_FILE], **named, leakage=leakage).encode()
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)

@@ -14,7 +14,7 @@ from branchdrive.contract.document import dump_json, parse_json, schema_violatio
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.frame import from_arrow, to_arrow
-from branchdrive.dataset.layout import MANIFEST_FILE
+from branchdrive.dataset.layout import LEDGER_FILE, MANIFEST_FILE
 from branchdrive.dataset.manifest import parse_manifest
 from branchdrive.dataset.parquet import encode_table
 from branchdrive.dataset.table_file import read_table
@@ -22,10 +22,7 @@ from branchdrive.dataset.untrusted import read_file
 from branchdrive.derive.layer.frame import Frame, Values, sort_rows
 from branchdrive.errors import DatasetError
 
-__all__ = ["LEDGER", "BuiltLayers", "load_document", "load_layers"]
-
-LEDGER = "quality/ledger.json"
-"""Every opening of a partition."""
+__all__ = ["BuiltLayers", "load_document", "load_layers"]
 
 
 @dataclass
@@ -74,7 +71,7 @@ class BuiltLayers:
 
     def changed_since(self, before: Mapping[str, bytes]) -> bool:
         """Whether a file of `before`, the ledger apart, is not what it was: what is derived from it is of another."""
-        return any(self.contents.get(path) != content for path, content in before.items() if path != LEDGER)
+        return any(self.contents.get(path) != content for path, content in before.items() if path != LEDGER_FILE)
 
     def drop(self, path: str) -> None:
         """Forget a document."""
@@ -86,7 +83,7 @@ class BuiltLayers:
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
             free = {path for path in self.contents if LAYERS[name].admits_free(path)}
-            for path in {*LAYERS[name].files, *free} - {LEDGER}:
+            for path in {*LAYERS[name].files, *free} - {LEDGER_FILE}:
                 self.drop(path)
             for table in LAYERS[name].tables:
                 self.frames.pop(table, None)
@@ -114,7 +111,7 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
             _check_digests(read, root, stated)
         except DatasetError:
             with suppress(DatasetError):
-                _load_document(found, root, LEDGER, LAYERS["quality"].documents["ledger.json"].schema)
+                _load_document(found, root, LEDGER_FILE, LAYERS["quality"].documents["ledger.json"].schema)
             break
         for mine, other in (
             (found.frames, read.frames),

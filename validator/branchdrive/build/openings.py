@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from branchdrive.build.layers import LEDGER, load_document
+from branchdrive.build.layers import load_document
 from branchdrive.contract.layer import LAYERS
+from branchdrive.dataset.layout import LEDGER_FILE
 from branchdrive.derive.layer.ledger import EVENTS, recorded
 from branchdrive.errors import DatasetError
 
@@ -25,9 +26,9 @@ def ledger_of(root: Path) -> dict[str, Any] | None:
     Raises:
         DatasetError: There is one that cannot be read.
     """
-    if not (root / LEDGER).exists():
+    if not (root / LEDGER_FILE).exists():
         return None
-    document: dict[str, Any] = load_document(root, LEDGER, LAYERS["quality"].documents["ledger.json"].schema)[1]
+    document: dict[str, Any] = load_document(root, LEDGER_FILE, LAYERS["quality"].documents["ledger.json"].schema)[1]
     return document
 
 
@@ -53,7 +54,7 @@ def merged_ledger(first: Mapping[str, Any] | None, second: Mapping[str, Any] | N
             try:
                 merged = recorded(merged, entry["event"], split_digest=digests[0], thresholds_digest=digests[1])
             except ValueError as error:
-                raise DatasetError(f"{LEDGER!r} of the release: {error}; restore the file") from error
+                raise DatasetError(f"{LEDGER_FILE!r} of the release: {error}; restore the file") from error
     return merged
 
 

@@ -24,6 +24,7 @@ from branchdrive.dataset.layout import (
     LICENCE_FILE,
     MANIFEST_FILE,
     STAGING_DIR,
+    WRITER_LOCK,
     layer_of,
 )
 from branchdrive.dataset.lock import FileLock
@@ -32,9 +33,6 @@ from branchdrive.dataset.untrusted import read_file
 from branchdrive.errors import BranchDriveError, UsageError
 
 __all__ = ["benchmark_area", "held", "publish", "publish_layer", "staging", "stated_identity"]
-
-_LOCK = "writer.lock"
-"""The lock of the one `DatasetWriter`: who writes files of a release is a writer, and there is one at a time."""
 
 _WORK = "build"
 _NEW = "new"
@@ -102,7 +100,7 @@ def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def _sole_writer(target: Path, area: Path) -> Iterator[None]:
-    lock = FileLock(area / _LOCK)
+    lock = FileLock(area / WRITER_LOCK)
     try:
         is_taken = lock.acquire(blocking=False)
     except FileNotFoundError:  # whoever had the area clears it away at this moment
@@ -110,7 +108,7 @@ def _sole_writer(target: Path, area: Path) -> Iterator[None]:
     if not is_taken:
         raise UsageError(f"{target}: a collection or another build is at work there; wait until it has finished")
     try:
-        others = sorted({entry.name for entry in area.iterdir()} - {_LOCK, _WORK})
+        others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, _WORK})
         others = [name for name in others if not name.startswith(_BENCHMARK)]
         if others:
             raise UsageError(
@@ -168,8 +166,8 @@ def _work_folder(area: Path) -> Path:
 
 def _leave(area: Path) -> None:
     """Remove the staging area if nothing but the lock is in it; call it under the lock."""
-    if {entry.name for entry in area.iterdir()} == {_LOCK}:
-        delete(area / _LOCK)
+    if {entry.name for entry in area.iterdir()} == {WRITER_LOCK}:
+        delete(area / WRITER_LOCK)
         with suppress(OSError):  # the next writer may be there already
             area.rmdir()
 

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.build.layers import LEDGER, BuiltLayers
+from branchdrive.build.layers import BuiltLayers
 from branchdrive.build.scan import RawScan
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.dataset.layout import LEDGER_FILE, SOURCE_FILE
 from branchdrive.derive.layer.arrays import pack_arrays
 from branchdrive.derive.layer.canonical import source_counts
 from branchdrive.derive.layer.features import features_document
@@ -40,9 +41,8 @@ from branchdrive.derive.layer.variants import Variant, variants_document
 from branchdrive.derive.split import Calibration
 from branchdrive.errors import DatasetError
 
-__all__ = ["SOURCE", "BuildOptions", "build_canonical", "build_model", "build_quality", "check_encoding"]
+__all__ = ["BuildOptions", "build_canonical", "build_model", "build_quality", "check_encoding"]
 
-SOURCE = "canonical/source.json"
 _SPLIT, _THRESHOLDS = "quality/split.json", "quality/thresholds.json"
 
 
@@ -72,7 +72,7 @@ def build_canonical(scan: RawScan, layers: BuiltLayers) -> None:
         "dataset_version": scan.descriptor.dataset_version,
         **source_counts(layers.frames["records"], layers.frames["attempts"]),
     }
-    layers.put_document(SOURCE, document)
+    layers.put_document(SOURCE_FILE, document)
 
 
 def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, ledger: Any | None) -> None:
@@ -103,7 +103,7 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     layers.put_document(_SPLIT, split)
     layers.put_document(_THRESHOLDS, thresholds)
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
-    layers.put_document(LEDGER, opened(ledger, **digests))
+    layers.put_document(LEDGER_FILE, opened(ledger, **digests))
 
     pairs = with_passes(extract.frames["pairs"], thresholds_of(thresholds))
     groups = with_validity(groups, pairs)

@@ -19,11 +19,14 @@ __all__ = [
     "IDENTITY_LAYERS",
     "LAYERS",
     "LEAKAGE_FILE",
+    "LEDGER_FILE",
     "LICENCE_FILE",
     "MANIFEST_FILE",
     "MAX_SHARD_INDEX",
     "RAW_DIR",
+    "SOURCE_FILE",
     "STAGING_DIR",
+    "WRITER_LOCK",
     "is_safe_path",
     "layer_of",
     "shard_index",
@@ -40,6 +43,12 @@ MANIFEST_FILE = "MANIFEST.sha256"
 CARD_FILE = "CARD.md"
 """Dataset card of a release."""
 
+LEDGER_FILE = "quality/ledger.json"
+"""Every opening of a partition for evaluation."""
+
+SOURCE_FILE = "canonical/source.json"
+"""The raw layer that the derived layers come from."""
+
 LEAKAGE_FILE = "quality/leakage.json"
 """Results of the leakage audit, where one was run."""
 
@@ -51,6 +60,9 @@ RAW_DIR = "raw"
 
 STAGING_DIR = ".staging"
 """Working area of writers; a finished dataset has none."""
+
+WRITER_LOCK = "writer.lock"
+"""Lock in the working area; who writes files of a dataset holds it, and there is one at a time."""
 
 IDENTITY_LAYERS = ("raw", "canonical", "quality", "model")
 """Layers whose digests make up the identity of the dataset, in digest order."""

@@ -23,7 +23,7 @@ from pathlib import Path
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.dataset.durable import delete, make_dir, move, partial_path, remove, replace_file, sync_dir
-from branchdrive.dataset.layout import MANIFEST_FILE, MAX_SHARD_INDEX, STAGING_DIR
+from branchdrive.dataset.layout import MANIFEST_FILE, MAX_SHARD_INDEX, STAGING_DIR, WRITER_LOCK
 from branchdrive.dataset.lock import FileLock
 from branchdrive.dataset.rollout import ROLLOUTS
 from branchdrive.dataset.shard import Shard, rollouts_of
@@ -70,7 +70,7 @@ class Stage:
         self.groups_dir = self.folder / "groups"
         self.shards_dir = self.folder / "shards"
         self.trash_dir = self.folder / "trash"
-        self._writer_lock = FileLock(self.folder / "writer.lock")
+        self._writer_lock = FileLock(self.folder / WRITER_LOCK)
         self._registry_path = self.folder / "registry.lock"
         self._locks_dir = self.folder / "locks"
         self._places_path = self.folder / "places.json"

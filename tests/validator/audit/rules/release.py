@@ -19,16 +19,18 @@ from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.audit.rules.draft import Draft
 
 from branchdrive.audit.worker import in_process
-from branchdrive.build.layers import LEDGER, BuiltLayers
+from branchdrive.build.layers import BuiltLayers
 from branchdrive.build.leakage import build_leakage
 from branchdrive.build.scan import RawScan, scan_raw
-from branchdrive.build.stage import SOURCE, BuildOptions, build_canonical, build_model, build_quality
+from branchdrive.build.stage import BuildOptions, build_canonical, build_model, build_quality
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
 from branchdrive.dataset.frame import from_arrow, to_arrow
 from branchdrive.dataset.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
+from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
+from branchdrive.dataset.layout import SOURCE_FILE as SOURCE
 from branchdrive.derive.layer.canonical import source_counts
 from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.layer.fidelity import (

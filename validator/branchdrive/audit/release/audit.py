@@ -128,12 +128,10 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
         digests=result.digests,
     )
     # Rules on structure come first and always run: they say which tables the others can trust.
-    for rule_id, info in CATALOGUE.items():
-        if rule_id in RELEASE_RULES and (rule_id in task.selected or info.kind == "structure"):
-            tally = _judge(view, rule_id)
-            if rule_id in task.selected:
-                result.tallies[rule_id] = tally
-    if _judge(view, _POPULATION_RULE).status == "pass":
+    always = {rule_id for rule_id, info in CATALOGUE.items() if info.kind == "structure"} | {_POPULATION_RULE}
+    judged = {r: _judge(view, r) for r in CATALOGUE if r in RELEASE_RULES and (r in task.selected or r in always)}
+    result.tallies = {rule_id: tally for rule_id, tally in judged.items() if rule_id in task.selected}
+    if judged[_POPULATION_RULE].status == "pass":
         result.population = files.documents[POPULATION]
     return result
 

@@ -16,6 +16,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS, layer_of_table
 from branchdrive.dataset.frame import from_arrow
+from branchdrive.dataset.layout import SOURCE_FILE
 from branchdrive.derive.layer.frame import Alignment, Frame, Values, align, take
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ class ReleaseView:
         """
         if self.raw.extract is None:
             raise NotAtHandError(self.raw.reason)
-        named = self.documents.get("canonical/source.json", {}).get("raw_layer", self.raw.digest)
+        named = self.documents.get(SOURCE_FILE, {}).get("raw_layer", self.raw.digest)
         if self.raw.digest not in (None, named):
             raise NotAtHandError("the raw layer at hand is not the one that the release names")
         return self.raw.extract

@@ -17,7 +17,7 @@ from branchdrive.audit.rules.model import FEATURES, NORMALISATION
 from branchdrive.audit.rules.release import text_agrees
 from branchdrive.audit.rules.split import SPLIT
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.layout import IDENTITY_LAYERS, RAW_DIR, layer_of
+from branchdrive.dataset.layout import IDENTITY_LAYERS, LEDGER_FILE, RAW_DIR, layer_of
 from branchdrive.dataset.manifest import Manifest
 from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.derive.benchmark.data import TABLES, BenchmarkData, groups_digest
@@ -43,7 +43,6 @@ PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
     f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
-LEDGER = "quality/ledger.json"
 _SEED = "seed"
 
 
@@ -304,7 +303,9 @@ def _warnings(view: ReleaseView) -> list[str]:
     files = _files(view)
     entries = _lock(view)["checkpoints"] if view.digests else []
     changed = [entry["file"] for entry in entries if files.get(entry["file"]) != entry["sha256"]]
-    return warnings(view.document(OPENINGS), unlocked=_unlocked(view), changed=changed, ledger=view.document(LEDGER))
+    return warnings(
+        view.document(OPENINGS), unlocked=_unlocked(view), changed=changed, ledger=view.document(LEDGER_FILE)
+    )
 
 
 @release_rule("BD-BMK-013")

@@ -15,10 +15,9 @@ from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import columns_agree, place, problems_found, rows_agree, shown
 from branchdrive.audit.release.view import ReleaseView
 from branchdrive.contract.layer import table_path
+from branchdrive.dataset.layout import SOURCE_FILE
 from branchdrive.derive.layer.canonical import source_counts
 from branchdrive.derive.layer.comparison import document_problems
-
-SOURCE = "canonical/source.json"
 
 _REPEATED = (
     "attempt", "protocol_variant", "scenario_type", "town", "route_id", "seed", "repetition", "branched",
@@ -186,6 +185,6 @@ def records_and_dispositions_agree(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-CAN-012")
 def canonical_counts_add_up(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Numbers of groups, attempts, records and dispositions are those of the tables."""
-    document = view.document(SOURCE)
+    document = view.document(SOURCE_FILE)
     counts = source_counts(view.frame("records"), view.frame("attempts"))
-    yield problems_found(SOURCE, len(counts), document_problems(counts, {name: document[name] for name in counts}))
+    yield problems_found(SOURCE_FILE, len(counts), document_problems(counts, {name: document[name] for name in counts}))

@@ -24,6 +24,7 @@ from branchdrive.audit.release.compare import (
 )
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
 from branchdrive.audit.rules.split import SPLIT
+from branchdrive.dataset.layout import LEDGER_FILE
 from branchdrive.derive.discrepancy import CORE, EXTENDED
 from branchdrive.derive.layer.comparison import document_problems
 from branchdrive.derive.layer.fidelity import (
@@ -42,7 +43,6 @@ from branchdrive.derive.threshold import VARIABLES, Thresholds
 
 THRESHOLDS = "quality/thresholds.json"
 RETENTION = "quality/retention.json"
-LEDGER = "quality/ledger.json"
 INTERVAL_TOLERANCE = 1e-9
 """Relative difference up to which two intervals are one: a mean of counts and a quantile of them."""
 
@@ -179,10 +179,10 @@ def retention_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-FID-010")
 def ledger_records_openings(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Thresholds are fixed, then validation is evaluated, then test is opened, under the digests of the release."""
-    document = view.document(LEDGER)
+    document = view.document(LEDGER_FILE)
     digest = view.document(SPLIT)["digest"]
     problems = ledger_problems(document, split_digest=digest, thresholds_digest=thresholds_digest(view))
-    yield problems_found(LEDGER, max(1, len(document["entries"])), problems)
+    yield problems_found(LEDGER_FILE, max(1, len(document["entries"])), problems)
 
 
 @release_rule("BD-FID-011")
@@ -204,6 +204,6 @@ def retention_reaches_its_targets(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-FID-012")
 def test_was_opened_once(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """The ledger holds one opening of the test partition."""
-    openings = num_test_openings(view.document(LEDGER))
+    openings = num_test_openings(view.document(LEDGER_FILE))
     problems = [("/entries", "one opening of the test partition", f"{openings} openings")] if openings > 1 else []
-    yield problems_found(LEDGER, 1, problems)
+    yield problems_found(LEDGER_FILE, 1, problems)

@@ -11,8 +11,7 @@ from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import problems_found, shown
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
-from branchdrive.audit.rules.canonical import SOURCE
-from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE
+from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, SOURCE_FILE
 from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.layer.comparison import document_problems
 
@@ -20,24 +19,24 @@ from branchdrive.derive.layer.comparison import document_problems
 @release_rule("BD-REL-001")
 def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """The digest of the raw layer at hand is the one in `source.json`."""
-    document = view.document(SOURCE)
+    document = view.document(SOURCE_FILE)
     if view.raw.digest is None:
         raise NotAtHandError(view.raw.reason or "digests are off")
     found = document["raw_layer"]
-    yield problems_found(SOURCE, 1, [("/raw_layer", view.raw.digest, found)] if found != view.raw.digest else [])
+    yield problems_found(SOURCE_FILE, 1, [("/raw_layer", view.raw.digest, found)] if found != view.raw.digest else [])
 
 
 @release_rule("BD-REL-002")
 def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """The descriptor of the raw dataset is that of the release, but for the layers that it claims."""
-    document, raw = view.document(SOURCE), view.raw.descriptor
+    document, raw = view.document(SOURCE_FILE), view.raw.descriptor
     if raw is None:
         raise NotAtHandError(view.raw.reason)
     facts = [
         ("/dataset_id", raw.dataset_id, document["dataset_id"]),
         ("/dataset_version", raw.dataset_version, document["dataset_version"]),
     ]
-    yield problems_found(SOURCE, len(facts), [fact for fact in facts if fact[1] != fact[2]])
+    yield problems_found(SOURCE_FILE, len(facts), [fact for fact in facts if fact[1] != fact[2]])
     named, own = (descriptor.model_dump(mode="json", exclude={"layers"}) for descriptor in (raw, view.descriptor))
     yield problems_found(DESCRIPTOR_FILE, len(named), document_problems(named, own))
 
@@ -64,7 +63,7 @@ def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     names = ("population", "split", "thresholds", "retention", "ledger", "variants")
     documents = {name: view.document(f"quality/{name}.json") for name in names}
     leakage = view.document(LEAKAGE_FILE) if LEAKAGE_FILE in view.files else None
-    card = render_card(view.descriptor, view.document(SOURCE), **documents, leakage=leakage)
+    card = render_card(view.descriptor, view.document(SOURCE_FILE), **documents, leakage=leakage)
     yield text_agrees(view, CARD_FILE, card)
 
 

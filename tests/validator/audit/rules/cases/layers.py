@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 from tests.synthetic_release import TWINS, raw_tables
 from tests.validator.audit.rules.case import boundary, mutant
+from tests.validator.audit.rules.cases.tables import other_settings
 from tests.validator.audit.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 STATE = "model/state.parquet"
@@ -88,18 +87,11 @@ def derived_page_overwritten(d: ReleaseDraft) -> None:
     _rewrite(d, GROUPS, lambda content: content[:4] + bytes(200) + content[204:])
 
 
-def _other_settings(content: bytes) -> bytes:
-    sink = io.BytesIO()
-    table = pq.read_table(io.BytesIO(content))
-    pq.write_table(table, sink, compression="gzip", row_group_size=97, write_statistics=False, data_page_version="2.0")
-    return sink.getvalue()
-
-
 @boundary("BD-LYR-002", "BD-LYR-003", "BD-LYR-004")
-def derived_tables_in_other_settings(d: ReleaseDraft) -> None:
+def derived_tables_inother_settings(d: ReleaseDraft) -> None:
     for layer in BUILT:
         for name in d.tables[layer]:
-            _rewrite(d, f"{layer}/{name}.parquet", _other_settings)
+            _rewrite(d, f"{layer}/{name}.parquet", other_settings)
 
 
 # BD-LYR-003

@@ -54,7 +54,8 @@ def text_that_is_not_utf8(d: Draft) -> None:
     d.map_table("controls", spoil, folder=SHARD_1)
 
 
-def _other_settings(content: bytes) -> bytes:
+def other_settings(content: bytes) -> bytes:
+    """The same table in another compression, page format and size of row groups."""
     sink = io.BytesIO()
     table = pq.read_table(io.BytesIO(content))
     pq.write_table(table, sink, compression="gzip", row_group_size=97, write_statistics=False, data_page_version="2.0")
@@ -64,7 +65,7 @@ def _other_settings(content: bytes) -> bytes:
 @boundary("BD-TAB-001", "BD-TAB-002", "BD-TAB-003")
 def other_compression_encoding_and_row_groups(d: Draft) -> None:
     for name in d.tables[SHARD_1]:
-        _rewrite(d, f"{SHARD_1}/{name}.parquet", _other_settings)
+        _rewrite(d, f"{SHARD_1}/{name}.parquet", other_settings)
 
 
 @boundary("BD-TAB-001", "BD-FRM-001", base="media")
