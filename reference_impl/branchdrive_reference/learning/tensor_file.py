@@ -43,7 +43,7 @@ class TensorFile(NamedTuple):
 
     Attributes:
         document: JSON data.
-        tensors: By name.
+        tensors: By name, in the order of names.
         sha256: Of the whole file, hexadecimal.
     """
 
@@ -68,7 +68,8 @@ def read_tensors(path: Path) -> TensorFile:
     content = read_file(path.parent, path.name, MAX_BYTES)
     try:
         about = _about(content)
-        tensors = {name: values.clone() for name, values in safetensors.torch.load(content).items()}
+        loaded = safetensors.torch.load(content)  # in an order of its own, another one in every process
+        tensors = {name: loaded[name].clone() for name in sorted(loaded)}
         document = about["document"]
         is_whole = isinstance(document, dict) and about == {
             "document": document,
