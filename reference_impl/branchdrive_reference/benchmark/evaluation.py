@@ -27,9 +27,10 @@ from branchdrive.derive.benchmark.tables import render_tables
 from branchdrive.derive.guard.outcome_noise import OutcomeNoise
 from branchdrive.derive.guard.risk_fit import RiskFit
 from branchdrive.errors import UsageError
-from branchdrive_reference.benchmark.locking import read_lock, stored_document
+from branchdrive_reference.benchmark.document import stored_document
+from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
-from branchdrive_reference.benchmark.prediction import benchmark_data, published_predictions
+from branchdrive_reference.benchmark.published import benchmark_data, published_predictions
 from branchdrive_reference.benchmark.release import LAYER, Release
 from branchdrive_reference.benchmark.risk import RISK, waiting_risk
 from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, RANKING_LOCK, RESULTS, Workspace
@@ -86,6 +87,7 @@ def evaluate_published(
     kept = {path: content for path, content in files.items() if not _is_presented(path)}
     workspace.publish(kept | {f"{LAYER}/{name}": content for name, content in shown.items()})
     workspace.drop(RISK)  # the ranking lock holds it
+    workspace.reopened().tidy()
     show(4, 4)
     return Evaluation(results, shown)
 

@@ -25,7 +25,7 @@ import numpy as np
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.dataset.parquet import decode_table
-from branchdrive.dataset.untrusted import read_file
+from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
@@ -53,7 +53,7 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
     if protocol.model(name) is not None:
         raise UsageError(f"--name: {name!r} is a model of the protocol; choose another name")
     try:
-        table = decode_table(read_file(path.parent, path.name, spec_limits().max_table_bytes))
+        table = decode_table(read_named_file(path, spec_limits().max_table_bytes))
         frames = _frames(table, name)
     except DatasetError as error:
         raise DatasetError(f"{path}: {error}") from error

@@ -8,32 +8,21 @@ from branchdrive.cli.progress import Update
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.frame import from_arrow, to_arrow
+from branchdrive.dataset.frame import to_arrow
 from branchdrive.dataset.parquet import encode_table
-from branchdrive.dataset.table_file import read_table
-from branchdrive.derive.benchmark.data import TABLES as DATA_TABLES
 from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.layer.frame import sort_rows
 from branchdrive.derive.metric.outcome import Predictions
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive_reference.benchmark.locking import changed_checkpoints, read_lock
-from branchdrive_reference.benchmark.release import LAYER, Release
+from branchdrive_reference.benchmark.lock import changed_checkpoints, read_lock
+from branchdrive_reference.benchmark.published import benchmark_data
+from branchdrive_reference.benchmark.release import LAYER
 from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, PROTOCOL, Workspace
 from branchdrive_reference.learning.prediction import predict
 
-__all__ = ["benchmark_data", "predict_all", "published_predictions"]
-
-
-def benchmark_data(release: Release) -> BenchmarkData:
-    """What the benchmark of a release is judged on.
-
-    Raises:
-        DatasetError: A table cannot be read or packed.
-    """
-    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in DATA_TABLES}
-    return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
+__all__ = ["predict_all"]
 
 
 def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: str, show: Update) -> PredictionSet:
@@ -82,18 +71,3 @@ def _there(workspace: Workspace, path: str) -> bytes:
     if content is None:
         raise DatasetError(f"{workspace.release.root}: {path!r} is gone; run `branchdrive lock` again")
     return content
-
-
-def published_predictions(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> PredictionSet:
-    """Predictions of the published benchmark layer.
-
-    Raises:
-        UsageError: None is published.
-        DatasetError: They cannot be read, or are not those that the protocol asks for.
-    """
-    if not release.has_benchmark:
-        raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
-    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in TABLES}
-    for problem in prediction_problems(frames, data, protocol):
-        raise DatasetError(f"{release.root}: {problem}; run `branchdrive predict` again")
-    return PredictionSet.from_frames(frames, data)

@@ -1,4 +1,4 @@
-"""The steps of a benchmark in order: train, lock, predict, evaluate. Every one goes on where it was interrupted."""
+"""The steps of a benchmark that need its models: train, lock, predict. Each goes on where it was interrupted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from typing import Any, NamedTuple
 from branchdrive.cli.progress import Update
 from branchdrive.dataset.durable import delete
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
-from branchdrive_reference.benchmark.evaluation import Evaluation, evaluate_published
+from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
 from branchdrive_reference.benchmark.locking import make_lock
-from branchdrive_reference.benchmark.prediction import benchmark_data, predict_all
-from branchdrive_reference.benchmark.risk import fit_guard, waiting_risk
-from branchdrive_reference.benchmark.training import fold_tasks, model_tasks, train
+from branchdrive_reference.benchmark.prediction import predict_all
+from branchdrive_reference.benchmark.published import benchmark_data
+from branchdrive_reference.benchmark.risk import waiting_risk
+from branchdrive_reference.benchmark.training import model_tasks, train
 from branchdrive_reference.benchmark.workspace import RANKING_LOCK, Workspace
 
-__all__ = ["Progress", "Trained", "evaluate_step", "lock_step", "predict_step", "train_step"]
+__all__ = ["Progress", "Trained", "lock_step", "predict_step", "train_step"]
 
 Progress = Callable[[str], AbstractContextManager[Update]]
 """Opens a bar with a title."""
@@ -93,13 +94,3 @@ def predict_step(workspace: Workspace, protocol: BenchmarkProtocol, *, device: s
     workspace = workspace.reopened()
     workspace.tidy()
     return workspace
-
-
-def evaluate_step(
-    workspace: Workspace, protocol: BenchmarkProtocol, *, with_figures: bool, progress: Progress
-) -> Evaluation:
-    """Evaluate the published predictions and publish results; see `evaluate_published`."""
-    with progress("evaluating") as show:
-        found = evaluate_published(workspace, protocol, show=show, with_figures=with_figures)
-    workspace.reopened().tidy()
-    return found

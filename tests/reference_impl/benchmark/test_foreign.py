@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,6 +108,21 @@ def test_faults_are_named(
     file = _write(tmp_path / "mine.parquet", columns)
     with pytest.raises(DatasetError, match=message):
         invoke("evaluate", done, "--predictions", file, "--name", "Mine")
+
+
+def test_neither_torch_nor_cvxpy_is_needed(benchmarked: Path, columns: Columns, tmp_path: Path) -> None:
+    file = _write(tmp_path / "my predictions.parquet", columns)
+    code = """if True:
+        import sys
+        sys.modules |= dict.fromkeys(("torch", "safetensors", "cvxpy", "clarabel", "scipy", "pymunk", "numba"))
+        from branchdrive.cli.main import main
+        sys.exit(main())
+    """
+    for arguments in (["--predictions", file, "--name", "Mine", "--output", tmp_path / "a/b"], []):
+        words = [sys.executable, "-c", code, "evaluate", benchmarked, *arguments]
+        done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False, timeout=300)
+        assert (done.returncode, "Mine" in done.stdout) == (0, bool(arguments)), done.stderr
+    assert (tmp_path / "a/b/figures/prediction.png").is_file()
 
 
 def test_options_go_together(done: Path, tmp_path: Path) -> None:

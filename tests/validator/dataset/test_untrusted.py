@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from branchdrive.dataset.untrusted import list_names, open_file, read_file
+from branchdrive.dataset.untrusted import list_names, open_file, read_file, read_named_file
 from branchdrive.errors import DatasetError
 
 
@@ -58,3 +58,24 @@ def test_folders_are_listed_without_following_links(root: Path) -> None:
     assert list_names(root, "none") == []
     with pytest.raises(DatasetError, match="without following links"):
         list_names(root, "raw/up")
+
+
+def test_a_file_that_the_user_names_may_lie_anywhere(root: Path) -> None:
+    (root / "my file (2)").symlink_to(root / "raw/plain")
+    assert read_named_file(root / "my file (2)", 7) == b"content"
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("none", "does not exist"),
+        ("raw", "is no regular file"),
+        ("raw/fifo", "is no regular file"),
+        ("raw/plain/x", "cannot be opened"),
+        ("nul\0", "cannot be opened"),
+        ("raw/plain", "more than 6 bytes"),
+    ],
+)
+def test_a_named_file_that_is_none_is_refused(root: Path, path: str, message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
+        read_named_file(root / path, 6)

@@ -20,7 +20,9 @@ from branchdrive.audit.finding import location_text
 from branchdrive.audit.tally import Tally
 from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import parse_json, schema_violations
-from branchdrive.errors import UsageError
+from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.untrusted import read_named_file
+from branchdrive.errors import DatasetError, UsageError
 
 __all__ = ["Waiver", "WaiverOutcome", "apply_waivers", "load_waivers"]
 
@@ -65,8 +67,8 @@ def load_waivers(path: Path) -> tuple[Waiver, ...]:
         UsageError: The file is unreadable, breaks its schema, or names a rule that does not decide.
     """
     try:
-        document = parse_json(path.read_bytes())
-    except (OSError, ValueError) as error:
+        document = parse_json(read_named_file(path, spec_limits().max_document_bytes))
+    except (DatasetError, ValueError, RecursionError) as error:
         raise UsageError(f"waivers {str(path)!r} cannot be read: {error}") from error
     for violation in schema_violations(document, "waivers.schema.json"):
         raise UsageError(

@@ -15,7 +15,7 @@ from pathlib import Path
 from branchdrive.dataset.layout import unsafe_reason
 from branchdrive.errors import DatasetError
 
-__all__ = ["list_names", "open_file", "read_file"]
+__all__ = ["list_names", "open_file", "read_file", "read_named_file"]
 
 
 @contextmanager
@@ -69,6 +69,29 @@ def read_file(root: Path, path: str, max_bytes: int) -> bytes:
         content = stream.read(max_bytes + 1)
     if len(content) > max_bytes:
         raise DatasetError(f"{root}: {path!r} has more than {max_bytes} bytes, the spec limit")
+    return content
+
+
+def read_named_file(path: Path, max_bytes: int) -> bytes:
+    """Content of a regular file that the user names, wherever it lies and whatever links lead there.
+
+    Raises:
+        DatasetError: There is none, it cannot be opened, or it has more than `max_bytes` bytes; the message leaves
+            the path to the caller.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        raise DatasetError("does not exist") from None
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"cannot be opened ({getattr(error, 'strerror', None) or error})") from error
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise DatasetError("is no regular file")
+    with os.fdopen(descriptor, "rb") as stream:
+        content = stream.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise DatasetError(f"has more than {max_bytes} bytes, the spec limit")
     return content
 
 

@@ -30,7 +30,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: As the single commands.
     """
     need_models("benchmark")
-    from branchdrive_reference.benchmark.step import evaluate_step, lock_step, predict_step, train_step
+    from branchdrive_reference.benchmark.evaluation import evaluate_published
+    from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step
 
     progress = bars(stderr)
     with at_work(args.release, args.protocol) as (workspace, protocol):
@@ -41,6 +42,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         stderr.write(sentence(trained))
         lock_step(workspace, protocol)
         workspace = predict_step(workspace, protocol, device=args.device, progress=progress)
-        found = evaluate_step(workspace, protocol, with_figures=not args.no_figures, progress=progress)
+        with progress("evaluating") as show:
+            found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
     stdout.write(shown(found, args.format, stdout))
     return 0

@@ -15,7 +15,6 @@ from branchdrive_reference.benchmark.command.option import (
     add_release,
     at_work,
     bars,
-    need_models,
 )
 
 if TYPE_CHECKING:
@@ -67,12 +66,11 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         raise UsageError("`--predictions` and `--name` go together")
     if args.predictions is None and args.output is not None:
         raise UsageError("`--output` goes with `--predictions`; results of the release are published in it")
-    need_models("evaluate")
     if args.predictions is None:
-        from branchdrive_reference.benchmark.step import evaluate_step
+        from branchdrive_reference.benchmark.evaluation import evaluate_published
 
-        with at_work(args.release, args.protocol) as (workspace, protocol):
-            found = evaluate_step(workspace, protocol, with_figures=not args.no_figures, progress=bars(stderr))
+        with at_work(args.release, args.protocol) as (workspace, protocol), bars(stderr)("evaluating") as show:
+            found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
     else:
         check_output(args.output, outside=args.release, is_folder=True)
         found = _foreign(args)
@@ -81,18 +79,21 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 
 def _foreign(args: argparse.Namespace) -> Evaluation:
-    from branchdrive.contract.document import parse_json
+    from branchdrive.dataset.durable import replace_file
     from branchdrive.derive.benchmark.protocol import default_protocol, read_protocol
+    from branchdrive_reference.benchmark.document import protocol_file
     from branchdrive_reference.benchmark.evaluation import evaluate_foreign
     from branchdrive_reference.benchmark.foreign import read_predictions
-    from branchdrive_reference.benchmark.prediction import benchmark_data
+    from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
+    from branchdrive_reference.benchmark.workspace import PROTOCOL
 
     release = open_release(args.release)
-    stored = (
-        release.document("benchmark/protocol.json") if args.protocol is None else parse_json(args.protocol.read_bytes())
-    )
-    protocol = default_protocol() if stored is None else read_protocol(stored)
+    stored = release.document(PROTOCOL)
+    if args.protocol is not None:
+        protocol = protocol_file(args.protocol)
+    else:
+        protocol = default_protocol() if stored is None else read_protocol(stored)
     data = benchmark_data(release)
     predictions = read_predictions(args.predictions, args.name, data, protocol)
     with_figures = args.output is not None and not args.no_figures
@@ -101,7 +102,7 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
         for path, content in found.files.items():
             place = args.output / path
             place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(content)
+            replace_file(place, content)
     return found
 
 

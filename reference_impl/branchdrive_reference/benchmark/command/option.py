@@ -75,7 +75,7 @@ def at_work(release: Path, protocol_file: Path | None = None) -> Iterator[tuple[
         UsageError: Another command is at work there.
         DatasetError: The release cannot be read.
     """
-    from branchdrive_reference.benchmark.locking import choose_protocol
+    from branchdrive_reference.benchmark.document import choose_protocol
     from branchdrive_reference.benchmark.release import open_release
     from branchdrive_reference.benchmark.workspace import opened_workspace
     from branchdrive_reference.collect.interrupt import heeded_termination

@@ -1,0 +1,102 @@
+"""The folds of the guard: models that never saw a part of training, and the risk learned from their predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.derive.benchmark.data import BenchmarkData
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.derive.benchmark.ranking_result import utility_scale
+from branchdrive.derive.guard.risk_fit import RiskFit
+from branchdrive.errors import UsageError
+from branchdrive_reference.benchmark.release import Release
+from branchdrive_reference.benchmark.risk import keep_risk
+from branchdrive_reference.benchmark.training import model_tasks
+from branchdrive_reference.benchmark.workspace import Workspace
+from branchdrive_reference.guard.fold import NUM_FOLDS, cluster_folds
+from branchdrive_reference.learning.fold import HELD_OUT, Fold, open_fold
+from branchdrive_reference.learning.pool import Task
+from branchdrive_reference.learning.prediction import predict
+
+__all__ = ["fit_guard", "fold_tasks"]
+
+FOLD_SEED = 0
+"""Seed of the folds of the guard."""
+
+
+def fold_tasks(release: Release, protocol: BenchmarkProtocol) -> list[Task]:
+    """The guard's model with each of its seeds, without each fold of the training groups.
+
+    A fold holds whole route clusters out, so that no neighbour of a group trains the model that predicts it.
+
+    Raises:
+        UsageError: There are fewer route clusters in training than folds.
+    """
+    groups = release.layer.groups("train")
+    clusters = [str(release.clusters[group]) for group in groups]
+    if len(set(clusters)) < NUM_FOLDS:
+        raise UsageError(
+            f"{release.root}: {len(set(clusters))} route clusters in training make no {NUM_FOLDS} folds for the guard; "
+            "use `--no-guard`, or a release with more"
+        )
+    number = cluster_folds(clusters, seed=FOLD_SEED)
+    folds = [
+        Fold(fold, tuple(group for group, home in zip(groups, number.tolist(), strict=True) if home == fold))
+        for fold in range(NUM_FOLDS)
+    ]
+    return [task._replace(fold=fold) for fold in folds for task in model_tasks(protocol, [protocol.guard.model])]
+
+
+def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: BenchmarkData, *, device: str) -> RiskFit:
+    """Fit the risk on predictions of the trained folds, and let it wait for the ranking lock.
+
+    Raises:
+        UsageError: The extra is not installed, or training holds no violation or nothing but violations.
+        DatasetError: A fold cannot be read.
+    """
+    try:
+        from branchdrive_reference.guard.fit import fit_risk
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"the guard needs the package {error.name!r}: pip install 'branchdrive[guard]', or use `--no-guard`"
+        ) from error
+    release, guard = workspace.release, protocol.guard
+    scalars = _out_of_fold(release, workspace.folds, fold_tasks(release, protocol), device=device)
+    try:
+        found = fit_risk(
+            scalars,
+            data.part(protocol.partitions.fit).targets,
+            nominal=data.nominal,
+            scale=utility_scale(protocol, data),
+            profiles=protocol.preferences,
+            tolerance_m=guard.tolerance_m,
+            alpha=guard.alpha,
+        )
+    except UsageError as error:
+        raise UsageError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
+    keep_risk(workspace, protocol, found)
+    return found
+
+
+def _out_of_fold(release: Release, folder: Path, tasks: Sequence[Task], *, device: str) -> NDArray[np.float64]:
+    """Predicted scalars ``[seeds, groups, candidates, 6]`` of training groups, each by models that never saw it.
+
+    Args:
+        release: The release.
+        folder: Of the trained folds.
+        tasks: All of `fold_tasks`.
+        device: ``cpu``, ``cuda`` or ``auto``.
+    """
+    groups = {group: row for row, group in enumerate(release.layer.groups("train"))}
+    seeds = list(dict.fromkeys(task.seed for task in tasks))
+    found = np.full((len(seeds), len(groups), len(release.layer.candidate_order), 6), np.nan)
+    for task in tasks:
+        if task.fold is None:
+            raise UsageError(f"{task.name} holds nothing out")
+        (one,) = predict([task.path(folder)], open_fold(release.root, task.fold), HELD_OUT, device=device)
+        found[seeds.index(task.seed), [groups[group] for group in one.groups]] = one.scalars
+    return found

@@ -1,0 +1,60 @@
+"""The prediction lock as it is read: of this release and protocol, with the checkpoints that it names."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+from branchdrive.dataset.layout import layer_of
+from branchdrive.dataset.manifest import Manifest
+from branchdrive.derive.benchmark.lock import LockFacts, lock_problems
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.errors import UsageError
+from branchdrive_reference.benchmark.document import stored_document
+from branchdrive_reference.benchmark.release import Release
+from branchdrive_reference.benchmark.workspace import LOCK, Workspace
+
+__all__ = ["changed_checkpoints", "lock_facts", "read_lock"]
+
+
+def lock_facts(release: Release, protocol: BenchmarkProtocol) -> LockFacts:
+    """What a lock of this release says of it; the identity is that of the release without its raw layer."""
+    derived = {
+        path: digest for path, digest in release.manifest.files.items() if layer_of(path) not in ("raw", "media")
+    }
+    return LockFacts(
+        protocol_digest(protocol),
+        Manifest.of(derived).identity,
+        release.layer.scalings().scalars.split_digest,
+        release.manifest.files["model/normalisation.json"],
+        release.manifest.files["model/features.json"],
+        release.layer.candidate_order,
+    )
+
+
+def read_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, Any]:
+    """The lock of this release and protocol.
+
+    Raises:
+        UsageError: There is none, or it is of another release or protocol.
+    """
+    document = stored_document(workspace, LOCK)
+    if document is None:
+        raise UsageError(f"{workspace.release.root}: nothing is locked; run `branchdrive lock` first")
+    for problem in lock_problems(document, lock_facts(workspace.release, protocol)):
+        raise UsageError(
+            f"{workspace.release.root}: the lock at {problem.place} is of {problem.found}, expected "
+            f"{problem.expected}; run `branchdrive lock` and `branchdrive predict` again"
+        )
+    found: dict[str, Any] = document
+    return found
+
+
+def changed_checkpoints(workspace: Workspace, lock: dict[str, Any]) -> list[str]:
+    """Files of the lock whose checkpoint is missing or another one."""
+    changed = []
+    for entry in lock["checkpoints"]:
+        path = workspace.area / entry["file"]
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != entry["sha256"]:
+            changed.append(entry["file"])
+    return changed

@@ -1,0 +1,40 @@
+"""What is published: the data that a benchmark is judged on, and predictions."""
+
+from __future__ import annotations
+
+from branchdrive.contract.layer import table_path
+from branchdrive.dataset.frame import from_arrow
+from branchdrive.dataset.table_file import read_table
+from branchdrive.derive.benchmark.data import TABLES as DATA_TABLES
+from branchdrive.derive.benchmark.data import BenchmarkData
+from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive_reference.benchmark.release import Release
+
+__all__ = ["benchmark_data", "published_predictions"]
+
+
+def benchmark_data(release: Release) -> BenchmarkData:
+    """What the benchmark of a release is judged on.
+
+    Raises:
+        DatasetError: A table cannot be read or packed.
+    """
+    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in DATA_TABLES}
+    return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
+
+
+def published_predictions(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> PredictionSet:
+    """Predictions of the published benchmark layer.
+
+    Raises:
+        UsageError: None is published.
+        DatasetError: They cannot be read, or are not those that the protocol asks for.
+    """
+    if not release.has_benchmark:
+        raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
+    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in TABLES}
+    for problem in prediction_problems(frames, data, protocol):
+        raise DatasetError(f"{release.root}: {problem}; run `branchdrive predict` again")
+    return PredictionSet.from_frames(frames, data)
