@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import highway_env, paper, release
+from branchdrive_reference.bench import highway_env, paper, ranking, release
 from branchdrive_reference.bench.memory import peak_bytes, reset_peak, run_measured
 from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.simulator import measure_ticks_per_s
@@ -103,3 +103,12 @@ def test_a_build_that_fails_is_no_measurement(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BranchDriveError, match="the build ended with 1"):
         list(release.rows(tmp_path, ReleaseBench(tmp_path / "empty")))
+
+
+def test_the_selector_and_plain_torch_rank_alike(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    ours, theirs, difference = ranking.rows(tmp_path, repeats=2)
+    assert ours.what == "rank 13 candidates of one context, 3 seeds of M3, one thread\nexported selector"
+    assert re.fullmatch(r"[0-9.]+ ms, 95 % within [0-9.]+ ms", ours.measured) and ours.bar == "<= 2 ms"
+    assert re.fullmatch(r"[0-9.]+ ms, [0-9.]+x the selector's", theirs.measured)
+    assert 0 <= float(difference.measured) <= float(difference.bar.removeprefix("<= "))

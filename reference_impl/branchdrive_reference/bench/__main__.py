@@ -17,7 +17,7 @@ from rich.table import Table
 from branchdrive.cli.build import calibration
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import highway_env, paper, release, simulator, startup, validation
+from branchdrive_reference.bench import highway_env, paper, ranking, release, simulator, startup, validation
 from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.row import Row
 
@@ -35,6 +35,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         "simulator and expert": simulator.rows(),
         "highway-env beside them": highway_env.rows(),
         "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS),
+        "ranking": ranking.rows(folder),
         "start-up": startup.rows(),
     }
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,10 @@ from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.ranker import BankNetwork
 
-__all__ = ["INPUTS", "OPSET", "OUTPUT", "check_equal", "export_selector", "largest_difference"]
+__all__ = [
+    "INPUTS", "OPSET", "OUTPUT", "TOLERANCE", "check_equal", "contexts_of", "export_selector", "largest_difference",
+    "open_selector",
+]  # fmt: skip
 
 OPSET = 18
 """Version of the operators."""
@@ -55,7 +58,7 @@ def export_selector(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> b
     except ModuleNotFoundError as error:
         raise UsageError(f"`export` needs the package {error.name!r}: pip install 'branchdrive[export]'") from error
     network = BankNetwork(checkpoints, release).eval()
-    inputs = tuple(torch.from_numpy(values) for values in _contexts(release, "train", 1)[0])
+    inputs = tuple(torch.from_numpy(values) for values in contexts_of(release, "train", 1)[0])
     log = logging.getLogger("torch.onnx")
     level = log.level
     log.setLevel(logging.ERROR)
@@ -90,7 +93,13 @@ def check_equal(
         UsageError: The extra is not installed.
         BranchDriveError: The difference is larger than `TOLERANCE`.
     """
-    found = largest_difference(content, BankNetwork(checkpoints, release).eval(), _contexts(release, partition))
+    network = BankNetwork(checkpoints, release).eval()
+
+    def predict(state: Array, controls: Array) -> Array:
+        with torch.inference_mode():
+            return network(torch.from_numpy(state), torch.from_numpy(controls)).numpy()  # type: ignore[no-any-return]
+
+    found = largest_difference(content, predict, contexts_of(release, partition))
     if not found <= TOLERANCE:
         raise BranchDriveError(
             f"the exported selector differs from torch by {found:g}, at most {TOLERANCE:g} is allowed"
@@ -98,8 +107,8 @@ def check_equal(
     return found
 
 
-def largest_difference(content: bytes, network: BankNetwork, contexts: Sequence[tuple[Array, Array]]) -> float:
-    """Largest of ``|onnx - torch| / max(1, |torch|)`` over contexts.
+def open_selector(content: bytes) -> Any:
+    """The exported model as a session of ONNX Runtime on one thread of the CPU.
 
     Raises:
         UsageError: The extra is not installed.
@@ -110,17 +119,32 @@ def largest_difference(content: bytes, network: BankNetwork, contexts: Sequence[
         raise UsageError(f"`export` needs the package {error.name!r}: pip install 'branchdrive[export]'") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
-    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    largest = 0.0
-    with torch.inference_mode():
-        for state, controls in contexts:
-            (found,) = session.run([OUTPUT], dict(zip(INPUTS, (state, controls), strict=True)))
-            expected = network(torch.from_numpy(state), torch.from_numpy(controls)).numpy()
-            largest = max(largest, float((np.abs(found - expected) / np.maximum(1.0, np.abs(expected))).max()))
+    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def largest_difference(
+    content: bytes, predict: Callable[[Array, Array], NDArray[Any]], contexts: Sequence[tuple[Array, Array]]
+) -> float:
+    """Largest of ``|onnx - torch| / max(1, |torch|)`` over contexts.
+
+    Args:
+        content: The exported model.
+        predict: Targets ``[A, 6]`` from ``state`` and ``controls``, as torch computes them.
+        contexts: Pairs of both.
+
+    Raises:
+        UsageError: The extra is not installed.
+    """
+    session, largest = open_selector(content), 0.0
+    for state, controls in contexts:
+        (found,) = session.run([OUTPUT], dict(zip(INPUTS, (state, controls), strict=True)))
+        expected = predict(state, controls)
+        largest = max(largest, float((np.abs(found - expected) / np.maximum(1.0, np.abs(expected))).max()))
     return largest
 
 
-def _contexts(release: ModelLayer, partition: str, most: int | None = None) -> list[tuple[Array, Array]]:
+def contexts_of(release: ModelLayer, partition: str, most: int | None = None) -> list[tuple[Array, Array]]:
+    """Contexts of a partition in physical units, float32: ``state [16, 21]`` and ``controls [80, 3]`` of each."""
     found = release.sensor_inputs(partition)
     pairs = zip(found.state[:most], found.controls[:most], strict=True)
     return [(np.array(state, np.float32), np.array(controls, np.float32)) for state, controls in pairs]
