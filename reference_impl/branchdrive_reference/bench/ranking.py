@@ -10,7 +10,6 @@ import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -104,8 +103,9 @@ def _plain(checkpoints: Sequence[Checkpoint], layer: ModelLayer) -> Predict:
                 "controls": torch.from_numpy(scalings.controls.apply(controls[None]).astype(np.float32)),
                 "actions": actions,
             }
-            run = partial(torch.nn.Module.__call__, inputs=inputs, num_groups=1, num_candidates=len(actions))
-            return np.mean([physical(run(network), scalings)[0][0] for network in networks], axis=0)
+            outcomes = [network(inputs, num_groups=1, num_candidates=len(actions)) for network in networks]
+        found: NDArray[np.float64] = np.mean([physical(outcome, scalings)[0][0] for outcome in outcomes], axis=0)
+        return found
 
     return predict
 
