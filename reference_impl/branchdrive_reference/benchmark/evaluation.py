@@ -9,6 +9,7 @@ Source: paper IV-C; spec/14-benchmark.md.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +18,9 @@ from branchdrive.contract.document import dump_json
 from branchdrive.dataset.layout import LEDGER_FILE
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.lock import lock_digest, ranking_lock_document, risk_fit_of
-from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
+from branchdrive.derive.benchmark.openings import EVENTS, is_opened, opened, warnings
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.derive.benchmark.ranking_result import utility_scale
 from branchdrive.derive.benchmark.results import noise_of as stored_noise
 from branchdrive.derive.benchmark.results import results_document
@@ -38,6 +39,8 @@ from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, RANKING_LO
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "presented"]
 
 TABLES = f"{LAYER}/TABLES.md"
+
+UNRECORDED = "This evaluation looked at outcomes of the test partition, and no record of the release counts it."
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,8 @@ def evaluate_published(
         workspace.publish(files)
     show(1, 4, "statistics")
     said = warnings(openings, changed=_changed(release, lock), ledger=release.document(LEDGER_FILE))
-    noise = None if ranking_lock["outcome_noise"] is None else stored_noise(ranking_lock["outcome_noise"])
-    results = results_document(protocol, data, predictions, risk_fit_of(ranking_lock), noise, warnings=said)
+    risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
+    results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     show(2, 4, "figures")
     shown = presented(release, protocol, results, with_figures=with_figures)
     show(3, 4, "publication")
@@ -100,25 +103,37 @@ def evaluate_foreign(
     *,
     with_figures: bool = True,
 ) -> Evaluation:
-    """Evaluate predictions of others beside the published ones; nothing is published.
+    """Evaluate predictions of others; nothing is published, and no opening is recorded.
+
+    Published predictions stand beside them where they were evaluated under this protocol before: what was not
+    opened yet is not opened by the way.
 
     Raises:
-        DatasetError: Published predictions cannot be read, or have a model of the same name.
+        DatasetError: Published predictions cannot be read.
     """
-    risk, noise = None, None
-    openings: Any = {"entries": []}
-    predictions, changed = found, tuple[str, ...]()
-    if release.has_benchmark:
+    openings: Any = release.document(OPENINGS) or {"entries": []}
+    lock, ranking_lock = release.document(LOCK), release.document(RANKING_LOCK)
+    predictions, changed, risk, noise = found, tuple[str, ...](), None, None
+    unopened = _unopened(openings, protocol, lock, ranking_lock)
+    if unopened is None:
         predictions = published_predictions(release, protocol, data).joined(found)
-        openings = release.document(OPENINGS) or openings
-        changed = _changed(release, release.document(LOCK))
-        ranking_lock = release.document(RANKING_LOCK)
-        risk = risk_fit_of(ranking_lock)
-        if ranking_lock is not None and ranking_lock["outcome_noise"] is not None:
-            noise = stored_noise(ranking_lock["outcome_noise"])
+        changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     said = warnings(openings, unlocked=found.models, changed=changed, ledger=release.document(LEDGER_FILE))
+    said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
+
+
+def _unopened(
+    openings: Mapping[str, Any], protocol: BenchmarkProtocol, lock: Any | None, ranking_lock: Any | None
+) -> str | None:
+    """Why the published predictions are left out; ``None`` where they were evaluated under this protocol."""
+    if lock is not None and lock["protocol_digest"] != protocol_digest(protocol):
+        return "The published models are left out: they are locked under another protocol."
+    locks = zip(EVENTS, (lock, ranking_lock), strict=True)
+    if not all(found is not None and is_opened(openings, event, lock_digest(found)) for event, found in locks):
+        return "The published models are left out: they have not been evaluated yet."
+    return None
 
 
 def presented(
@@ -159,11 +174,7 @@ def _ranking_lock(
     if published is not None and published["prediction_lock_digest"] != lock:
         published = None
     risk: RiskFit | None = waiting_risk(workspace, protocol) or risk_fit_of(published)
-    noise: OutcomeNoise | None = None
-    if published is not None and published["outcome_noise"] is not None:
-        noise = stored_noise(published["outcome_noise"])
-    else:
-        noise = noise_of(workspace.release, data)
+    noise = _stored_noise(published) or noise_of(workspace.release, data)
     return ranking_lock_document(
         prediction_lock_digest=lock,
         predictions_digest=predictions.digest(data),
@@ -171,6 +182,12 @@ def _ranking_lock(
         risk_fit=risk,
         noise=noise,
     )
+
+
+def _stored_noise(ranking_lock: Any | None) -> OutcomeNoise | None:
+    if ranking_lock is None or ranking_lock["outcome_noise"] is None:
+        return None
+    return stored_noise(ranking_lock["outcome_noise"])
 
 
 def _changed(release: Release, lock: Any) -> tuple[str, ...]:

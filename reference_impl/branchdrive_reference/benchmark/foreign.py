@@ -46,11 +46,11 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
     """Predictions of the model `name` in a file.
 
     Raises:
-        UsageError: The protocol declares a model of that name.
+        UsageError: The protocol declares a model of that name, or a test of one.
         DatasetError: The file cannot be read, lacks a column, a candidate or a number, or has rows of training groups,
             of unknown groups or several of one candidate.
     """
-    if protocol.model(name) is not None:
+    if name in protocol.model_names:
         raise UsageError(f"--name: {name!r} is a model of the protocol; choose another name")
     try:
         table = decode_table(read_named_file(path, spec_limits().max_table_bytes))

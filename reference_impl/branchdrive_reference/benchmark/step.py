@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 
 from branchdrive.cli.progress import Update
 from branchdrive.dataset.durable import delete
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.derive.benchmark.lock import lock_digest
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
+from branchdrive_reference.benchmark.lock import changed_checkpoints
 from branchdrive_reference.benchmark.locking import make_lock
 from branchdrive_reference.benchmark.prediction import predict_all
 from branchdrive_reference.benchmark.published import benchmark_data
 from branchdrive_reference.benchmark.risk import waiting_risk
-from branchdrive_reference.benchmark.training import model_tasks, train
-from branchdrive_reference.benchmark.workspace import RANKING_LOCK, Workspace
+from branchdrive_reference.benchmark.training import drop_stale, model_tasks, train
+from branchdrive_reference.benchmark.workspace import LOCK, RANKING_LOCK, Workspace
 
 __all__ = ["Progress", "Trained", "lock_step", "predict_step", "train_step"]
 
@@ -29,12 +31,14 @@ class Trained(NamedTuple):
 
     Attributes:
         num_models: Trained models and seeds, those that were there included.
+        num_anew: Those of them, and folds, that were there under another configuration or version.
         models_s: Seconds for them.
         num_folds: Trained folds of the guard; 0 where its risk was there or is not wanted.
         guard_s: Seconds for the folds and the fit.
     """
 
     num_models: int
+    num_anew: int
     models_s: float
     num_folds: int
     guard_s: float
@@ -59,23 +63,32 @@ def train_step(
     release, begin = workspace.release, time.monotonic()
     workspace.restore()
     tasks = model_tasks(protocol, models)
+    num_anew = drop_stale(workspace.checkpoints, tasks)
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
     models_s, begin, folds = time.monotonic() - begin, time.monotonic(), []
     is_wanted = with_guard and (models is None or protocol.guard.model in models)
     if is_wanted and not _has_risk(workspace, protocol):
         folds = fold_tasks(release, protocol)
+        num_anew += drop_stale(workspace.folds, folds)
         with progress("training folds of the guard") as show:
             train(release, workspace.folds, folds, jobs=jobs, device=device, show=show)
         fit_guard(workspace, protocol, benchmark_data(release), device=device)
     delete(workspace.folds)
     workspace.tidy()
-    return Trained(len(tasks), models_s, len(folds), time.monotonic() - begin)
+    return Trained(len(tasks), num_anew, models_s, len(folds), time.monotonic() - begin)
 
 
 def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
-    published = workspace.release.document(RANKING_LOCK)
-    return waiting_risk(workspace, protocol) is not None or bool(published and published["risk_fit"])
+    """Whether a risk waits, or the published one is of this protocol and of the checkpoints that are there."""
+    if waiting_risk(workspace, protocol) is not None:
+        return True
+    lock, published = (workspace.release.document(path) for path in (LOCK, RANKING_LOCK))
+    if lock is None or published is None or published["risk_fit"] is None:
+        return False
+    is_of_lock = published["prediction_lock_digest"] == lock_digest(lock)
+    is_of_protocol = lock["protocol_digest"] == protocol_digest(protocol)
+    return is_of_lock and is_of_protocol and not changed_checkpoints(workspace, lock)
 
 
 def lock_step(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, Any]:

@@ -6,15 +6,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from branchdrive.cli.progress import Update
+from branchdrive.dataset.durable import delete
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
-from branchdrive.errors import UsageError
+from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.learning.checkpoint import Checkpoint
-from branchdrive_reference.learning.configuration import Configuration
+from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration
 from branchdrive_reference.learning.pool import Task, train_models
+from branchdrive_reference.learning.tensor_file import read_tensors
 from branchdrive_reference.learning.training import EpochReport
+from branchdrive_reference.learning.training_state import state_path
 
-__all__ = ["model_tasks", "train"]
+__all__ = ["drop_stale", "model_tasks", "train"]
 
 
 def model_tasks(protocol: BenchmarkProtocol, models: Sequence[str] | None = None) -> list[Task]:
@@ -34,6 +37,30 @@ def model_tasks(protocol: BenchmarkProtocol, models: Sequence[str] | None = None
         if models is None or model.id in models
         for seed in model.seeds
     ]
+
+
+def drop_stale(folder: Path, tasks: Sequence[Task]) -> int:
+    """Delete what the folder holds of tasks as they were under another configuration or version, or damaged.
+
+    Returns:
+        How many models are trained anew because of that.
+    """
+    stale = set()
+    for task in tasks:
+        path = task.path(folder)
+        for file in (path, state_path(path)):
+            if file.exists() and not _is_current(file, task):
+                delete(file)
+                stale.add(path)
+    return len(stale)
+
+
+def _is_current(file: Path, task: Task) -> bool:
+    try:
+        origin = read_tensors(file).document["provenance"]
+        return (origin["config_digest"], origin["code_version"]) == (task.configuration.digest, MODEL_VERSION)
+    except (DatasetError, LookupError, TypeError):
+        return False
 
 
 def train(

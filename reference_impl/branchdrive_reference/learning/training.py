@@ -114,7 +114,9 @@ def train_model(
     if path.exists():
         found = read_checkpoint(path)
         if found.provenance != origin:
-            raise UsageError(f"{path} was trained on another configuration, release or version; choose another folder")
+            raise UsageError(
+                f"{path} was trained on another configuration, release or version; delete it, or choose another folder"
+            )
         return found
     job = _Job(configuration, origin, environment(place), path, on_epoch or _unseen)
     with deterministic():

@@ -64,6 +64,26 @@ def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp
     assert results["guard"]["reason"] == "No risk was fitted."
 
 
+def test_what_was_not_opened_is_not_opened_by_the_way(
+    release: Path, columns: Columns, small_protocol: Path, tmp_path: Path
+) -> None:
+    def models() -> tuple[list[str], str]:
+        results = json.loads(invoke("evaluate", release, *options))
+        return [model["id"] for model in results["models"]], " ".join(results["warnings"])
+
+    options = ("--predictions", _write(tmp_path / "mine.parquet", columns), "--name", "Mine", "--format", "json")
+    invoke("train", release, "--protocol", small_protocol, "--no-guard")
+    invoke("lock", release)
+    invoke("predict", release)
+    assert models()[0] == ["Mine"] and "have not been evaluated yet" in models()[1]
+    invoke("evaluate", release, "--no-figures")
+    assert len(models()[0]) == 5 and "left out" not in models()[1]
+    (tmp_path / "other.json").write_text(json.dumps({**json.loads(small_protocol.read_bytes()), "version": "9.0.0"}))
+    options += ("--protocol", tmp_path / "other.json")
+    assert models()[0] == ["Mine"] and "locked under another protocol" in models()[1]
+    assert "no record of the release counts it" in models()[1]
+
+
 def _lack(columns: Columns) -> None:
     for values in columns.values():
         del values[5]
@@ -131,6 +151,7 @@ def test_options_go_together(done: Path, tmp_path: Path) -> None:
         (["--predictions", file], "go together"),
         (["--output", tmp_path], "goes with `--predictions`"),
         (["--predictions", file, "--name", "M3"], "is a model of the protocol"),
+        (["--predictions", file, "--name", "M5"], "is a model of the protocol"),
         (["--predictions", file, "--name", "Mine", "--output", done / "x"], "lies inside the dataset"),
     ):
         with pytest.raises(UsageError, match=message):

@@ -85,23 +85,27 @@ def test_without_a_guard_the_results_say_so(release: Path, small_protocol: Path)
 
 
 def test_a_second_opening_is_in_every_table(benchmarked: Path, tmp_path: Path) -> None:
-    (tmp_path / "other.json").write_text(json.dumps(protocol(learning_rate=1e-3)))
-    with pytest.raises(UsageError, match="was trained on another configuration"):
-        invoke("benchmark", benchmarked, "--protocol", tmp_path / "other.json")
-    same = {**protocol(), "version": "0.2.0"}
-    (tmp_path / "same.json").write_text(json.dumps(same))
-    said = invoke(
-        "benchmark",
-        benchmarked,
-        "--protocol",
-        tmp_path / "same.json",
-        "--no-guard",
-        "--no-figures",
-        "--format",
-        "markdown",
-    )
+    (tmp_path / "same.json").write_text(json.dumps({**protocol(), "version": "0.2.0"}))
+    options = ("--no-guard", "--no-figures", "--format", "markdown")
+    said = invoke("benchmark", benchmarked, "--protocol", tmp_path / "same.json", *options)
     num_tables, num_said = said.count("\n| ---"), said.count("was opened 2 times for predictions")
     assert num_said == num_tables > 10
+    assert is_clean(benchmarked)
+
+
+def test_what_another_protocol_changes_is_trained_anew(benchmarked: Path, tmp_path: Path) -> None:
+    before, document = contents(benchmarked / "benchmark"), protocol(learning_rate=1e-3)
+    document["models"][2:] = protocol()["models"][2:]  # M0 has no training, and M1 another one than before
+    document["profiles"][0] |= {"separation": 0.2, "displacement": 0.6, "comfort": 0.2}
+    (tmp_path / "other.json").write_text(json.dumps(document))
+    said = invoke("train", benchmarked, "--protocol", tmp_path / "other.json")
+    assert "15 folds and the risk of the guard" in said and "; 3 anew, which were of another configuration" in said
+    invoke("benchmark", benchmarked, "--no-figures")
+    after = contents(benchmarked / "benchmark")
+    changed = {path for path in before if path.endswith("safetensors") and before[path] != after[path]}
+    assert changed == {f"checkpoints/M1-seed{seed}.safetensors" for seed in (11, 23, 37)}
+    assert before["ranking_lock.json"] != after["ranking_lock.json"]
+    assert json.loads(after["ranking_lock.json"])["risk_fit"] is not None
     assert is_clean(benchmarked)
 
 

@@ -67,4 +67,5 @@ def sentence(found: Trained) -> str:
     """What was trained, and what it took."""
     text = f"{found.num_models} trainings of models in {found.models_s:.1f} s"
     guard = f", {found.num_folds} folds and the risk of the guard in {found.guard_s:.1f} s" if found.num_folds else ""
-    return f"{text}{guard}\n"
+    anew = f"; {found.num_anew} anew, which were of another configuration or version" if found.num_anew else ""
+    return f"{text}{guard}{anew}\n"

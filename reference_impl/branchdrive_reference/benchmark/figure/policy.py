@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from branchdrive.derive.ranking.selector import LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 
 __all__ = ["draw_policy"]
@@ -43,7 +44,7 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
 def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> None:
     for place, entry in enumerate(entries):
         name, value, ends = entry["selector"], entry[measure], entry["intervals"][measure]
-        colour = HUES[1] if name.startswith("O-") else INK if name == "oracle" else HUES[0]
+        colour = HUES[1] if name.startswith(LEARNED) else INK if name == "oracle" else HUES[0]
         if ends["low"] is not None:
             axes.plot([ends["low"], ends["high"]], [place, place], color=colour, linewidth=2.0, alpha=0.5)
         sd = entry["seed_sd"].get(measure)

@@ -15,7 +15,7 @@ from branchdrive.derive.layer.ledger import num_test_openings
 from branchdrive.derive.layer.problem import Problem
 from branchdrive.derive.layer.wording import opening_sentence
 
-__all__ = ["EVENTS", "num_openings", "opened", "openings_problems", "warnings"]
+__all__ = ["EVENTS", "is_opened", "num_openings", "opened", "openings_problems", "warnings"]
 
 PREDICTION = "prediction_test_opened"
 RANKING = "ranking_test_opened"
@@ -42,8 +42,7 @@ def opened(document: Mapping[str, Any] | None, event: str, lock_digest: str) -> 
     entries = list((document or {"entries": []})["entries"])
     if event == RANKING and not _of(entries, PREDICTION):
         raise ValueError(f"{event!r} comes after {PREDICTION!r}, which has not happened")
-    same = _of(entries, event)
-    if not same or same[-1]["lock_digest"] != lock_digest:
+    if not is_opened({"entries": entries}, event, lock_digest):
         entries.append({"number": len(entries) + 1, "event": event, "lock_digest": lock_digest})
     return {"entries": entries}
 
@@ -51,6 +50,11 @@ def opened(document: Mapping[str, Any] | None, event: str, lock_digest: str) -> 
 def num_openings(document: Mapping[str, Any], event: str) -> int:
     """How often the test partition was opened for predictions or for selections."""
     return len(_of(document["entries"], event))
+
+
+def is_opened(document: Mapping[str, Any], event: str, lock_digest: str) -> bool:
+    """Whether the last opening of one of `EVENTS` was under this lock."""
+    return [entry["lock_digest"] for entry in _of(document["entries"], event)][-1:] == [lock_digest]
 
 
 def openings_problems(

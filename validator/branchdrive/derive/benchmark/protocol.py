@@ -20,6 +20,7 @@ from branchdrive.contract.document import Integer, dump_json, schema_violations
 from branchdrive.contract.resources import load_resource
 from branchdrive.derive.metric.family import Family
 from branchdrive.derive.metric.shuffle import Kind
+from branchdrive.derive.ranking.selector import LEARNED
 from branchdrive.derive.utility import Profile
 from branchdrive.errors import DatasetError
 
@@ -190,6 +191,12 @@ class BenchmarkProtocol(_Document):
         """Partitions for which locked models predict: all but the one they are fitted on."""
         return (self.partitions.select, self.partitions.calibrate, self.partitions.report)
 
+    @property
+    def model_names(self) -> frozenset[str]:
+        """Names of models that are declared, or that a declared test is about, as those still to come."""
+        sides = {side for family in self.families for member in family.members for side in (member.left, member.right)}
+        return frozenset({model.id for model in self.models} | {side.removeprefix(LEARNED) for side in sides})
+
     def model(self, name: str) -> DeclaredModel | None:
         """The declared model of that name; ``None`` for another."""
         return next((model for model in self.models if model.id == name), None)
@@ -208,7 +215,7 @@ def protocol_problem(document: Any) -> str | None:
     try:
         BenchmarkProtocol.model_validate(document)
     except ValidationError as error:
-        return str(error.errors(include_url=False, include_context=False)[0]["msg"])
+        return str(error.errors(include_url=False, include_context=False)[0]["msg"]).removeprefix("Value error, ")
     return None
 
 

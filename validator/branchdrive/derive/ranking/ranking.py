@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.ranking.comparison import Gate, captured_share, non_worsening, seed_agreement
 from branchdrive.derive.ranking.measure import Measures, mean_measures, measures, without_range
-from branchdrive.derive.ranking.selector import Selector, by_score, fixed, uniform
+from branchdrive.derive.ranking.selector import LEARNED, Selector, by_score, fixed, uniform
 from branchdrive.derive.target import TARGETS, Targets
 from branchdrive.derive.utility import Profile, Scale, predicted_utility, utility
 
@@ -134,7 +134,7 @@ def rank(
                 f"[seeds, {', '.join(map(str, outcomes.values.shape))}]"
             )
         scores = predicted_utility(scalars, scale, profile)[:, who.ranked]
-        selectors[f"O-{model}"] = [by_score(each) for each in scores]
+        selectors[LEARNED + model] = [by_score(each) for each in scores]
     oracle = by_score(utilities)
     selectors["oracle"] = [oracle]
     best = measures(oracle, utilities, nominal=nominal)

@@ -21,10 +21,13 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.utility import TIE
 
-__all__ = ["Selector", "best_fixed", "by_score", "choose", "fixed", "uniform"]
+__all__ = ["LEARNED", "Selector", "best_fixed", "by_score", "choose", "fixed", "uniform"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+LEARNED = "O-"
+"""Name of an outcome-derived selector, before that of its model."""
 
 
 class Selector(NamedTuple):
