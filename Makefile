@@ -60,6 +60,6 @@ bench: setup
 bench-paper: setup
 	$(BIN)/python -m branchdrive_reference.bench --paper
 
-## build and validate a release of the preset benchmark: time, memory, population, leakage gate; of DATASET where one is named
+## build, validate and benchmark a release of the preset benchmark: time, memory, population, leakage gate; of DATASET where one is named
 bench-release: setup
 	$(BIN)/python -m branchdrive_reference.bench --release $(if $(DATASET),--dataset "$(DATASET)")

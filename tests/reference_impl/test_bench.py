@@ -8,9 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.reference_impl.benchmark.small_release import make_release, write_protocol
 
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import highway_env, paper, ranking, release
+from branchdrive_reference.bench import benchmark, highway_env, paper, ranking, release
 from branchdrive_reference.bench.memory import peak_bytes, reset_peak, run_measured
 from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.simulator import measure_ticks_per_s
@@ -103,6 +104,17 @@ def test_a_build_that_fails_is_no_measurement(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BranchDriveError, match="the build ended with 1"):
         list(release.rows(tmp_path, ReleaseBench(tmp_path / "empty")))
+
+
+def test_a_benchmark_is_measured_step_by_step(tmp_path: Path) -> None:
+    root, protocol = make_release(tmp_path / "release"), write_protocol(tmp_path / "protocol.json")
+    rows = list(benchmark.rows(root, jobs=1, protocol_file=protocol))
+    assert [(row.what.split()[0], row.bar) for row in rows] == [
+        ("train", "<= 120 s"), ("train", ""), ("predict", ""), ("evaluate:", ""), ("statistics", "<= 2 s"),
+    ]  # fmt: skip
+    assert all(re.match(r"[0-9.]+ s\n[0-9]+ MiB", row.measured) for row in rows[:-1])
+    assert rows[1].what == "train the 15 folds of the guard, and its risk"
+    assert float(rows[-1].measured.removesuffix(" s")) > 0
 
 
 def test_the_selector_and_plain_torch_rank_alike(tmp_path: Path) -> None:

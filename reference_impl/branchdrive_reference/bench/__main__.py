@@ -17,7 +17,7 @@ from rich.table import Table
 from branchdrive.cli.build import calibration
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import highway_env, paper, ranking, release, simulator, startup, validation
+from branchdrive_reference.bench import benchmark, highway_env, paper, ranking, release, simulator, startup, validation
 from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.row import Row
 
@@ -30,7 +30,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         return {"collection of the paper's size": paper.rows(folder, num_groups=args.groups)}
     if args.release:
         bench = ReleaseBench(args.dataset, args.groups, args.calibration, num_seeds=args.seeds)
-        return {"a release": release.rows(folder, bench)}
+        its_benchmark = benchmark.rows(folder / release.FOLDER, jobs=bench.jobs)
+        return {"a release": release.rows(folder, bench), "its benchmark": its_benchmark}
     return {
         "simulator and expert": simulator.rows(),
         "highway-env beside them": highway_env.rows(),

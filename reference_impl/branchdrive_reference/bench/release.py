@@ -31,7 +31,10 @@ from branchdrive_reference.bench.staged import StageCost
 from branchdrive_reference.bench.validation import time_validation
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 
-__all__ = ["ReleaseBench", "rows"]
+__all__ = ["FOLDER", "ReleaseBench", "rows"]
+
+FOLDER = "dataset"
+"""Where the release is made, below the folder that is given."""
 
 _SEED = 11
 _TITLES = {"raw": "read, judge and extract the raw layer"}
@@ -71,7 +74,7 @@ def rows(folder: Path, bench: ReleaseBench) -> Iterator[Row]:
     Raises:
         BranchDriveError: A command failed, or the release is not valid.
     """
-    root = folder / "dataset"
+    root = folder / FOLDER
     yield from _collected(root, bench)
     yield from _built(root, bench)
     layers = load_layers(root, ())

@@ -14,7 +14,7 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.benchmark.release import LAYER
 from branchdrive_reference.benchmark.workspace import PROTOCOL, Workspace
 
-__all__ = ["choose_protocol", "protocol_file", "stored_document"]
+__all__ = ["choose_protocol", "read_protocol_file", "stored_document"]
 
 
 def choose_protocol(workspace: Workspace, file: Path | None) -> BenchmarkProtocol:
@@ -25,7 +25,7 @@ def choose_protocol(workspace: Workspace, file: Path | None) -> BenchmarkProtoco
         DatasetError: The stored one cannot be read.
     """
     if file is not None:
-        protocol = protocol_file(file)
+        protocol = read_protocol_file(file)
     else:
         stored = stored_document(workspace, PROTOCOL)
         protocol = default_protocol() if stored is None else read_protocol(stored)
@@ -34,7 +34,7 @@ def choose_protocol(workspace: Workspace, file: Path | None) -> BenchmarkProtoco
     return protocol
 
 
-def protocol_file(file: Path) -> BenchmarkProtocol:
+def read_protocol_file(file: Path) -> BenchmarkProtocol:
     """The protocol in a file.
 
     Raises:

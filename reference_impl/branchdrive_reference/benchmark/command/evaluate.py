@@ -81,7 +81,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 def _foreign(args: argparse.Namespace) -> Evaluation:
     from branchdrive.dataset.durable import replace_file
     from branchdrive.derive.benchmark.protocol import default_protocol, read_protocol
-    from branchdrive_reference.benchmark.document import protocol_file
+    from branchdrive_reference.benchmark.document import read_protocol_file
     from branchdrive_reference.benchmark.evaluation import evaluate_foreign
     from branchdrive_reference.benchmark.foreign import read_predictions
     from branchdrive_reference.benchmark.published import benchmark_data
@@ -91,7 +91,7 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
     release = open_release(args.release)
     stored = release.document(PROTOCOL)
     if args.protocol is not None:
-        protocol = protocol_file(args.protocol)
+        protocol = read_protocol_file(args.protocol)
     else:
         protocol = default_protocol() if stored is None else read_protocol(stored)
     data = benchmark_data(release)
