@@ -54,10 +54,10 @@ def rows(folder: Path, *, repeats: int = _REPEATS) -> Iterator[Row]:
     build_release(root)
     layer = open_model(root)
     checkpoints = _checkpoints(layer, folder / "checkpoints")
-    content, plain = export_selector(checkpoints, layer), _plain(checkpoints, layer)
-    contexts = contexts_of(layer, "train")
     training = layer.targets("train")
     scale = fit_scale(Targets(training.scalars, training.scalars_available))
+    content = export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
+    plain, contexts = _plain(checkpoints, layer), contexts_of(layer, "train")
     ours_ms, theirs_ms = _latencies((_exported(content), plain), contexts, scale, repeats)
     what = f"rank 13 candidates of one context, {len(checkpoints)} seeds of {_MODEL}, one thread"
     ours, theirs = statistics.median(ours_ms), statistics.median(theirs_ms)

@@ -5,20 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive_reference.benchmark.release import LAYER
 from branchdrive_reference.benchmark.workspace import PROTOCOL, Workspace
 
 __all__ = ["choose_protocol", "read_protocol_file", "stored_document"]
 
 
-def choose_protocol(workspace: Workspace, file: Path | None) -> BenchmarkProtocol:
-    """The protocol in `file`, else the one that waits or is published, else the default one; it waits from now on.
+def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> BenchmarkProtocol:
+    """The protocol in `file`, else the one that waits or is published, else the default one.
+
+    Args:
+        workspace: The working area.
+        file: What the user named.
+        keep: Whether it waits from now on, for the commands that follow.
 
     Raises:
         UsageError: The file holds no protocol.
@@ -29,7 +32,7 @@ def choose_protocol(workspace: Workspace, file: Path | None) -> BenchmarkProtoco
     else:
         stored = stored_document(workspace, PROTOCOL)
         protocol = default_protocol() if stored is None else read_protocol(stored)
-    if workspace.read(PROTOCOL) != dump_json(protocol.document):
+    if keep and workspace.read(PROTOCOL) != dump_json(protocol.document):
         workspace.keep(PROTOCOL, dump_json(protocol.document))
     return protocol
 
@@ -55,14 +58,4 @@ def stored_document(workspace: Workspace, path: str) -> Any | None:
     content = workspace.read(path)
     if content is None:
         return None
-    try:
-        document = parse_json(content)
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{workspace.release.root}: {path!r} {error}; delete it and lock anew") from error
-    declared = LAYERS[LAYER].documents.get(path.removeprefix(f"{LAYER}/"))
-    for violation in schema_violations(document, declared.schema) if declared is not None else ():
-        raise DatasetError(
-            f"{workspace.release.root}: {path!r} at {violation.pointer or '/'}: expected {violation.expected}; "
-            "delete it and lock anew"
-        )
-    return document
+    return workspace.release.parsed(path, content, "delete it and lock anew")

@@ -17,7 +17,13 @@ from branchdrive.cli.progress import Update
 from branchdrive.contract.document import dump_json
 from branchdrive.dataset.layout import LEDGER_FILE
 from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.lock import lock_digest, ranking_lock_document, risk_fit_of
+from branchdrive.derive.benchmark.lock import (
+    changed_checkpoints,
+    lock_digest,
+    ranking_lock_document,
+    risk_fit_of,
+    unlocked_models,
+)
 from branchdrive.derive.benchmark.openings import EVENTS, is_opened, opened, warnings
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
@@ -81,7 +87,12 @@ def evaluate_published(
         files |= {OPENINGS: dump_json(openings), RANKING_LOCK: dump_json(ranking_lock)}
         workspace.publish(files)
     show(1, 4, "statistics")
-    said = warnings(openings, changed=_changed(release, lock), ledger=release.document(LEDGER_FILE))
+    said = warnings(
+        openings,
+        unlocked=unlocked_models(lock, predictions),
+        changed=_changed(release, lock),
+        ledger=release.document(LEDGER_FILE),
+    )
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     show(2, 4, "figures")
@@ -118,7 +129,8 @@ def evaluate_foreign(
     if unopened is None:
         predictions = published_predictions(release, protocol, data).joined(found)
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    said = warnings(openings, unlocked=found.models, changed=changed, ledger=release.document(LEDGER_FILE))
+    unlocked = predictions.models if lock is None else unlocked_models(lock, predictions)
+    said = warnings(openings, unlocked=unlocked, changed=changed, ledger=release.document(LEDGER_FILE))
     said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
@@ -191,6 +203,5 @@ def _stored_noise(ranking_lock: Any | None) -> OutcomeNoise | None:
 
 
 def _changed(release: Release, lock: Any) -> tuple[str, ...]:
-    digests = release.manifest.files
-    entries = lock["checkpoints"] if lock is not None else ()
-    return tuple(e["file"] for e in entries if digests.get(f"{LAYER}/{e['file']}") != e["sha256"])
+    prefix = f"{LAYER}/"
+    return changed_checkpoints(lock, {path.removeprefix(prefix): d for path, d in release.manifest.files.items()})

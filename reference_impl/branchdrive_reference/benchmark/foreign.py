@@ -40,6 +40,7 @@ __all__ = ["read_predictions"]
 
 _SCALARS = tuple(target.name for target in TARGETS)
 _TEXT, _SEED = ("group_id", "action_key"), "seed"
+_MAX_SEED = int(np.iinfo(np.int64).max)
 
 
 def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: BenchmarkProtocol) -> PredictionSet:
@@ -98,7 +99,10 @@ def _seeds(table: pa.Table) -> Values:
     values = table.column(_SEED)
     if not pa.types.is_integer(values.type) or values.null_count:
         raise DatasetError(f"column {_SEED!r} is {values.type} with {values.null_count} nulls, expected integers")
-    return np.asarray(values.to_numpy(), np.int64)
+    seeds = values.to_numpy()
+    if len(seeds) and not 0 <= int(seeds.min()) <= int(seeds.max()) <= _MAX_SEED:
+        raise DatasetError(f"column {_SEED!r} holds {seeds.min()} to {seeds.max()}, expected 0 to {_MAX_SEED}")
+    return np.asarray(seeds, np.int64)
 
 
 def _numbers(values: Any, column: str) -> Values:

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.dataset.layout import layer_of
-from branchdrive.dataset.manifest import Manifest
-from branchdrive.derive.benchmark.lock import LockFacts, lock_problems
+from branchdrive.dataset.manifest import derived_identity
+from branchdrive.derive.benchmark.lock import LockFacts, changed_checkpoints, lock_problems
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import LOCK, Workspace
 
-__all__ = ["changed_checkpoints", "lock_facts", "read_lock"]
+__all__ = ["changed_checkpoints_of", "lock_facts", "read_lock"]
 
 
 def lock_facts(release: Release, protocol: BenchmarkProtocol) -> LockFacts:
-    """What a lock of this release says of it; the identity is that of the release without its raw layer."""
-    derived = {
-        path: digest for path, digest in release.manifest.files.items() if layer_of(path) not in ("raw", "media")
-    }
+    """What a lock of this release says of it."""
     return LockFacts(
         protocol_digest(protocol),
-        Manifest.of(derived).identity,
+        derived_identity(release.manifest.files),
         release.layer.scalings().scalars.split_digest,
         release.manifest.files["model/normalisation.json"],
         release.manifest.files["model/features.json"],
@@ -50,11 +47,8 @@ def read_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     return found
 
 
-def changed_checkpoints(workspace: Workspace, lock: dict[str, Any]) -> list[str]:
-    """Files of the lock whose checkpoint is missing or another one."""
-    changed = []
-    for entry in lock["checkpoints"]:
-        path = workspace.area / entry["file"]
-        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != entry["sha256"]:
-            changed.append(entry["file"])
-    return changed
+def changed_checkpoints_of(workspace: Workspace, lock: Mapping[str, Any]) -> tuple[str, ...]:
+    """Files of the lock whose checkpoint is missing in the working area, or another one there."""
+    files = [path for path in workspace.checkpoints.glob("*") if path.is_file()]
+    digests = {f"{path.parent.name}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return changed_checkpoints(lock, digests)

@@ -15,7 +15,10 @@ from branchdrive_reference.benchmark.training import model_tasks
 from branchdrive_reference.benchmark.workspace import LOCK, Workspace
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 from branchdrive_reference.learning.configuration import MODEL_VERSION
+from branchdrive_reference.learning.pool import Task
 from branchdrive_reference.learning.prediction import check_release
+from branchdrive_reference.learning.provenance import provenance
+from branchdrive_reference.learning.training import training_data
 
 __all__ = ["make_lock"]
 
@@ -35,7 +38,7 @@ def make_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
         if not path.is_file():
             raise UsageError(f"{release.root}: {task.name} has no checkpoint; run `branchdrive train` first")
         checkpoint = read_checkpoint(path)
-        _check(checkpoint, task.configuration.digest, release)
+        _check(checkpoint, task, release)
         origin = checkpoint.provenance
         locked.append(
             LockedCheckpoint(
@@ -49,10 +52,14 @@ def make_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     return document
 
 
-def _check(checkpoint: Checkpoint, config_digest: str, release: Release) -> None:
+def _check(checkpoint: Checkpoint, task: Task, release: Release) -> None:
+    """Hold the whole provenance against that of the task on this release."""
     check_release(checkpoint, release.layer)
-    if checkpoint.provenance.config_digest != config_digest:
-        raise UsageError(
-            f"{release.root}: {checkpoint!r} was trained under another configuration than the protocol declares; "
-            "run `branchdrive train` again"
-        )
+    data = training_data(release.layer, task.configuration)
+    expected = provenance(release.layer, task.configuration, task.seed, data).record
+    for name, found in checkpoint.provenance.record.items():
+        if found != expected[name]:
+            raise UsageError(
+                f"{release.root}: {task.name} has a checkpoint with the `{name}` {found!r}, expected "
+                f"{expected[name]!r}; delete it and run `branchdrive train` again"
+            )

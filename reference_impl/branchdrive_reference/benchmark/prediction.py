@@ -16,7 +16,7 @@ from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.layer.frame import sort_rows
 from branchdrive.derive.metric.outcome import Predictions
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive_reference.benchmark.lock import changed_checkpoints, read_lock
+from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
 from branchdrive_reference.benchmark.published import benchmark_data
 from branchdrive_reference.benchmark.release import LAYER
 from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, PROTOCOL, Workspace
@@ -33,7 +33,7 @@ def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: st
         DatasetError: The release or a checkpoint cannot be read.
     """
     release, lock = workspace.release, read_lock(workspace, protocol)
-    for file in changed_checkpoints(workspace, lock):
+    for file in changed_checkpoints_of(workspace, lock):
         raise UsageError(
             f"{release.root}: {file!r} is not the checkpoint that was locked; run `branchdrive lock` again"
         )

@@ -12,8 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from branchdrive.contract.document import parse_json
-from branchdrive.contract.layer import table_path
+from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.frame import from_arrow
 from branchdrive.dataset.layout import MANIFEST_FILE, RAW_DIR, layer_of
@@ -71,14 +71,29 @@ class Release:
         """A JSON document; ``None`` if the release has none of that name.
 
         Raises:
-            DatasetError: It cannot be read.
+            DatasetError: It cannot be read, or does not conform to its schema.
         """
         if path not in self.manifest.files:
             return None
+        return self.parsed(path, read_file(self.root, path, spec_limits().max_document_bytes), "restore the file")
+
+    def parsed(self, path: str, content: bytes, advice: str) -> Any:
+        """A JSON document of a layer from its bytes.
+
+        Raises:
+            DatasetError: It is no JSON, or does not conform to the schema of a document at `path`; with the advice.
+        """
         try:
-            return parse_json(read_file(self.root, path, spec_limits().max_document_bytes))
+            document = parse_json(content)
         except (ValueError, RecursionError) as error:
-            raise DatasetError(f"{self.root}: {path!r} {error}; restore the file") from error
+            raise DatasetError(f"{self.root}: {path!r} {error}; {advice}") from error
+        layer, _, name = path.partition("/")
+        declared = LAYERS[layer].documents.get(name)
+        for violation in schema_violations(document, declared.schema) if declared is not None else ():
+            raise DatasetError(
+                f"{self.root}: {path!r} at {violation.pointer or '/'}: expected {violation.expected}; {advice}"
+            )
+        return document
 
     def benchmark_files(self) -> dict[str, bytes]:
         """Bytes of every file of the published benchmark layer, by path; none where none is published."""

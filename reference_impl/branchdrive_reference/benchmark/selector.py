@@ -20,8 +20,8 @@ import torch
 from numpy.typing import NDArray
 
 from branchdrive.dataset.model_layer import ModelLayer
-from branchdrive.derive.target import TARGETS, Targets
-from branchdrive.derive.utility import PROFILES, WEIGHED, fit_scale
+from branchdrive.derive.target import TARGETS
+from branchdrive.derive.utility import WEIGHED, Profile, Scale
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.ranker import BankNetwork
@@ -42,12 +42,16 @@ TOLERANCE = 1e-5
 Array = NDArray[np.float32]
 
 
-def export_selector(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> bytes:
+def export_selector(
+    checkpoints: Sequence[Checkpoint], release: ModelLayer, *, scale: Scale, profiles: Mapping[str, Profile]
+) -> bytes:
     """The bytes of the model.
 
     Args:
         checkpoints: Seeds of one model that reads histories and actions.
         release: The release that they were trained on.
+        scale: Quantiles of the training targets.
+        profiles: Preferences by name.
 
     Raises:
         UsageError: The extra is not installed, or the models are none that can be ranked with.
@@ -74,7 +78,7 @@ def export_selector(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> b
     if program is None:
         raise BranchDriveError("torch exported nothing")
     model = program.model_proto
-    for name, value in _about(checkpoints, release).items():
+    for name, value in _about(checkpoints, release, scale, profiles).items():
         model.metadata_props.add(key=name, value=json.dumps(value, sort_keys=True, allow_nan=False))
     for node in (model, model.graph, *model.graph.node):
         node.doc_string = ""
@@ -150,9 +154,9 @@ def contexts_of(release: ModelLayer, partition: str, most: int | None = None) ->
     return [(np.array(state, np.float32), np.array(controls, np.float32)) for state, controls in pairs]
 
 
-def _about(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> Mapping[str, Any]:
-    training = release.targets("train")
-    scale = fit_scale(Targets(training.scalars, training.scalars_available))
+def _about(
+    checkpoints: Sequence[Checkpoint], release: ModelLayer, scale: Scale, profiles: Mapping[str, Profile]
+) -> Mapping[str, Any]:
     return {
         "branchdrive.candidates": list(release.candidate_order),
         "branchdrive.targets": [{"name": target.name, "unit": target.unit} for target in TARGETS],
@@ -163,6 +167,6 @@ def _about(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> Mapping[st
         "branchdrive.utility": {
             "weighed": list(WEIGHED),
             **{name: [float(v) if np.isfinite(v) else None for v in getattr(scale, name)] for name in ("q05", "q95")},
-            "profiles": {name: profile.weights.tolist() for name, profile in PROFILES.items()},
+            "profiles": {name: profile.weights.tolist() for name, profile in profiles.items()},
         },
     }

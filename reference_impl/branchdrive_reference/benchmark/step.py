@@ -12,7 +12,7 @@ from branchdrive.dataset.durable import delete
 from branchdrive.derive.benchmark.lock import lock_digest
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
-from branchdrive_reference.benchmark.lock import changed_checkpoints
+from branchdrive_reference.benchmark.lock import changed_checkpoints_of
 from branchdrive_reference.benchmark.locking import make_lock
 from branchdrive_reference.benchmark.prediction import predict_all
 from branchdrive_reference.benchmark.published import benchmark_data
@@ -88,7 +88,7 @@ def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
         return False
     is_of_lock = published["prediction_lock_digest"] == lock_digest(lock)
     is_of_protocol = lock["protocol_digest"] == protocol_digest(protocol)
-    return is_of_lock and is_of_protocol and not changed_checkpoints(workspace, lock)
+    return is_of_lock and is_of_protocol and not changed_checkpoints_of(workspace, lock)
 
 
 def lock_step(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from branchdrive.build.publish import benchmark_area, held, publish_layer
+from branchdrive.build.publish import benchmark_area, held, make_private, publish_layer
 from branchdrive.dataset.durable import delete, make_dir, replace_file
 from branchdrive.errors import DatasetError
 from branchdrive_reference.benchmark.release import LAYER, Release, open_release
@@ -104,7 +104,7 @@ def opened_workspace(release: Release) -> Iterator[Workspace]:
         area = benchmark_area(release.root)
         if area.name.removeprefix("benchmark-") != release.manifest.identity[:16]:
             raise DatasetError(f"{release.root}: was built anew meanwhile; run the command again")
-        make_dir(area)
+        make_private(area)
         try:
             yield Workspace(release, area)
         finally:

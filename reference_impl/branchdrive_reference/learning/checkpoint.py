@@ -104,7 +104,8 @@ def checkpoint_path(folder: Path, model: str, seed: int) -> Path:
 
 def environment(device: torch.device) -> dict[str, str]:
     """What the last bits of weights depend on besides their provenance, as JSON data."""
-    return {"torch": str(torch.__version__), "device": device.type}
+    name = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
+    return {"torch": str(torch.__version__), "device": name}
 
 
 def write_checkpoint(

@@ -38,15 +38,21 @@ def open_device(name: str) -> torch.device:
 
 @contextmanager
 def deterministic() -> Iterator[None]:
-    """One thread and deterministic algorithms; afterwards everything is as before."""
+    """One thread, deterministic algorithms and full float32; afterwards everything is as before.
+
+    The workspace of cuBLAS stays as it is set here: the library reads it once, when it is first used.
+    """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # CUDA is deterministic only with it
     threads = torch.get_num_threads()
     algorithms = torch.are_deterministic_algorithms_enabled()
     warn_only = torch.is_deterministic_algorithms_warn_only_enabled()
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
+    short_floats = torch.backends.cudnn.allow_tf32
+    torch.backends.cudnn.allow_tf32 = False
     try:
         yield
     finally:
         torch.set_num_threads(threads)
         torch.use_deterministic_algorithms(algorithms, warn_only=warn_only)
+        torch.backends.cudnn.allow_tf32 = short_floats

@@ -42,7 +42,7 @@ from branchdrive_reference.learning.provenance import Provenance, provenance
 from branchdrive_reference.learning.stream import BATCHES, stream
 from branchdrive_reference.learning.training_state import TrainingState, read_state, state_path, write_state
 
-__all__ = ["EpochReport", "train_model"]
+__all__ = ["EpochReport", "train_model", "training_data"]
 
 SAVE_EVERY = 5
 """Epochs between two states on disk."""
@@ -77,6 +77,17 @@ class EpochReport(NamedTuple):
     fold: int | None = None
 
 
+def training_data(layer: ModelLayer, configuration: Configuration) -> dict[str, dict[str, Tensor]]:
+    """All that a training reads, by partition and name: normalised tensors of training and validation.
+
+    Raises:
+        UsageError: There is no training or validation group.
+        DatasetError: The release cannot be read.
+    """
+    contract = InputContract(configuration.model.contract)
+    return {name: BranchGroupDataset(layer, name, contract).tensors for name in ("train", "val")}
+
+
 def train_model(
     release: ModelLayer | str | Path,
     folder: str | Path,
@@ -103,8 +114,7 @@ def train_model(
     """
     layer = release if isinstance(release, ModelLayer) else open_model(release)
     place = open_device(device)
-    contract = InputContract(configuration.model.contract)
-    data = {name: BranchGroupDataset(layer, name, contract).tensors for name in ("train", "val")}
+    data = training_data(layer, configuration)
     origin = provenance(layer, configuration, seed, data)
     num_action_features = data["train"]["actions"].shape[1] if "actions" in data["train"] else 0
     if configuration.model.action is not None and not num_action_features:

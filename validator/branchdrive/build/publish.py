@@ -32,7 +32,7 @@ from branchdrive.dataset.manifest import Manifest, parse_manifest, write_manifes
 from branchdrive.dataset.untrusted import read_file
 from branchdrive.errors import BranchDriveError, UsageError
 
-__all__ = ["benchmark_area", "held", "publish", "publish_layer", "staging", "stated_identity"]
+__all__ = ["benchmark_area", "held", "make_private", "publish", "publish_layer", "staging", "stated_identity"]
 
 _WORK = "build"
 _NEW = "new"
@@ -151,17 +151,22 @@ def _drop_stale_benchmarks(target: Path, area: Path) -> None:
 
 
 def _work_folder(area: Path) -> Path:
-    """The builder's own folder, with what an interrupted build left there; one that another user could fill goes."""
+    """The builder's own folder, with what an interrupted build left there."""
     work = area / _WORK
-    if work.exists():
-        status = work.lstat()
+    make_private(work)
+    return work
+
+
+def make_private(folder: Path) -> None:
+    """Make `folder` one that no other user could have filled: what is there of another's, or open to others, goes."""
+    if folder.exists():
+        status = folder.lstat()
         is_own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
         if not is_own or stat.S_IMODE(status.st_mode) != _PRIVATE:
-            delete(work)
-    if not work.exists():
-        work.mkdir(_PRIVATE)
-        sync_dir(area)
-    return work
+            delete(folder)
+    if not folder.exists():
+        folder.mkdir(_PRIVATE)
+        sync_dir(folder.parent)
 
 
 def _leave(area: Path) -> None:

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step
 
     progress = bars(stderr)
-    with at_work(args.release, args.protocol) as (workspace, protocol):
+    with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
         trained = train_step(
             workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=progress,

@@ -33,19 +33,29 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_output(args.output, outside=args.release)
     need_models("export")
     from branchdrive.dataset.durable import replace_file
+    from branchdrive.derive.benchmark.protocol import read_protocol
+    from branchdrive.derive.benchmark.ranking_result import utility_scale
+    from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
     from branchdrive_reference.benchmark.selector import check_equal, export_selector
+    from branchdrive_reference.benchmark.workspace import LOCK, PROTOCOL
     from branchdrive_reference.learning.checkpoint import read_checkpoint
 
     release = open_release(args.release)
-    lock = release.document("benchmark/lock.json")
+    lock = release.document(LOCK)
     entries = [entry for entry in lock["checkpoints"] if entry["model"] == args.model] if lock is not None else []
     if not entries:
         raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
     checkpoints = [
         read_checkpoint(release.root / "benchmark" / entry["file"], sha256=entry["sha256"]) for entry in entries
     ]
-    content = export_selector(checkpoints, release.layer)
+    protocol = read_protocol(release.document(PROTOCOL))
+    content = export_selector(
+        checkpoints,
+        release.layer,
+        scale=utility_scale(protocol, benchmark_data(release)),
+        profiles=protocol.preferences,
+    )
     difference = check_equal(content, checkpoints, release.layer)
     replace_file(args.output, content)
     stdout.write(

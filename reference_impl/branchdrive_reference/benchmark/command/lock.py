@@ -29,7 +29,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.derive.benchmark.lock import lock_digest
     from branchdrive_reference.benchmark.step import lock_step
 
-    with at_work(args.release, args.protocol) as (workspace, protocol):
+    with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
         document = lock_step(workspace, protocol)
     stdout.write(f"prediction lock {lock_digest(document)}, {len(document['checkpoints'])} checkpoints\n")
     return 0

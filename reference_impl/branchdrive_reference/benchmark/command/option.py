@@ -66,8 +66,15 @@ def need_models(command: str) -> None:
 
 
 @contextmanager
-def at_work(release: Path, protocol_file: Path | None = None) -> Iterator[tuple[Workspace, BenchmarkProtocol]]:
+def at_work(
+    release: Path, protocol_file: Path | None = None, *, keep: bool = False
+) -> Iterator[tuple[Workspace, BenchmarkProtocol]]:
     """The working area of a release, held while the command runs, and the protocol that is in force.
+
+    Args:
+        release: Its folder.
+        protocol_file: The protocol that the user named.
+        keep: Whether the protocol waits for the commands that follow.
 
     A request to terminate interrupts as the keyboard does, and the same command goes on later.
 
@@ -81,7 +88,7 @@ def at_work(release: Path, protocol_file: Path | None = None) -> Iterator[tuple[
     from branchdrive_reference.collect.interrupt import heeded_termination
 
     with heeded_termination(), opened_workspace(open_release(release)) as workspace:
-        yield workspace, choose_protocol(workspace, protocol_file)
+        yield workspace, choose_protocol(workspace, protocol_file, keep=keep)
 
 
 def bars(stderr: TextIO) -> Progress:

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     need_models("train")
     from branchdrive_reference.benchmark.step import train_step
 
-    with at_work(args.release, args.protocol) as (workspace, protocol):
+    with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
         found = train_step(
             workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=bars(stderr),

@@ -128,9 +128,10 @@ FOLLOWING: dict[str, Callable[[BenchmarkDraft], None]] = {
 
 
 def checkpoint(facts: CheckpointFacts, payload: bytes = b"") -> bytes:
-    """A safetensors file without a tensor."""
+    """A safetensors file with one tensor of bytes."""
     about = json.dumps({"document": {"provenance": facts._asdict()}, "digest": hashlib.sha256(payload).hexdigest()})
-    content = json.dumps({"__metadata__": {"branchdrive": about}}).encode()
+    tensor = {"dtype": "U8", "shape": [len(payload)], "data_offsets": [0, len(payload)]}
+    content = json.dumps({"__metadata__": {"branchdrive": about}, "weights": tensor}).encode()
     return len(content).to_bytes(8, "little") + content + payload
 
 

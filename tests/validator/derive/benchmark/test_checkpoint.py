@@ -23,9 +23,15 @@ def header(provenance: Any) -> dict[str, Any]:
 
 
 def test_facts_are_read_from_the_header_alone() -> None:
-    content = framed(header({**FACTS._asdict(), "data_digest": "more"}))
+    tensors = {
+        "b": {"dtype": "F32", "shape": [2, 3], "data_offsets": [2, 26]},
+        "a": {"dtype": "BOOL", "shape": [2], "data_offsets": [0, 2]},
+        "none": {"dtype": "F64", "shape": [0, 9], "data_offsets": [26, 26]},
+        "scalar": {"dtype": "I16", "shape": [], "data_offsets": [26, 28]},
+    }
+    content = framed({**header({**FACTS._asdict(), "data_digest": "more"}), **tensors})
     assert header_bytes(content[:8]) == len(content)
-    assert checkpoint_facts(content + b"tensors") == FACTS
+    assert checkpoint_facts(content, len(content) + 28) == FACTS
 
 
 @pytest.mark.parametrize(
@@ -48,4 +54,36 @@ def test_facts_are_read_from_the_header_alone() -> None:
 )
 def test_what_is_no_checkpoint_is_refused(content: bytes, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        checkpoint_facts(content)
+        checkpoint_facts(content, len(content))
+
+
+@pytest.mark.parametrize(
+    ("tensor", "num_bytes", "words"),
+    [
+        ({}, 4, "has no type, shape and place"),
+        ("text", 4, "has no type, shape and place"),
+        ({"dtype": "F31"}, 4, "has no type, shape and place"),
+        ({"dtype": ["F32"]}, 4, "has no type, shape and place"),
+        ({"data_offsets": [0, 4, 4]}, 4, "has no type, shape and place"),
+        ({"shape": [1.0]}, 4, "is no list of numbers"),
+        ({"shape": [-1, -1]}, 4, "is no list of numbers"),
+        ({"shape": [2**62, 2**62]}, 4, "does not have the bytes of its shape"),
+        ({"data_offsets": [4, 8]}, 8, "overlap or leave a gap"),
+        ({}, 5, "4 bytes, and 5 follow"),
+        ({}, 3, "4 bytes, and 3 follow"),
+    ],
+)
+def test_tensors_fill_the_file(tensor: Any, num_bytes: int, words: str) -> None:
+    whole = {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]}
+    odd = tensor and ({**whole, **tensor} if isinstance(tensor, dict) else tensor)
+    entry = odd or (whole if "follow" in words else {})
+    content = framed({**header(FACTS._asdict()), "weights": entry})
+    with pytest.raises(ValueError, match=words):
+        checkpoint_facts(content, len(content) + num_bytes)
+
+
+def test_tensors_do_not_overlap() -> None:
+    entry = {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]}
+    content = framed({**header(FACTS._asdict()), "one": entry, "other": entry})
+    with pytest.raises(ValueError, match="overlap"):
+        checkpoint_facts(content, len(content) + 8)

@@ -97,6 +97,7 @@ class _Files:
     tables: dict[str, pa.Table] = field(default_factory=dict)
     documents: dict[str, Any] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
+    sizes: dict[str, int] = field(default_factory=dict)
     problems: dict[str, list[Sighting]] = field(default_factory=dict)
 
     def note(self, rule_id: str, sighting: Sighting) -> None:
@@ -126,6 +127,7 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
         frozenset(task.names),
         files.problems,
         digests=result.digests,
+        sizes=files.sizes,
     )
     # Rules on structure come first and always run: they say which tables the others can trust.
     always = {rule_id for rule_id, info in CATALOGUE.items() if info.kind == "structure"} | {_POPULATION_RULE}
@@ -168,7 +170,7 @@ def _read_free(task: ReleaseTask, path: str, files: _Files, result: ReleaseResul
             if path.endswith(CHECKPOINT_SUFFIX):
                 with suppress(ValueError):  # what is no checkpoint is the matter of a rule
                     head += stream.read(header_bytes(head) - LENGTH_BYTES)
-                files.contents[path] = head
+                files.contents[path], files.sizes[path] = head, size
             digest.update(head)
             while task.is_hashed and (chunk := stream.read(_CHUNK_BYTES)):
                 digest.update(chunk)

@@ -69,6 +69,7 @@ class ReleaseView:
         problems: What other rules say about files, by rule id.
         files: Paths of all files of the derived layers and of the root.
         digests: SHA-256 of the files that were read, by path; empty where digests are off.
+        sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class ReleaseView:
         problems: Mapping[str, list[Any]] | None = None,
         *,
         digests: Mapping[str, str] | None = None,
+        sizes: Mapping[str, int] | None = None,
     ) -> None:
         self.descriptor = descriptor
         self.tables = tables
@@ -90,6 +92,7 @@ class ReleaseView:
         self.raw = raw
         self.files = files
         self.digests = dict(digests or {})
+        self.sizes = dict(sizes or {})
         self.problems = dict(problems or {})
         self._frames: dict[str, dict[str, Values]] = {}
         self._expected: dict[str, Frame] = {}

@@ -17,16 +17,18 @@ from branchdrive.audit.rules.model import FEATURES, NORMALISATION
 from branchdrive.audit.rules.release import text_agrees
 from branchdrive.audit.rules.split import SPLIT
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.layout import IDENTITY_LAYERS, LEDGER_FILE, RAW_DIR, layer_of
-from branchdrive.dataset.manifest import Manifest
+from branchdrive.dataset.layout import LEDGER_FILE
+from branchdrive.dataset.manifest import derived_identity
 from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.derive.benchmark.data import TABLES, BenchmarkData, groups_digest
 from branchdrive.derive.benchmark.lock import (
     LockFacts,
+    changed_checkpoints,
     checkpoint_problems,
     lock_problems,
     ranking_lock_problems,
     risk_fit_of,
+    unlocked_models,
 )
 from branchdrive.derive.benchmark.openings import EVENTS, num_openings, openings_problems, warnings
 from branchdrive.derive.benchmark.prediction_set import TABLES as PREDICTED
@@ -43,6 +45,7 @@ PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
     f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
+_KINDS = {LOCK: "prediction", RANKING_LOCK: "ranking"}
 _SEED = "seed"
 
 
@@ -61,19 +64,25 @@ def _data(view: ReleaseView) -> BenchmarkData:
 
 
 def _lock(view: ReleaseView) -> Mapping[str, Any]:
-    return _of_kind(view, LOCK, "prediction")
+    return _of_kind(view, LOCK)
 
 
 def _ranking_lock(view: ReleaseView) -> Mapping[str, Any] | None:
     """The ranking lock; ``None`` where the layer has none and claims nothing."""
-    return _of_kind(view, RANKING_LOCK, "ranking") if RANKING_LOCK in view.files else None
+    return _of_kind(view, RANKING_LOCK) if RANKING_LOCK in view.files else None
 
 
-def _of_kind(view: ReleaseView, path: str, kind: str) -> Mapping[str, Any]:
+def _of_kind(view: ReleaseView, path: str) -> Mapping[str, Any]:
+    if _other_kind(view, path) is not None:
+        raise NotAtHandError(f"{path} is a lock of another kind")
     document: Mapping[str, Any] = view.document(path)
-    if document["kind"] != kind:
-        raise NotAtHandError(f"{path} is a lock of another kind, {document['kind']!r}")
     return document
+
+
+def _other_kind(view: ReleaseView, path: str) -> ReleaseCheck | None:
+    """What is wrong with a lock of another kind than its place takes; ``None`` for the right one."""
+    found = view.document(path)["kind"]
+    return None if found == _KINDS[path] else problems_found(path, 1, [("/kind", _KINDS[path], found)])
 
 
 def _digest(view: ReleaseView, path: str) -> str:
@@ -87,7 +96,7 @@ def _frames(view: ReleaseView) -> dict[str, Any]:
 
 
 def _problems(view: ReleaseView) -> list[PredictionProblem]:
-    return prediction_problems(_frames(view), view.once(_data), _protocol(view))
+    return prediction_problems(_frames(view), view.once(_data), view.once(_protocol))
 
 
 def _predictions(view: ReleaseView) -> PredictionSet:
@@ -113,10 +122,13 @@ def protocol_is_consistent(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-BMK-002")
 def lock_is_of_this_release(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Protocol, identity, split, normalisation, features and candidates are those of the release."""
+    if (other := _other_kind(view, LOCK)) is not None:
+        yield other
+        return
     document = _lock(view)
     facts = LockFacts(
         _digest(view, PROTOCOL),
-        _identity(view),
+        derived_identity(view.digests) if view.digests else None,
         view.document(SPLIT)["digest"],
         _digest(view, NORMALISATION),
         _digest(view, FEATURES),
@@ -125,19 +137,11 @@ def lock_is_of_this_release(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(LOCK, len(facts), lock_problems(document, facts))
 
 
-def _identity(view: ReleaseView) -> str | None:
-    """Identity of the release without its raw layer; ``None`` where digests are off."""
-    layers = [layer for layer in IDENTITY_LAYERS if layer != RAW_DIR]
-    return (
-        Manifest.of({p: d for p, d in view.digests.items() if layer_of(p) in layers}).identity if view.digests else None
-    )
-
-
 @release_rule("BD-BMK-003")
 def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """One checkpoint for each declared model and seed, each in a file of its own."""
     document = _lock(view)
-    yield problems_found(LOCK, len(document["checkpoints"]), checkpoint_problems(document, _protocol(view)))
+    yield problems_found(LOCK, len(document["checkpoints"]), checkpoint_problems(document, view.once(_protocol)))
 
 
 @release_rule("BD-BMK-004")
@@ -164,7 +168,7 @@ def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[ReleaseCheck]
 @release_rule("BD-BMK-005")
 def locks_name_the_training_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Every checkpoint was trained on the training groups of the frozen population, and on no other."""
-    data, protocol, entries = view.once(_data), _protocol(view), _lock(view)["checkpoints"]
+    data, protocol, entries = view.once(_data), view.once(_protocol), _lock(view)["checkpoints"]
     fit = data.parts.get(protocol.partitions.fit)
     expected = groups_digest(() if fit is None else fit.groups)
     problems = [
@@ -178,7 +182,7 @@ def locks_name_the_training_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-BMK-006")
 def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Provenance in the header of a checkpoint: model, seed, configuration, split, normalisation, training groups."""
-    lock, protocol = _lock(view), _protocol(view)
+    lock, protocol = _lock(view), view.once(_protocol)
     configurations = {model.id: model.config_digest for model in protocol.models}
     sightings, examined = [], 0
     for entry in lock["checkpoints"]:
@@ -195,7 +199,7 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[ReleaseChe
             entry["training_groups_digest"],
         )
         try:
-            found = checkpoint_facts(view.contents[path])
+            found = checkpoint_facts(view.contents[path], view.sizes[path])
         except (ValueError, RecursionError) as error:
             sightings.append(Sighting("a header with provenance", str(error), {"file": path}))
             continue
@@ -218,7 +222,7 @@ def predictions_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
 def every_declared_seed_predicts(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """A declared model has predictions of its declared seeds, and of no other."""
     problems = [problem for problem in view.once(_problems) if problem.kind == _SEED]
-    yield ReleaseCheck.of(len(_protocol(view).models), map(_sighting, problems))
+    yield ReleaseCheck.of(len(view.once(_protocol).models), map(_sighting, problems))
 
 
 def _sighting(problem: PredictionProblem) -> Sighting:
@@ -229,15 +233,18 @@ def _sighting(problem: PredictionProblem) -> Sighting:
 @release_rule("BD-BMK-009")
 def ranking_lock_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """The ranking lock names the prediction lock, the predictions, and the scale of utility of training."""
-    if (document := _ranking_lock(view)) is None:
+    if RANKING_LOCK not in view.files:
         return
-    data = view.once(_data)
+    if (other := _other_kind(view, RANKING_LOCK)) is not None:
+        yield other
+        return
+    document, data = _of_kind(view, RANKING_LOCK), view.once(_data)
     try:
         problems = ranking_lock_problems(
             document,
             prediction_lock_digest=_digest(view, LOCK),
             predictions_digest=view.once(_predictions).digest(data),
-            scale=utility_scale(_protocol(view), data),
+            scale=utility_scale(view.once(_protocol), data),
         )
     except DatasetError as error:
         raise NotAtHandError(str(error)) from error
@@ -250,11 +257,20 @@ def learned_risk_is_sound(view: ReleaseView) -> Iterator[ReleaseCheck]:
     if (document := _ranking_lock(view)) is None or document["risk_fit"] is None:
         return
     try:
-        risk_fit_of(document)
+        risk_fit = risk_fit_of(document)
     except DatasetError as error:
         yield problems_found(RANKING_LOCK, 1, [("/risk_fit", "a learned risk", str(error))])
         return
-    yield ReleaseCheck(1)
+    expected = {"tolerance_m": view.once(_protocol).guard.tolerance_m}
+    yield problems_found(
+        RANKING_LOCK,
+        1,
+        [
+            (f"/risk_fit/{name}", f"{value:g}, as the protocol has it", f"{getattr(risk_fit, name):g}")
+            for name, value in expected.items()
+            if getattr(risk_fit, name) != value
+        ],
+    )
 
 
 @release_rule("BD-BMK-011")
@@ -278,31 +294,24 @@ def results_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     found, ranking = view.document(RESULTS), _ranking_lock(view)
     try:
         risk_fit = risk_fit_of(ranking)
-        noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
-        expected = results_document(
-            _protocol(view),
-            view.once(_data),
-            view.once(_predictions),
-            risk_fit,
-            noise,
-            warnings=_warnings(view),
-        )
+    except DatasetError as error:
+        raise NotAtHandError(str(error)) from error
+    noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
+    protocol, data, predictions = view.once(_protocol), view.once(_data), view.once(_predictions)
+    try:
+        expected = results_document(protocol, data, predictions, risk_fit, noise, warnings=_warnings(view))
     except (DatasetError, ValueError) as error:
-        raise NotAtHandError(f"results cannot be computed: {error}") from error
+        yield problems_found(RESULTS, 1, [("", "results that can be computed", f"none: {error}")])
+        return
     yield problems_found(RESULTS, 1, document_problems(expected, found, tolerance=TOLERANCE))
 
 
 def _unlocked(view: ReleaseView) -> list[str]:
-    """Models with predictions of a seed that has no locked checkpoint."""
-    locked = {(entry["model"], int(entry["seed"])) for entry in _lock(view)["checkpoints"]}
-    predictions = view.once(_predictions)
-    return [model for model in predictions.models if not {(model, seed) for seed in predictions.seeds(model)} <= locked]
+    return unlocked_models(_lock(view), view.once(_predictions))
 
 
 def _warnings(view: ReleaseView) -> list[str]:
-    files = _files(view)
-    entries = _lock(view)["checkpoints"] if view.digests else []
-    changed = [entry["file"] for entry in entries if files.get(entry["file"]) != entry["sha256"]]
+    changed = changed_checkpoints(_lock(view), _files(view)) if view.digests else ()
     return warnings(
         view.document(OPENINGS), unlocked=_unlocked(view), changed=changed, ledger=view.document(LEDGER_FILE)
     )
@@ -311,7 +320,9 @@ def _warnings(view: ReleaseView) -> list[str]:
 @release_rule("BD-BMK-013")
 def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """`TABLES.md` is the one that the results give."""
-    if TABLES_FILE in view.files:
+    if TABLES_FILE in view.files and RESULTS not in view.files:
+        yield problems_found(TABLES_FILE, 1, [("", f"tables of `{RESULTS}`", "no such file")])
+    elif TABLES_FILE in view.files:
         yield text_agrees(view, TABLES_FILE, render_tables(view.document(RESULTS)))
 
 

@@ -1,13 +1,16 @@
 """What a checkpoint says about itself, read from its header alone: no tensor is read and no code is run.
 
 A checkpoint is a safetensors file: eight bytes with the length of a header, little-endian, then the header as JSON.
-Its metadata hold JSON text under ``branchdrive`` with ``{"document": {"provenance": {..}}}``.
+Its metadata hold JSON text under ``branchdrive`` with ``{"document": {"provenance": {..}}}``. Every other entry is a
+tensor with its type, shape and place; the tensors fill what follows the header, without a gap and without a rest.
 
 Source: safetensors format; spec/14-benchmark.md#checkpoints.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from branchdrive.contract.document import parse_json
@@ -18,7 +21,12 @@ __all__ = ["LENGTH_BYTES", "CheckpointFacts", "checkpoint_facts", "header_bytes"
 LENGTH_BYTES = 8
 """Bytes before the header."""
 
-_KEY = "branchdrive"
+_METADATA, _KEY = "__metadata__", "branchdrive"
+_ITEM_BYTES = {
+    "BOOL": 1, "U8": 1, "I8": 1, "U16": 2, "I16": 2, "F16": 2, "BF16": 2, "U32": 4, "I32": 4, "F32": 4, "U64": 8,
+    "I64": 8, "F64": 8,
+}  # fmt: skip
+"""Types of tensors and the size of their items."""
 
 
 class CheckpointFacts(NamedTuple):
@@ -55,17 +63,28 @@ def header_bytes(head: bytes) -> int:
     return LENGTH_BYTES + size
 
 
-def checkpoint_facts(head: bytes) -> CheckpointFacts:
+def checkpoint_facts(head: bytes, num_bytes: int) -> CheckpointFacts:
     """Provenance of a checkpoint from its first bytes, the whole header among them.
 
+    Args:
+        head: Of the file.
+        num_bytes: Of the whole file.
+
     Raises:
-        ValueError: They are no such header, or the metadata lack a fact.
+        ValueError: They are no such header, the metadata lack a fact, or the tensors do not fill the file.
     """
     size = header_bytes(head)
     if len(head) < size:
         raise ValueError("the header ends before its end")
-    provenance: Any = parse_json(head[LENGTH_BYTES:size])
-    for name, is_text in (("__metadata__", False), (_KEY, True), ("document", False), ("provenance", False)):
+    header: Any = parse_json(head[LENGTH_BYTES:size])
+    facts = _facts(header)
+    _check_tensors({name: entry for name, entry in header.items() if name != _METADATA}, num_bytes - size)
+    return facts
+
+
+def _facts(header: Any) -> CheckpointFacts:
+    provenance = header
+    for name, is_text in ((_METADATA, False), (_KEY, True), ("document", False), ("provenance", False)):
         if not isinstance(provenance, dict) or name not in provenance:
             raise ValueError(f"the metadata have no `{name}`")
         provenance = provenance[name]
@@ -80,3 +99,26 @@ def checkpoint_facts(head: bytes) -> CheckpointFacts:
         if type(provenance.get(name)) is not wanted:
             raise ValueError(f"the provenance has no `{name}`")
     return CheckpointFacts(*(provenance[name] for name in CheckpointFacts._fields))
+
+
+def _check_tensors(entries: Mapping[str, Any], num_bytes: int) -> None:
+    """Whether the tensors fill `num_bytes` one after the other."""
+    places = []
+    for name, entry in entries.items():
+        try:
+            shape, (begin, end) = entry["shape"], entry["data_offsets"]
+            numbers, item_bytes = (*shape, begin, end), _ITEM_BYTES[entry["dtype"]]
+        except (LookupError, TypeError, ValueError):
+            raise ValueError(f"the tensor {name!r} has no type, shape and place") from None
+        if not all(type(number) is int and number >= 0 for number in numbers):
+            raise ValueError(f"the shape or place of the tensor {name!r} is no list of numbers")
+        if end - begin != math.prod(shape) * item_bytes:
+            raise ValueError(f"the tensor {name!r} does not have the bytes of its shape")
+        places.append((begin, end))
+    filled = 0
+    for begin, end in sorted(places):
+        if begin != filled:
+            raise ValueError("the tensors overlap or leave a gap")
+        filled = end
+    if filled != num_bytes:
+        raise ValueError(f"the tensors have {filled} bytes, and {num_bytes} follow the header")

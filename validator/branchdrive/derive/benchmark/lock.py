@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from branchdrive.contract.document import dump_json
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.derive.benchmark.ranking_result import scale_record
 from branchdrive.derive.benchmark.results import TOLERANCE, noise_record
@@ -27,8 +28,9 @@ from branchdrive.derive.utility import WEIGHED, Scale
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "LockFacts", "LockedCheckpoint", "checkpoint_problems", "lock_digest", "lock_document", "lock_problems",
-    "ranking_lock_document", "ranking_lock_problems", "risk_fit_of", "scale_document",
+    "LockFacts", "LockedCheckpoint", "changed_checkpoints", "checkpoint_problems", "lock_digest", "lock_document",
+    "lock_problems", "ranking_lock_document", "ranking_lock_problems", "risk_fit_of", "scale_document",
+    "unlocked_models",
 ]  # fmt: skip
 
 
@@ -135,6 +137,22 @@ def checkpoint_problems(document: Mapping[str, Any], protocol: BenchmarkProtocol
     if len(set(files)) < len(files):
         problems.append(Problem("/checkpoints", "a file for each checkpoint", "a file that two share"))
     return problems
+
+
+def changed_checkpoints(document: Mapping[str, Any], digests: Mapping[str, str]) -> tuple[str, ...]:
+    """Files of a prediction lock that are missing or not the locked ones.
+
+    Args:
+        document: The lock.
+        digests: SHA-256 of the files that are there, by path in the layer's folder.
+    """
+    return tuple(entry["file"] for entry in document["checkpoints"] if digests.get(entry["file"]) != entry["sha256"])
+
+
+def unlocked_models(document: Mapping[str, Any], predictions: PredictionSet) -> list[str]:
+    """Models with predictions of a seed that has no locked checkpoint."""
+    locked = {(entry["model"], int(entry["seed"])) for entry in document["checkpoints"]}
+    return [model for model in predictions.models if not {(model, seed) for seed in predictions.seeds(model)} <= locked]
 
 
 def ranking_lock_document(

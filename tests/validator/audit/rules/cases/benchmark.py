@@ -18,7 +18,7 @@ from tests.validator.audit.rules.benchmark_release import (
 )
 from tests.validator.audit.rules.case import boundary, mutant
 
-from branchdrive.derive.benchmark.checkpoint import checkpoint_facts
+from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.derive.benchmark.data import groups_digest
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
 from branchdrive.derive.benchmark.prediction_set import TABLES
@@ -41,9 +41,13 @@ def trained_on(d: BenchmarkDraft, *more: str) -> str:
     return groups_digest([*d.data.part("train").groups, *more])
 
 
+def facts_of(content: bytes) -> CheckpointFacts:
+    return checkpoint_facts(content, len(content))
+
+
 def say(d: BenchmarkDraft, **facts: Any) -> None:
     """Let the checkpoint say something else of itself."""
-    d.checkpoints[CHECKPOINT] = checkpoint(checkpoint_facts(d.checkpoints[CHECKPOINT])._replace(**facts))
+    d.checkpoints[CHECKPOINT] = checkpoint(facts_of(d.checkpoints[CHECKPOINT])._replace(**facts))
 
 
 # Limits
@@ -138,6 +142,23 @@ def protocol_changed_after_the_lock(d: BenchmarkDraft) -> None:
     d.follow("results")
 
 
+@mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/kind"})
+def lock_of_another_kind(d: BenchmarkDraft) -> None:
+    d.documents[LOCK] = dict(d.documents[RANKING_LOCK])
+    d.follow("ranking")
+
+
+@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/kind"})
+def ranking_lock_of_another_kind(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK] = dict(d.documents[LOCK])
+    d.follow("openings", keep={"results", "tables"})
+
+
+@mutant("BD-BMK-013", at={"file": TABLES_FILE})
+def tables_without_results(d: BenchmarkDraft) -> None:
+    del d.documents[RESULTS]
+
+
 # BD-BMK-003
 
 
@@ -145,7 +166,7 @@ def protocol_changed_after_the_lock(d: BenchmarkDraft) -> None:
 def checkpoint_of_a_seed_that_is_not_declared(d: BenchmarkDraft) -> None:
     entries = d.documents[LOCK]["checkpoints"]
     more = "checkpoints/M3-seed5.safetensors"
-    facts = checkpoint_facts(d.checkpoints[CHECKPOINT])
+    facts = facts_of(d.checkpoints[CHECKPOINT])
     d.checkpoints[more] = checkpoint(facts._replace(seed=5))
     entries.append({**entries[ENTRY], "seed": 5, "file": more})
     d.follow("lock")
@@ -156,7 +177,7 @@ def checkpoint_of_a_seed_that_is_not_declared(d: BenchmarkDraft) -> None:
 
 @mutant("BD-BMK-004", at={"file": f"benchmark/{CHECKPOINT}"})
 def checkpoint_swapped_after_the_lock(d: BenchmarkDraft) -> None:
-    d.checkpoints[CHECKPOINT] += b"other weights"
+    d.checkpoints[CHECKPOINT] = checkpoint(facts_of(d.checkpoints[CHECKPOINT]), b"other weights")
     d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
     d.follow("results")
 
@@ -197,6 +218,12 @@ def checkpoint_of_another_configuration(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-006", at={"file": f"benchmark/{CHECKPOINT}"})
 def checkpoint_without_a_header(d: BenchmarkDraft) -> None:
     d.checkpoints[CHECKPOINT] = b"\xff" * 64
+    d.follow("lock")
+
+
+@mutant("BD-BMK-006", at={"file": f"benchmark/{CHECKPOINT}"})
+def checkpoint_with_a_rest_behind_its_tensors(d: BenchmarkDraft) -> None:
+    d.checkpoints[CHECKPOINT] += b"PK"
     d.follow("lock")
 
 
@@ -257,6 +284,12 @@ def prediction_changed_after_the_ranking_lock(d: BenchmarkDraft) -> None:
 def risk_that_rises_with_separation(d: BenchmarkDraft) -> None:
     d.documents[RANKING_LOCK]["risk_fit"]["logistic"][0] = 1.0
     d.follow("openings", keep={"results", "tables"})
+
+
+@mutant("BD-BMK-010", at={"file": RANKING_LOCK, "pointer": "/risk_fit/tolerance_m"})
+def risk_of_another_tolerance(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK]["risk_fit"]["tolerance_m"] = 1000.0
+    d.follow("openings")
 
 
 # BD-BMK-011
