@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from branchdrive.audit.finding import printable
+from branchdrive.derive.benchmark.tables import JUDGED_BY_CLUSTERS
 from branchdrive.derive.metric.sign_flip import p_text
 
 __all__ = ["render_results"]
@@ -75,8 +76,8 @@ def _spread(value: float | None, sd: float | None, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if sd is None else f"{value:.{digits}f} ± {sd:.{digits}f}"
 
 
-def _ends(found: Mapping[str, Any]) -> str:
-    return _NONE if found["low"] is None else f"[{found['low']:.3f}, {found['high']:.3f}]"
+def _ends(found: Mapping[str, Any], low: str = "low", high: str = "high") -> str:
+    return _NONE if found[low] is None else f"[{found[low]:.3f}, {found[high]:.3f}]"
 
 
 def _prediction(results: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -90,24 +91,37 @@ def _prediction(results: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]
 
 
 def _comparisons(section: Mapping[str, Any]) -> tuple[list[str], list[list[str]], str]:
+    """Two rows for each comparison: by route clusters, and by groups."""
     families = section["families"]
     adjusted = {family["name"]: {row["name"]: row for row in family["members"]} for family in families}
     rows = []
     for row in section["comparisons"]:
         cells = [adjusted[family["name"]].get(row["name"]) for family in families]
-        rows.append(
+        rows += [
             [
                 row["name"],
                 _NONE if row["difference"] is None else f"{row['difference']:+.4f}",
+                "clusters",
+                str(row["num_clusters"]),
+                _ends(row["interval"], "cluster_low", "cluster_high"),
+                p_text(row["p_clusters"], row["is_bound_clusters"]),
+                *(_NONE if c is None else p_text(c["p_holm_clusters"], c["is_bound_clusters"]) for c in cells),
+            ],
+            [
+                "",
+                "",
+                "groups",
+                str(row["num_groups"]),
                 _ends(row["interval"]),
                 p_text(row["p"], row["is_bound"]),
-                *(_NONE if cell is None else p_text(cell["p_holm"], cell["is_bound"]) for cell in cells),
-                str(row["num_groups"]),
-            ]
-        )
+                *(_NONE if c is None else p_text(c["p_holm"], c["is_bound"]) for c in cells),
+            ],
+        ]
     sizes = ", ".join(f"{_short(f)} {f['num_evaluated']} of {f['num_declared']}" for f in families)
-    note = f"Evaluated tests of each family: {sizes}; the others count with p = 1." if families else ""
-    header = ["comparison", "difference", "95 %", "p", *(f"Holm {_short(family)}" for family in families), "groups"]
+    note = JUDGED_BY_CLUSTERS
+    if families:
+        note += f" Evaluated tests of each family: {sizes}; the others count with p = 1."
+    header = ["comparison", "difference", "by", "N", "95 %", "p", *(f"Holm {_short(family)}" for family in families)]
     return header, rows, note
 
 

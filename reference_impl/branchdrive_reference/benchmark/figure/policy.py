@@ -30,7 +30,7 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
     figure = new_figure(
         2.9 * len(profiles) + 1.2, 2 * (0.27 * num_rows + 0.95) + 0.9, "What the selected action is worth",
         f"Executed utility in the test partition, {profiles[0]['num_ranked']} groups; bars are 95 % intervals over "
-        "groups, thin ones below them the spread over seeds; the dashed line is ActionPrior.",
+        "route clusters, thin ones below them the spread over seeds; the dashed line is ActionPrior.",
     )  # fmt: skip
     panels = axes_of(figure, 2, len(profiles), sharey=True)
     for column, profile in enumerate(profiles):
@@ -45,8 +45,9 @@ def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> No
     for place, entry in enumerate(entries):
         name, value, ends = entry["selector"], entry[measure], entry["intervals"][measure]
         colour = HUES[1] if name.startswith(LEARNED) else INK if name == "oracle" else HUES[0]
-        if ends["low"] is not None:
-            axes.plot([ends["low"], ends["high"]], [place, place], color=colour, linewidth=2.0, alpha=0.5)
+        if ends["cluster_low"] is not None:
+            line = ends["cluster_low"], ends["cluster_high"]
+            axes.plot(line, [place, place], color=colour, linewidth=2.0, alpha=0.5)
         sd = entry["seed_sd"].get(measure)
         if sd:
             axes.plot([value - sd, value + sd], [place + 0.24] * 2, color=QUIET, linewidth=1.4)

@@ -28,7 +28,8 @@ def draw_prediction(results: Mapping[str, Any]) -> Figure:
     num_groups = max((found[model, "macro_nmae"]["num_groups"] for model in models), default=0)
     figure = new_figure(
         11.4, 6.4, "How well the models predict",
-        f"Test partition, {num_groups} groups. Small marks: seeds; bars: 95 % intervals over groups. Lower is better.",
+        f"Test partition, {num_groups} groups. Small marks: seeds; lines: 95 % intervals over route clusters. "
+        "Lower is better.",
     )  # fmt: skip
     colours = {model: HUES[i % len(HUES)] for i, model in enumerate(models)}
     panels = axes_of(figure, 2, 3)
@@ -48,8 +49,9 @@ def _dots(axes: Axes, rows: Sequence[Mapping[str, Any]], colours: Mapping[str, s
         if row["value"] is None:
             continue
         colour, ends = colours[row["model"]], row["interval"]
-        if ends["low"] is not None:
-            axes.plot([place, place], [ends["low"], ends["high"]], color=colour, linewidth=2.0, alpha=0.55)
+        if ends["cluster_low"] is not None:
+            line = ends["cluster_low"], ends["cluster_high"]
+            axes.plot([place, place], line, color=colour, linewidth=2.0, alpha=0.55)
         axes.plot(place, row["value"], "o", color=colour, markersize=7)
         seeds = [value for value in row["by_seed"] if value is not None]
         if len(seeds) > 1:
@@ -68,8 +70,8 @@ def _targets(axes: Axes, models: Sequence[str], found: Mapping[Any, Any], colour
         places = [place - 0.4 + (i + 0.5) * width for place in range(len(rows))]
         axes.bar(places, [row["value"] or 0.0 for row in rows], 0.9 * width, color=colours[model], label=model)
         for place, row in zip(places, rows, strict=True):
-            if row["interval"]["low"] is not None:
-                ends = row["interval"]["low"], row["interval"]["high"]
+            if row["interval"]["cluster_low"] is not None:
+                ends = row["interval"]["cluster_low"], row["interval"]["cluster_high"]
                 axes.plot([place, place], ends, color=INK, linewidth=0.9)
     axes.set(title="NMAE of every target", ylabel="share of the training IQR", xticks=range(len(TARGETS)))
     axes.set_xticklabels([target.name.rsplit("_", 1)[0].replace("_", " ") for target in TARGETS], fontsize=8.6)
@@ -95,7 +97,7 @@ def _shuffles(
             if row["shuffle_sd"] is not None and row["shuffled"] is not None:
                 ends = row["shuffled"] - row["shuffle_sd"], row["shuffled"] + row["shuffle_sd"]
                 axes.plot([place, place], ends, color=INK, linewidth=0.9)
-    axes.set(title="Macro NMAE, shuffled", xticks=range(len(kinds) + 1))
+    axes.set(title="Macro NMAE, shuffled", xlabel="lines: spread over shuffles", xticks=range(len(kinds) + 1))
     axes.set_xticklabels(["as it is", *kinds], fontsize=8.6)
     axes.grid(axis="y")
     if not shown:

@@ -22,7 +22,7 @@ from branchdrive.derive.benchmark.data import BenchmarkData, groups_digest
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import read_protocol
 from branchdrive.derive.benchmark.results import noise_of, noise_record, results_document
-from branchdrive.derive.benchmark.tables import render_tables
+from branchdrive.derive.benchmark.tables import JUDGED_BY_CLUSTERS, render_tables
 from branchdrive.derive.layer.frame import take
 from branchdrive.derive.leakage.holm import holm
 from branchdrive.errors import DatasetError
@@ -85,13 +85,16 @@ def test_what_is_not_defined_is_null() -> None:
 
 def test_family_keeps_its_declared_size() -> None:
     """Members without predictions count with p = 1, and are not reported."""
-    p_values = {c["name"]: c["p"] for c in results()["prediction"]["comparisons"]}
+    found = results()["prediction"]["comparisons"]
+    p_values = {c["name"]: c["p"] for c in found}
     full = next(f for f in results()["prediction"]["families"] if f["name"] == "full")
     assert (full["num_declared"], full["num_evaluated"]) == (9, 4)
     names = [member["name"] for member in full["members"]]
     assert names == list(p_values)
     expected = holm([*p_values.values(), *[1.0] * 5])[:4]
     assert [member["p_holm"] for member in full["members"]] == pytest.approx(expected.tolist())
+    expected = holm([*(c["p_clusters"] for c in found), *[1.0] * 5])[:4]
+    assert [member["p_holm_clusters"] for member in full["members"]] == pytest.approx(expected.tolist())
     ranking = {f["name"]: (f["num_evaluated"], f["num_declared"]) for f in results()["ranking"]["families"]}
     assert ranking == {"ranking_structured": (8, 8), "ranking_full": (8, 24)}
 
@@ -101,13 +104,49 @@ def test_model_that_knows_more_is_better() -> None:
     assert found["M3-M1.macro_nmae"]["difference"] < 0
     assert found["M3-M1.macro_nmae"]["is_bound"]
     assert found["M3-M1.macro_nmae"]["p"] == pytest.approx(1 / 501)
+    assert found["M3-M1.macro_nmae"]["p_clusters"] < 0.05
+    assert found["M3-M1.macro_nmae"]["interval"]["cluster_high"] < 0
+    assert (found["M3-M1.macro_nmae"]["num_groups"], found["M3-M1.macro_nmae"]["num_clusters"]) == (20, 10)
+
+
+def test_everything_has_an_interval_by_clusters() -> None:
+    document = results()
+    intervals = [c["interval"] for section in ("prediction", "ranking") for c in document[section]["comparisons"]]
+    intervals += [e["interval"] for e in document["prediction"]["estimates"] if e["value"] is not None]
+    for profile in document["ranking"]["profiles"]:
+        for entry in profile["entries"]:
+            intervals += [*entry["intervals"].values(), entry["captured_interval"]]
+    intervals += document["diagnostics"]["shuffles"]
+    assert len(intervals) > 300
+    assert all(found["cluster_low"] <= found["cluster_high"] for found in intervals)
+
+
+def test_one_cluster_alone_says_nothing() -> None:
+    """Values, and everything by groups, stay as they are."""
+    one = dict(frames())
+    contexts = one["contexts"]
+    is_test = contexts["partition"] == "test"
+    one["contexts"] = {**contexts, "route_cluster": np.where(is_test, 7, contexts["route_cluster"])}
+    found = results_document(small_protocol(), BenchmarkData.of(one, BANK), prediction_set())
+    assert schema_violations(found, "results.schema.json") == []
+    for section in ("prediction", "ranking"):
+        for alone, one_of_many in zip(found[section]["comparisons"], results()[section]["comparisons"], strict=True):
+            assert (alone["p_clusters"], alone["is_bound_clusters"], alone["num_clusters"]) == (1.0, False, 1)
+            assert alone["interval"]["cluster_low"] is alone["intra_cluster_correlation"] is None
+            assert alone["p"] == one_of_many["p"]
+            assert alone["interval"]["low"] == pytest.approx(one_of_many["interval"]["low"])
+    assert all(shuffle["cluster_low"] is None for shuffle in found["diagnostics"]["shuffles"])
+    assert "| route clusters | 1 | - |" in render_tables(found)
 
 
 def test_shuffles_hurt_what_is_read() -> None:
     found = {(s["model"], s["kind"]): s for s in results()["diagnostics"]["shuffles"] if s["metric"] == "ade_m"}
     assert found["M2", "action"]["shuffled"] == pytest.approx(found["M2", "action"]["value"])
     assert found["M1", "history"]["shuffled"] == pytest.approx(found["M1", "history"]["value"])
-    assert all(found["M3", kind]["shuffled"] > found["M3", kind]["value"] for kind in ("action", "history", "joint"))
+    for row in found.values():
+        assert row["increase"] == pytest.approx(row["shuffled"] - row["value"])
+        assert row["cluster_low"] - 1e-12 <= row["increase"] <= row["cluster_high"] + 1e-12
+    assert all(found["M3", kind]["cluster_low"] > 0 for kind in ("action", "history", "joint"))
 
 
 def test_every_selector_is_ranked_under_every_profile() -> None:
@@ -185,6 +224,16 @@ def test_every_table_carries_the_warnings() -> None:
     assert len(tables) > 15
     assert all(f"> **Warning.** {WARNING}" in section for section in tables)
     assert render_tables(parse_json(dump_json(results()))) == text
+
+
+def test_tables_say_that_claims_are_judged_by_clusters_and_mark_bounds() -> None:
+    text = render_tables(results())
+    assert text.count(JUDGED_BY_CLUSTERS) == 2
+    found = results()["prediction"]["comparisons"][0]
+    assert found["is_bound_studentised"]
+    row = next(line for line in text.split("\n") if line.startswith("| `M3-M1.macro_nmae` |") and "| groups |" in line)
+    assert row.split(" | ")[-2] == f"<= {1 / 201:.2g}"
+    assert "standard deviation over shuffles" in text
 
 
 def test_tables_say_that_a_family_is_not_complete() -> None:

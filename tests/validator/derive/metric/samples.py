@@ -39,6 +39,16 @@ def predictions(truth: Outcomes, *, seed: int = 1, noise: float = 1.0, ties: boo
     return Predictions.of(np.round(scalars) if ties else scalars, truth.paths + noise * paths(rng, shape))
 
 
+def alone(num_groups: int) -> list[str]:
+    """A cluster of its own for every group."""
+    return [f"c{i:03}" for i in range(num_groups)]
+
+
+def pairs(num_groups: int) -> list[str]:
+    """Clusters of two groups, of one where their number is odd."""
+    return [f"c{i // 2:03}" for i in range(num_groups)]
+
+
 def perfect(truth: Outcomes) -> Predictions:
     return Predictions.of(truth.scalars, truth.paths)
 

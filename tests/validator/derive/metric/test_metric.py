@@ -99,8 +99,8 @@ def test_groups_that_contribute_are_counted() -> None:
     truth = Outcomes(truth.scalars, available, truth.paths, truth.complete)
     constant = predictions(truth).scalars
     constant[5] = 1.0
-    found = metric_values(truth, [Predictions.of(constant, truth.paths)], UNIT, np.ones((1, 6))).num_groups[0]
-    counted = dict(zip(NAMES, found.tolist(), strict=True))
+    found = metric_values(truth, [Predictions.of(constant, truth.paths)], UNIT, np.ones((1, 6))).contributes[0]
+    counted = dict(zip(NAMES, found.sum(axis=0).tolist(), strict=True))
     for kind in ("mae", "nmae", "rmse", "spearman"):
         assert [counted[f"{kind}.{target.name}"] for target in TARGETS] == [6, 4, 6, 6, 0, 6]
     assert [counted[f"bank_spearman.{target.name}"] for target in TARGETS] == [5, 3, 5, 5, 0, 5]

@@ -5,14 +5,14 @@ Source: paper V; spec/14-benchmark.md#results.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.number import number, numbers
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, DeclaredFamily, Member
-from branchdrive.derive.metric.family import adjust
+from branchdrive.derive.metric.family import Adjusted, adjust
 from branchdrive.derive.metric.scale import Scale, target_scale
 from branchdrive.derive.metric.table import Comparison, Contrast, Estimate, Interval, statistics
 
@@ -38,6 +38,7 @@ def prediction_results(
     members = evaluated_members(families, judged)
     found = statistics(
         part.groups,
+        part.clusters,
         part.outcomes,
         judged,
         scale,
@@ -61,21 +62,28 @@ def evaluated_members(families: Iterable[DeclaredFamily], names: Collection[str]
 
 
 def family_records(families: Iterable[DeclaredFamily], comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
-    """Adjusted p-values of every family, in the size that it declares.
+    """Adjusted p-values of every family, in the size that it declares, by groups and by clusters.
 
     A member that was not evaluated counts with a p-value of 1. Adjusted p-values rise with those of the other
     members, so each is the largest that it could be, whatever the missing tests would say.
     """
-    p_values = {comparison.name: comparison.p for comparison in comparisons}
-    smallest = {comparison.name for comparison in comparisons if comparison.is_smallest}
+    evaluated = {found.name for found in comparisons}
     records = []
     for declared in families:
-        given = {member.name: p_values.get(member.name, 1.0) for member in declared.members}
-        adjusted = adjust([declared.family], given, smallest=smallest)[declared.name]
+        groups = _adjusted(declared, {found.name: (found.p, found.is_smallest) for found in comparisons})
+        clusters = _adjusted(
+            declared, {found.name: (found.p_clusters, found.is_smallest_clusters) for found in comparisons}
+        )
         members = [
-            {"name": name, "p_holm": float(found.p), "is_bound": bool(found.is_bound)}
-            for name, found in adjusted.items()
-            if name in p_values
+            {
+                "name": name,
+                "p_holm": float(groups[name].p),
+                "is_bound": bool(groups[name].is_bound),
+                "p_holm_clusters": float(clusters[name].p),
+                "is_bound_clusters": bool(clusters[name].is_bound),
+            }
+            for name in groups
+            if name in evaluated
         ]
         records.append(
             {
@@ -88,6 +96,13 @@ def family_records(families: Iterable[DeclaredFamily], comparisons: Sequence[Com
     return records
 
 
+def _adjusted(declared: DeclaredFamily, found: Mapping[str, tuple[float, bool]]) -> Mapping[str, Adjusted]:
+    """Adjusted p-values of a family, of p-values by test and whether each is the smallest that its flips allow."""
+    given = {member.name: found[member.name][0] if member.name in found else 1.0 for member in declared.members}
+    smallest = {name for name, (_, is_smallest) in found.items() if is_smallest}
+    return adjust([declared.family], given, smallest=smallest)[declared.name]
+
+
 def comparison_record(found: Comparison) -> dict[str, Any]:
     """A comparison as JSON data."""
     return {
@@ -96,15 +111,21 @@ def comparison_record(found: Comparison) -> dict[str, Any]:
         "interval": interval_record(found.interval),
         "p": float(found.p),
         "is_bound": bool(found.is_smallest),
+        "p_clusters": float(found.p_clusters),
+        "is_bound_clusters": bool(found.is_smallest_clusters),
         "studentised_p": float(found.studentised_p),
+        "is_bound_studentised": bool(found.is_smallest_studentised),
+        "intra_cluster_correlation": number(found.correlation),
         "num_groups": int(found.num_groups),
+        "num_clusters": int(found.num_clusters),
     }
 
 
 def interval_record(found: Interval) -> dict[str, Any]:
     """An interval as JSON data."""
-    ends = {name: number(getattr(found, name)) for name in ("low", "high", "bca_low", "bca_high")}
-    return {**ends, "num_undefined": int(found.num_undefined)}
+    return {
+        name: int(value) if name.endswith("num_undefined") else number(value) for name, value in found._asdict().items()
+    }
 
 
 def _estimate_record(found: Estimate) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Results of rankings: every selector under every profile, and the families of tests between selectors.
 
 Quantiles and ActionPrior come from the partition that models are fitted on, the fixed brake from the one that
-choices are made on. All selectors share the resamples and sign flips of the reported groups; a group that is not
-ranked has no difference.
+choices are made on. All selectors share the resamples and sign flips of the reported groups, and of their route
+clusters; a group that is not ranked has no difference.
 
 Source: paper VI-D; spec/14-benchmark.md#results.
 """
@@ -27,7 +27,6 @@ from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, Member
 from branchdrive.derive.metric.bootstrap import Design, counted_mean, design, ratio_of_sums
 from branchdrive.derive.metric.interval import Intervals, intervals
-from branchdrive.derive.metric.sign_flip import draw_signs
 from branchdrive.derive.metric.table import Interval, compare
 from branchdrive.derive.ranking.measure import Measures
 from branchdrive.derive.ranking.ranking import Entry, Ranking, rank
@@ -51,9 +50,8 @@ def ranking_results(
 ) -> dict[str, Any]:
     """The section ``ranking``."""
     part = data.part(protocol.partitions.report)
-    resampling = design(
-        len(part.groups), seed=int(protocol.statistics.seed), num_resamples=int(protocol.statistics.resamples)
-    )
+    seed = int(protocol.statistics.seed)
+    resampling = design(part.clusters, seed=seed, num_resamples=int(protocol.statistics.resamples))
     profiles: list[dict[str, Any]] = []
     left_out: list[dict[str, str]] = []
     rankings: dict[str, Ranking] = {}
@@ -75,7 +73,8 @@ def ranking_results(
         [member.name for member in members],
         np.stack(differences, axis=1) if differences else np.empty((len(part.groups), 0)),
         resampling,
-        draw_signs(len(part.groups), seed=int(protocol.statistics.seed), num_flips=int(protocol.statistics.flips)),
+        seed=seed,
+        num_flips=int(protocol.statistics.flips),
     )
     return {
         "profiles": profiles,
@@ -116,13 +115,13 @@ def _ranked(
 
 def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
     values = np.stack([_spread_out(getattr(entry.measures, name), ranking) for name in MEASURES], axis=1)
-    means, resamples, jackknife = resampling.split(counted_mean(resampling.counts, values))
-    num_groups = (~np.isnan(values)).sum(axis=0)
-    ends = intervals(means, resamples, jackknife, num_groups)
+    parts = resampling.split(counted_mean(resampling.counts, values))
+    there = ~np.isnan(values)
+    ends = intervals(*parts, there.sum(axis=0), resampling.clusters.num_there(there))
     seed_means = [[float(getattr(seed, name).mean()) for seed in entry.seeds] for name in ("value", "regret")]
     return {
         "selector": selector,
-        **{name: number(means[i]) for i, name in enumerate(MEASURES)},
+        **{name: number(parts[0][i]) for i, name in enumerate(MEASURES)},
         "intervals": {name: _record(ends, i) for i, name in enumerate(MEASURES)},
         "seed_sd": {
             name: number(float(np.std(found, ddof=1))) if len(found) > 1 else None
@@ -143,7 +142,8 @@ def _captured_interval(entry: Entry, ranking: Ranking, resampling: Design) -> di
         for found in (entry, ranking.entries["oracle"])
     )
     found = resampling.split(ratio_of_sums(resampling.counts, gained, gap))
-    return _record(intervals(*found, np.array([int(ranking.population.ranked.sum())])), 0)
+    ranked = ranking.population.ranked[:, None]
+    return _record(intervals(*found, ranked.sum(axis=0), resampling.clusters.num_there(ranked)), 0)
 
 
 def _spread_out(values: Array, ranking: Ranking) -> Array:
@@ -163,7 +163,7 @@ def _difference(rankings: Mapping[str, Ranking], member: Member) -> Array:
 
 
 def _record(ends: Intervals, k: int) -> dict[str, Any]:
-    return interval_record(Interval(*(field[k].item() for field in ends)))
+    return interval_record(Interval.of(ends, k))
 
 
 def scale_record(scale: Scale) -> dict[str, Any]:

@@ -15,12 +15,21 @@ from branchdrive.derive.layer.wording import PARTITION_TITLES
 from branchdrive.derive.metric.sign_flip import p_text
 from branchdrive.derive.target import TARGETS
 
-__all__ = ["render_tables"]
+__all__ = ["JUDGED_BY_CLUSTERS", "render_tables"]
 
 Document = Mapping[str, Any]
 Rows = list[list[str]]
 
+JUDGED_BY_CLUSTERS = (
+    "Claims are judged by route clusters: groups of one cluster are alike, so that tests and intervals by groups are "
+    "too sure of themselves. Those by groups stand for parity with the paper."
+)
+"""Below every table of comparisons."""
+
 _NONE = "-"
+_BY_CLUSTERS = ("cluster_low", "cluster_high")
+_BCA = ("bca_low", "bca_high")
+_INTERVALS = (("route clusters", _BY_CLUSTERS), ("groups", ("low", "high")), ("groups, BCa", _BCA))
 _MAIN = (
     ("macro_nmae", "Macro NMAE"),
     ("macro_nmae_sd", "Macro NMAE (sd)"),
@@ -60,13 +69,13 @@ def render_tables(results: Document) -> str:
         "# Benchmark results",
         "",
         f"Protocol `{protocol['name']}` {protocol['version']}, digest `{protocol['digest']}`.",
-        "Values are means over seeds with their standard deviation; intervals of 95 % resample groups, percentile first"
-        " and BCa second.",
+        "Values are means over seeds, and what follows ± is their standard deviation over seeds unless a table says "
+        "otherwise. Intervals of 95 % resample whole route clusters; those that resample groups stand beside them.",
     ]
     sections = [
         _table("Population", results, *_population(results)),
         _table("Prediction", results, *_main(results)),
-        _table("Prediction: intervals", results, *_intervals(results)),
+        _table("Prediction: intervals of 95 %", results, *_intervals(results)),
         *(_table(title, results, *_of_targets(results, kind)) for kind, title in _KINDS),
         _table("Comparisons of models", results, *_comparisons(results["prediction"])),
         _table("Spread of predictions over candidates", results, *_spread(results)),
@@ -137,13 +146,14 @@ def _main(results: Document) -> tuple[list[str], Rows]:
     return ["Model", *(title for _, title in _MAIN), "N groups"], rows
 
 
-def _intervals(results: Document) -> tuple[list[str], Rows]:
+def _intervals(results: Document) -> tuple[list[str], Rows, list[str], int]:
     found = _estimates(results)
-    rows = []
-    for model, title in _titles(results).items():
-        cells = [found[model, metric]["interval"] for metric, _ in _MAIN]
-        rows.append([title, *(f"{_ends(c)} {_ends(c, 'bca_low', 'bca_high')}" for c in cells)])
-    return ["Model", *(title for _, title in _MAIN)], rows
+    rows = [
+        [title, kind, *(_ends(found[model, metric]["interval"], *ends) for metric, _ in _MAIN)]
+        for model, title in _titles(results).items()
+        for kind, ends in _INTERVALS
+    ]
+    return ["Model", "Resampled", *(title for _, title in _MAIN)], rows, [], 2
 
 
 def _of_targets(results: Document, kind: str) -> tuple[list[str], Rows]:
@@ -156,32 +166,48 @@ def _of_targets(results: Document, kind: str) -> tuple[list[str], Rows]:
     return ["Model", *(f"{t.symbol}, {t.unit}" if has_unit else t.symbol for t in TARGETS)], rows
 
 
-def _comparisons(section: Document) -> tuple[list[str], Rows, list[str]]:
+def _comparisons(section: Document) -> tuple[list[str], Rows, list[str], int]:
+    """Two rows for each comparison: by route clusters, and by groups."""
     families = section["families"]
     adjusted = {family["name"]: {m["name"]: m for m in family["members"]} for family in families}
     rows = []
     for found in section["comparisons"]:
         members = [adjusted[family["name"]].get(found["name"]) for family in families]
-        rows.append(
+        about = [f"`{found['name']}`", _number(found["difference"], 4)]
+        rows += [
             [
-                f"`{found['name']}`",
-                _number(found["difference"], 4),
+                *about,
+                "route clusters",
+                str(found["num_clusters"]),
+                _ends(found["interval"], *_BY_CLUSTERS),
+                _NONE,
+                p_text(found["p_clusters"], found["is_bound_clusters"]),
+                *(_NONE if m is None else p_text(m["p_holm_clusters"], m["is_bound_clusters"]) for m in members),
+                _NONE,
+                _number(found["intra_cluster_correlation"], 2),
+            ],
+            [
+                *about,
+                "groups",
+                str(found["num_groups"]),
                 _ends(found["interval"]),
-                _ends(found["interval"], "bca_low", "bca_high"),
+                _ends(found["interval"], *_BCA),
                 p_text(found["p"], found["is_bound"]),
                 *(_NONE if m is None else p_text(m["p_holm"], m["is_bound"]) for m in members),
-                f"{found['studentised_p']:.2g}",
-                str(found["num_groups"]),
-            ]
-        )
-    header = ["Comparison", "Difference", "Percentile", "BCa", "p", *(f"p Holm, {f['name']}" for f in families)]
-    notes = [
+                p_text(found["studentised_p"], found["is_bound_studentised"]),
+                _NONE,
+            ],
+        ]
+    header = ["Comparison", "Difference", "By", "N", "Percentile", "BCa", "p"]
+    header += [*(f"p Holm, {f['name']}" for f in families), "p studentised", "Correlation within clusters"]
+    notes = [JUDGED_BY_CLUSTERS] if rows else []
+    notes += [
         f"Family `{family['name']}`: {family['num_evaluated']} of {family['num_declared']} declared tests were "
         "evaluated; the others count with p = 1, so that adjusted p-values are upper bounds."
         for family in families
         if family["num_evaluated"] < family["num_declared"]
     ]
-    return [*header, "p studentised", "N groups"], rows, notes
+    return header, rows, notes, 3
 
 
 def _spread(results: Document) -> tuple[list[str], Rows]:
@@ -207,11 +233,15 @@ def _shuffles(results: Document) -> tuple[list[str], Rows, list[str], int]:
             f"`{found['metric']}`",
             _number(found["value"]),
             _spread_over_seeds(found["shuffled"], found["shuffle_sd"]),
+            _number(found["increase"]),
+            _ends(found, *_BY_CLUSTERS),
             str(found["num_shuffles"]),
         ]
         for found in results["diagnostics"]["shuffles"]
     ]
-    return ["Model", "Shuffled", "Metric", "As it is", "Shuffled", "Shuffles"], rows, [], 3
+    note = "What follows ± is the standard deviation over shuffles, of means over seeds; intervals are of the increase."
+    header = ["Model", "Input", "Metric", "As it is", "Shuffled", "Increase", "95 %, clusters", "Shuffles"]
+    return header, rows, [note], 3
 
 
 def _ranking(results: Document) -> list[list[str]]:
@@ -230,7 +260,7 @@ def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
         [
             entry["selector"],
             _spread_over_seeds(entry["value"], entry["seed_sd"]["value"]),
-            _ends(entry["intervals"]["value"]),
+            _ends(entry["intervals"]["value"], *_BY_CLUSTERS),
             f"{entry['difference']:+.3f}",
             _spread_over_seeds(entry["regret"], entry["seed_sd"]["regret"]),
             _number(entry["concordance"]),
@@ -244,7 +274,7 @@ def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
         for entry in profile["entries"]
     ]
     header = [
-        "Selector", "Value", "95 %", "To nominal", "Regret", "Concordance", "NDCG", "Top-1", "Seed agreement",
+        "Selector", "Value", "95 %, clusters", "To nominal", "Regret", "Concordance", "NDCG", "Top-1", "Seed agreement",
         "Captured", "Actions", "Non-worsening",
     ]  # fmt: skip
     fixed = "there is no fixed brake" if profile["fixed_brake"] is None else f"fixed brake `{profile['fixed_brake']}`"

@@ -1,23 +1,28 @@
-"""Group bootstrap: how often each group counts in each resample, the same for all models and metrics.
+"""Bootstrap: how often each group counts in each resample, the same for all models and metrics.
 
-A resample draws ``N`` groups with replacement, so its counts are multinomial. A metric is a function of counts::
+A resample draws ``N`` groups, or the ``C`` route clusters with all their groups, with replacement, so the counts of
+its units are multinomial. A metric is a function of counts::
 
-    estimate   all counts 1
-    resamples  counts c_1 .. c_B
-    jackknife  all counts 1 but that of one group, which is 0
+    estimate           all counts 1
+    resamples          counts c_1 .. c_B of groups
+    jackknife          all counts 1 but that of one group, which is 0
+    cluster resamples  counts of clusters, each for all groups of the cluster
 
 and a mean over groups is the ratio of sums ``sum_g c_g a_g / sum_g c_g b_g``, NaN where the lower one is 0.
 
-Source: Efron and Tibshirani 1993; the group is the unit, paper V-C.
+Source: Efron and Tibshirani 1993; the group is the unit, paper V-C; the cluster is this project's choice (Field and
+Welsh 2007).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.derive.metric.cluster import Clusters
 from branchdrive.derive.metric.stream import below, words
 
 __all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums"]
@@ -26,32 +31,49 @@ Array = NDArray[np.float64]
 
 NUM_RESAMPLES = 2000
 STREAM = "metric/bootstrap"
+CLUSTER_STREAM = "metric/bootstrap/clusters"
 
 
 class Design(NamedTuple):
-    """Counts ``[1 + B + N, N]``: the estimate, `num_resamples` resamples, the jackknife."""
+    """Counts ``[1 + B + N + B, N]``: the estimate, `num_resamples` resamples, the jackknife, resamples of clusters."""
 
     counts: Array
     num_resamples: int
+    clusters: Clusters
 
-    def split(self, values: Array) -> tuple[Array, Array, Array]:
-        """Values ``[1 + B + N, ..]`` of a metric as estimate ``[..]``, resamples ``[B, ..]``, jackknife ``[N, ..]``."""
-        return values[0], values[1 : 1 + self.num_resamples], values[1 + self.num_resamples :]
+    def split(self, values: Array) -> tuple[Array, Array, Array, Array]:
+        """Values ``[1 + B + N + B, ..]`` of a metric by part of the counts.
+
+        Returns:
+            Estimate ``[..]``, resamples ``[B, ..]``, jackknife ``[N, ..]``, resamples of clusters ``[B, ..]``.
+        """
+        ends = np.cumsum([1, self.num_resamples, self.counts.shape[1]])
+        estimate, resamples, jackknife, by_cluster = np.split(values, ends)
+        return estimate[0], resamples, jackknife, by_cluster
 
 
-def design(num_groups: int, *, seed: int, num_resamples: int = NUM_RESAMPLES) -> Design:
-    """Counts for groups in a fixed order, that of their ids.
+def design(clusters: Sequence[str], *, seed: int, num_resamples: int = NUM_RESAMPLES) -> Design:
+    """Counts for groups in a fixed order, that of their ids, with the name of the cluster of each ``[N]``.
 
     Raises:
         ValueError: There is no group, or the seed does not fit.
     """
+    num_groups = len(clusters)
     if num_groups < 1:
         raise ValueError("a bootstrap needs at least one group")
-    drawn = below(words(seed, STREAM, num_resamples, num_groups), num_groups)
-    line = np.arange(num_resamples)[:, None] * num_groups
-    counts = np.bincount((line + drawn).ravel(), minlength=num_resamples * num_groups)
-    rows = [np.ones((1, num_groups)), counts.reshape(num_resamples, num_groups), 1.0 - np.eye(num_groups)]
-    return Design(np.concatenate(rows).astype(np.float64), num_resamples)
+    found = Clusters.of(clusters)
+    by_group = _multinomial(num_groups, STREAM, seed=seed, num_resamples=num_resamples)
+    by_cluster = _multinomial(len(found.names), CLUSTER_STREAM, seed=seed, num_resamples=num_resamples)
+    rows = [np.ones((1, num_groups)), by_group, 1.0 - np.eye(num_groups), by_cluster[:, found.of_group]]
+    return Design(np.concatenate(rows).astype(np.float64), num_resamples, found)
+
+
+def _multinomial(num_units: int, stream: str, *, seed: int, num_resamples: int) -> NDArray[np.int64]:
+    """How often each of as many draws as there are units takes each unit ``[num_resamples, num_units]``."""
+    drawn = below(words(seed, stream, num_resamples, num_units), num_units)
+    line = np.arange(num_resamples)[:, None] * num_units
+    counts = np.bincount((line + drawn).ravel(), minlength=num_resamples * num_units)
+    return counts.reshape(num_resamples, num_units)
 
 
 def ratio_of_sums(counts: Array, numerators: Array, denominators: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Bootstrap intervals of 95 %: percentile first, bias-corrected and accelerated (BCa) second.
+"""Bootstrap intervals of 95 %: percentile and bias-corrected accelerated (BCa) by groups, percentile by route clusters.
 
 With the estimate ``e``, its resamples ``e*``, the jackknife ``e_(g)`` with mean ``e_(.)``, and the normal
 distribution ``Phi``::
@@ -8,8 +8,8 @@ distribution ``Phi``::
     a  = sum_g (e_(.) - e_(g))^3 / (6 (sum_g (e_(.) - e_(g))^2)^(3/2))
     BCa         quantiles of e* at Phi(z0 + (z0 + z) / (1 - a (z0 + z))) for z = Phi^-1(0.025), Phi^-1(0.975)
 
-Resamples in which the metric is not defined are left out and counted. An interval needs two groups that
-contribute. BCa is NaN where the estimate lies outside all resamples or a jackknife value is not defined.
+Resamples in which the metric is not defined are left out and counted. An interval needs two groups, or two clusters,
+that contribute. BCa is NaN where the estimate lies outside all resamples or a jackknife value is not defined.
 
 Source: Efron 1987; Efron and Tibshirani 1993.
 """
@@ -39,6 +39,9 @@ class Intervals(NamedTuple):
         bca_low: Lower BCa end.
         bca_high: Upper BCa end.
         num_undefined: Resamples without the metric.
+        cluster_low: Lower percentile end over resamples of clusters.
+        cluster_high: Upper percentile end over resamples of clusters.
+        cluster_num_undefined: Resamples of clusters without the metric.
     """
 
     low: Array
@@ -46,24 +49,50 @@ class Intervals(NamedTuple):
     bca_low: Array
     bca_high: Array
     num_undefined: NDArray[np.int64]
+    cluster_low: Array
+    cluster_high: Array
+    cluster_num_undefined: NDArray[np.int64]
 
 
-def intervals(estimate: Array, resamples: Array, jackknife: Array, num_groups: NDArray[np.int64]) -> Intervals:
+def intervals(
+    estimate: Array,
+    resamples: Array,
+    jackknife: Array,
+    by_cluster: Array,
+    num_groups: NDArray[np.int64],
+    num_clusters: NDArray[np.int64],
+) -> Intervals:
     """Intervals of metrics.
 
     Args:
         estimate: ``[K]``.
         resamples: ``[B, K]``.
         jackknife: ``[N, K]``.
+        by_cluster: ``[B, K]``, resamples of clusters.
         num_groups: ``[K]``, groups that contribute.
+        num_clusters: ``[K]``, clusters that contribute.
     """
-    undefined = np.isnan(resamples).sum(axis=0)
-    num_defined = np.where(np.isnan(estimate) | (num_groups < 2), 0, len(resamples) - undefined)
-    ordered = np.sort(resamples, axis=0)  # NaN last
-    low, high = (_quantile(ordered, num_defined, np.full(len(estimate), level)) for level in LEVELS)
+    ordered, num_defined, undefined = _ordered(estimate, resamples, num_groups)
+    low, high = _percentiles(ordered, num_defined)
     levels = _bca_levels(estimate, resamples, jackknife, num_defined)
     bca_low, bca_high = (_quantile(ordered, num_defined, level) for level in levels)
-    return Intervals(low, high, bca_low, bca_high, undefined)
+    ordered, num_defined, cluster_undefined = _ordered(estimate, by_cluster, num_clusters)
+    cluster_low, cluster_high = _percentiles(ordered, num_defined)
+    return Intervals(low, high, bca_low, bca_high, undefined, cluster_low, cluster_high, cluster_undefined)
+
+
+def _ordered(
+    estimate: Array, resamples: Array, num_units: NDArray[np.int64]
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Ascending resamples, how many of them make an interval, and how many are not defined."""
+    undefined = np.isnan(resamples).sum(axis=0)
+    num_defined = np.where(np.isnan(estimate) | (num_units < 2), 0, len(resamples) - undefined)
+    return np.sort(resamples, axis=0), num_defined, undefined  # NaN last
+
+
+def _percentiles(ordered: Array, num_defined: NDArray[np.int64]) -> tuple[Array, Array]:
+    low, high = (_quantile(ordered, num_defined, np.full(len(num_defined), level)) for level in LEVELS)
+    return low, high
 
 
 def _quantile(ordered: Array, num_defined: NDArray[np.int64], level: Array) -> Array:

@@ -81,12 +81,12 @@ class MetricValues(NamedTuple):
     Attributes:
         counted: ``[P, R, M]``, a row for each row of counts; NaN where not defined.
         by_group: ``[P, N, M]``, values of single groups; NaN where a group has none.
-        num_groups: ``[P, M]``, groups that contribute.
+        contributes: ``[P, N, M]``, whether a group contributes.
     """
 
     counted: Array
     by_group: Array
-    num_groups: NDArray[np.int64]
+    contributes: NDArray[np.bool_]
 
 
 def metric_values(
@@ -108,13 +108,13 @@ def metric_values(
         banks = np.stack([bank_spearman(outcomes.scalars, values, outcomes.available) for values in scalars])
         pooled = pooled_spearman(outcomes.scalars, scalars, outcomes.available, counts)
     by_group = np.stack([_by_group(error, bank, scale) for error, bank in zip(errors, banks, strict=True)])
-    contributing = (~np.isnan(by_group)).sum(axis=1)
-    contributing[:, [metric.name not in PAIRED_METRICS for metric in METRICS]] = np.tile(
-        outcomes.available.any(axis=1).sum(axis=0), 2
+    contributes = ~np.isnan(by_group)
+    contributes[..., [metric.name not in PAIRED_METRICS for metric in METRICS]] = np.tile(
+        outcomes.available.any(axis=1), 2
     )
     parts = zip(errors, banks, pooled, strict=True)
     counted = np.stack([_counted(error, bank, rho, scale, counts) for error, bank, rho in parts])
-    return MetricValues(counted, by_group, contributing)
+    return MetricValues(counted, by_group, contributes)
 
 
 def _counted(errors: GroupErrors, bank: Array, pooled: Array, scale: Scale, counts: Array) -> Array:

@@ -1,13 +1,19 @@
-"""Paired tests between models: joint sign flips of groups, and a studentised bootstrap beside them.
+"""Paired tests between models: joint sign flips of groups or of clusters, and a studentised bootstrap beside them.
 
 For differences ``d_g`` of two models over the ``n`` groups that have one, random signs ``s`` shared by all tests, and
 ``F`` flips::
 
     T = mean_g d_g        T* = mean_g s_g d_g        p = (1 + #{|T*| >= |T| - 1e-12}) / (F + 1)
 
-This tests that the differences are symmetric about 0; where they are skewed it rejects too often. Dividing by the
-standard error would change nothing: a flip keeps ``sum_g d_g^2``, so ``|t*|`` rises with ``|T*|`` and the p-value is
-the same. What does not assume symmetry is the bootstrap of ``t``, with the counts ``c`` of resample ``b``::
+With clusters as the unit, all groups of a cluster take one sign::
+
+    T* = mean_g s_c(g) d_g
+
+Flips of groups take the groups as independent; where those of a cluster are correlated they reject too often. Both
+test that the differences of their units are symmetric about 0; where they are skewed they reject too often. Dividing
+by the standard error would change nothing: a flip keeps ``sum_g d_g^2``, so ``|t*|`` rises with ``|T*|`` and the
+p-value is the same. What does not assume symmetry is the bootstrap of ``t``, with the counts ``c`` of resample ``b``
+of groups::
 
     m* = sum c d / sum c      s*^2 = sum c d^2 / sum c - m*^2      t* = (m* - T) / s*      t = T / s
     p = (1 + #{|t*| >= |t|}) / (B + 1)
@@ -22,15 +28,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.derive.metric.cluster import Clusters
 from branchdrive.derive.metric.stream import bits, words
 
-__all__ = ["NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "sign_flip", "studentised_p"]
+__all__ = ["CLUSTER_STREAM", "NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "sign_flip", "studentised_p"]
 
 Array = NDArray[np.float64]
 
 NUM_FLIPS = 10_000
 TIE = 1e-12
 STREAM = "metric/sign-flip"
+CLUSTER_STREAM = "metric/sign-flip/clusters"
 
 _RELATIVE_TIE = 1e-9
 
@@ -42,37 +50,47 @@ class SignFlip(NamedTuple):
         mean: ``T``; NaN where no group has a difference.
         p: Two-sided p-value; 1 where no group has a difference.
         is_smallest: Whether no flip reached ``T``: the p-value is a bound, printed with "<=".
-        num_groups: Groups that have a difference.
+        num_units: Groups, or clusters, that have a difference.
     """
 
     mean: Array
     p: Array
     is_smallest: NDArray[np.bool_]
-    num_groups: NDArray[np.int64]
+    num_units: NDArray[np.int64]
 
 
-def draw_signs(num_groups: int, *, seed: int, num_flips: int = NUM_FLIPS) -> Array:
-    """Signs ``[num_flips, num_groups]`` of +1 and -1 for groups in a fixed order, that of their ids."""
-    drawn = bits(words(seed, STREAM, num_flips, -(-num_groups // 64)), num_groups)
+def draw_signs(num_units: int, *, seed: int, num_flips: int = NUM_FLIPS, stream: str = STREAM) -> Array:
+    """Signs ``[num_flips, num_units]`` of +1 and -1 for units in a fixed order, that of their ids or names."""
+    drawn = bits(words(seed, stream, num_flips, -(-num_units // 64)), num_units)
     return np.asarray(1.0 - 2.0 * drawn, np.float64)
 
 
-def sign_flip(differences: Array, signs: Array) -> SignFlip:
-    """Tests of differences ``[N, K]``, NaN where a group has none, under shared signs ``[F, N]``.
+def sign_flip(differences: Array, signs: Array, clusters: Clusters | None = None) -> SignFlip:
+    """Tests of differences ``[N, K]``, NaN where a group has none, under shared signs.
+
+    Args:
+        differences: ``[N, K]``.
+        signs: ``[F, N]``, or ``[F, C]`` with clusters.
+        clusters: The units; the groups by default.
 
     Raises:
         ValueError: Shapes do not match.
     """
-    if differences.ndim != 2 or signs.shape[1:] != differences.shape[:1]:
+    num_units = len(differences) if clusters is None else len(clusters.names)
+    if differences.ndim != 2 or signs.shape[1:] != (num_units,):
         raise ValueError(
             f"differences {list(differences.shape)} and signs {list(signs.shape)} do not match: [N, K] and [F, N]"
         )
     there = ~np.isnan(differences)
     num_groups = there.sum(axis=0)
     values = np.where(there, differences, 0.0) / np.maximum(num_groups, 1)
-    mean = values.sum(axis=0)
-    reached = np.count_nonzero(np.abs(signs @ values) >= np.abs(mean) - TIE, axis=0)
-    return SignFlip(np.where(num_groups > 0, mean, np.nan), (1 + reached) / (len(signs) + 1), reached == 0, num_groups)
+    units, there_units = (
+        (values, num_groups) if clusters is None else (clusters.sums(values), clusters.num_there(there))
+    )
+    mean = units.sum(axis=0)
+    reached = np.count_nonzero(np.abs(signs @ units) >= np.abs(mean) - TIE, axis=0)
+    p = (1 + reached) / (len(signs) + 1)
+    return SignFlip(np.where(num_groups > 0, mean, np.nan), p, reached == 0, there_units)
 
 
 def studentised_p(differences: Array, counts: Array) -> Array:

@@ -325,6 +325,18 @@ def smaller_p_value_than_the_family_has(d: BenchmarkDraft) -> None:
     d.follow("tables")
 
 
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/prediction/comparisons/0/p_clusters"})
+def smaller_p_value_by_clusters(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["prediction"]["comparisons"][0]["p_clusters"] -= 1e-3
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/intervals/value/cluster_low"})
+def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["intervals"]["value"]["cluster_low"] += 1e-6
+    d.follow("tables")
+
+
 # BD-BMK-013
 
 
