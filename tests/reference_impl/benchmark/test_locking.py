@@ -34,7 +34,7 @@ def test_a_checkpoint_swapped_after_the_lock_is_refused(release: Path, small_pro
     one.write_bytes(other.read_bytes())
     with pytest.raises(UsageError, match=r"'checkpoints/M1-seed11.safetensors' is not the checkpoint that was locked"):
         invoke("predict", release)
-    with pytest.raises(DatasetError, match=r"expected one checkpoint"):
+    with pytest.raises(UsageError, match=r"M1, seed 11 has a checkpoint with the `seed` 23, expected 11"):
         invoke("lock", release)
 
 

@@ -9,6 +9,8 @@ import pytest
 from tests.reference_impl.benchmark.small_release import invoke
 
 from branchdrive import BranchDriveError, UsageError, open_model
+from branchdrive.derive.target import Targets
+from branchdrive.derive.utility import PROFILES, fit_scale
 from branchdrive_reference.benchmark.selector import TOLERANCE, check_equal, export_selector
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 
@@ -25,7 +27,9 @@ def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], tmp_pat
     assert "M3, 3 seeds" in said
     content = (tmp_path / "selector.onnx").read_bytes()
     layer = open_model(done)
-    assert content == export_selector(checkpoints, layer)
+    training = layer.targets("train")
+    scale = fit_scale(Targets(training.scalars, training.scalars_available))
+    assert content == export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
     assert check_equal(content, checkpoints, layer, "test") <= TOLERANCE
     with pytest.raises(BranchDriveError, match="differs from torch"):
         check_equal(content, checkpoints[:1], layer, "test")
