@@ -31,7 +31,7 @@ from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, p
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.layer.frame import Values
 from branchdrive.derive.target import TARGETS, TRAJECTORY
-from branchdrive.errors import DatasetError, UsageError
+from branchdrive.errors import DatasetError, DecodeError, UsageError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -56,7 +56,7 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
     try:
         table = decode_table(read_named_file(path, spec_limits().max_table_bytes))
         frames = _frames(table, name)
-    except DatasetError as error:
+    except (DatasetError, DecodeError) as error:
         raise DatasetError(f"{path}: {error}") from error
     for problem in prediction_problems(frames, data, protocol):
         if problem.place.get("model") == name and (problem.kind != "seed"):
@@ -66,10 +66,10 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
 
 def _frames(table: pa.Table, name: str) -> dict[str, dict[str, Values]]:
     wanted = (*_TEXT, *_SCALARS, *TRAJECTORY)
-    missing = sorted(set(wanted) - set(table.column_names))
-    odd = sorted(set(table.column_names) - {*wanted, _SEED})
-    if missing or odd:
-        raise DatasetError(f"columns are not as documented: {missing} missing, {odd} unknown")
+    for name in (name for name in wanted if name not in table.column_names):
+        raise DatasetError(f"has no column {name!r}")
+    for name in (name for name in table.column_names if name not in (*wanted, _SEED)):
+        raise DatasetError(f"has an unknown column {name!r}; leave it out")
     if not table.num_rows:
         raise DatasetError("holds no row")
     keys: dict[str, Values] = {"model": np.full(table.num_rows, name, object), _SEED: _seeds(table)}

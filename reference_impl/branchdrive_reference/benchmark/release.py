@@ -27,6 +27,7 @@ __all__ = ["Release", "open_release"]
 
 LAYER = "benchmark"
 _READ = ("quality", "model", LAYER)
+_REMEDY = "restore it, or run `branchdrive build` to make the derived layers anew"
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,11 @@ def open_release(root: str | Path) -> Release:
         raise DatasetError(f"{root}: {MANIFEST_FILE} contradicts itself; run `branchdrive build`")
     for name, digest in manifest.files.items():
         if layer_of(name) in _READ:
-            with open_file(path, name) as stream:
-                found = hashlib.file_digest(stream, "sha256").hexdigest()
+            try:
+                with open_file(path, name) as stream:
+                    found = hashlib.file_digest(stream, "sha256").hexdigest()
+            except DatasetError as error:
+                raise DatasetError(f"{error}; {_REMEDY}") from error
             if found != digest:
-                raise DatasetError(f"{root}: {name!r} is not the file that {MANIFEST_FILE} lists; restore it")
+                raise DatasetError(f"{root}: {name!r} is not the file that {MANIFEST_FILE} lists; {_REMEDY}")
     return Release(path, layer, manifest)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from branchdrive.dataset.model_layer import ModelLayer
 from branchdrive.derive.target import TARGETS
-from branchdrive.derive.utility import WEIGHED, Profile, Scale
+from branchdrive.derive.utility import REVERSED, WEIGHED, Profile, Scale
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.ranker import BankNetwork
@@ -39,11 +39,19 @@ INPUTS, OUTPUT = ("state", "controls"), "targets"
 TOLERANCE = 1e-5
 """Largest difference to torch, in units of the larger of 1 and the value."""
 
+UTILITY = "sum over weighed of weight * d, d = clip((y - q05) / max(q95 - q05, 1e-6), 0, 1), and 1 - d where reversed"
+"""How utility follows from targets ``y``, as the metadata say it."""
+
 Array = NDArray[np.float32]
 
 
 def export_selector(
-    checkpoints: Sequence[Checkpoint], release: ModelLayer, *, scale: Scale, profiles: Mapping[str, Profile]
+    checkpoints: Sequence[Checkpoint],
+    release: ModelLayer,
+    *,
+    scale: Scale,
+    profiles: Mapping[str, Profile],
+    origin: Mapping[str, str] | None = None,
 ) -> bytes:
     """The bytes of the model.
 
@@ -52,6 +60,7 @@ def export_selector(
         release: The release that they were trained on.
         scale: Quantiles of the training targets.
         profiles: Preferences by name.
+        origin: What else the metadata name, such as the identity of the release.
 
     Raises:
         UsageError: The extra is not installed, or the models are none that can be ranked with.
@@ -78,7 +87,9 @@ def export_selector(
     if program is None:
         raise BranchDriveError("torch exported nothing")
     model = program.model_proto
-    for name, value in _about(checkpoints, release, scale, profiles).items():
+    about = _about(checkpoints, release, scale, profiles)
+    about |= {f"branchdrive.{name}": value for name, value in (origin or {}).items()}
+    for name, value in about.items():
         model.metadata_props.add(key=name, value=json.dumps(value, sort_keys=True, allow_nan=False))
     for node in (model, model.graph, *model.graph.node):
         node.doc_string = ""
@@ -156,7 +167,7 @@ def contexts_of(release: ModelLayer, partition: str, most: int | None = None) ->
 
 def _about(
     checkpoints: Sequence[Checkpoint], release: ModelLayer, scale: Scale, profiles: Mapping[str, Profile]
-) -> Mapping[str, Any]:
+) -> dict[str, Any]:
     return {
         "branchdrive.candidates": list(release.candidate_order),
         "branchdrive.targets": [{"name": target.name, "unit": target.unit} for target in TARGETS],
@@ -165,7 +176,9 @@ def _about(
         ],
         "branchdrive.normalisation": checkpoints[0].provenance.normalisation_digest,
         "branchdrive.utility": {
+            "formula": UTILITY,
             "weighed": list(WEIGHED),
+            "reversed": [name for name, is_reversed in zip(WEIGHED, REVERSED, strict=True) if is_reversed],
             **{name: [float(v) if np.isfinite(v) else None for v in getattr(scale, name)] for name in ("q05", "q95")},
             "profiles": {name: profile.weights.tolist() for name, profile in profiles.items()},
         },

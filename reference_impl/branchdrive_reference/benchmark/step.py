@@ -30,7 +30,8 @@ class Trained(NamedTuple):
     """What training took.
 
     Attributes:
-        num_models: Trained models and seeds, those that were there included.
+        num_models: Models and seeds.
+        num_there: Those of them that were there already.
         num_anew: Those of them, and folds, that were there under another configuration or version.
         models_s: Seconds for them.
         num_folds: Trained folds of the guard; 0 where its risk was there or is not wanted.
@@ -38,6 +39,7 @@ class Trained(NamedTuple):
     """
 
     num_models: int
+    num_there: int
     num_anew: int
     models_s: float
     num_folds: int
@@ -64,6 +66,7 @@ def train_step(
     workspace.restore()
     tasks = model_tasks(protocol, models)
     num_anew = drop_stale(workspace.checkpoints, tasks)
+    num_there = sum(task.path(workspace.checkpoints).exists() for task in tasks)
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
     models_s, begin, folds = time.monotonic() - begin, time.monotonic(), []
@@ -76,7 +79,7 @@ def train_step(
         fit_guard(workspace, protocol, benchmark_data(release), device=device)
     delete(workspace.folds)
     workspace.tidy()
-    return Trained(len(tasks), num_anew, models_s, len(folds), time.monotonic() - begin)
+    return Trained(len(tasks), num_there, num_anew, models_s, len(folds), time.monotonic() - begin)
 
 
 def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:

@@ -61,7 +61,7 @@ def _print(
         console.print(Text(f"Warning: {printable(sentence)}", style="yellow"))
     table = Table(box=None, pad_edge=False, header_style="dim")
     for place, name in enumerate(header):
-        table.add_column(name, justify="right" if place else "left", no_wrap=True)
+        table.add_column(name, justify="right" if place else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     console.print(table)

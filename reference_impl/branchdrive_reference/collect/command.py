@@ -15,7 +15,7 @@ from branchdrive.cli.build import seed
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import Fault, parse_faults
-from branchdrive_reference.collect.interrupt import TerminationInterrupt, deferred_interrupt, heeded_termination
+from branchdrive_reference.collect.interrupt import deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ __all__ = ["SUMMARY", "add_arguments", "run"]
 SUMMARY = "collect a dataset in the reference world"
 
 EXIT_INTERRUPTED = 130
-EXIT_TERMINATED = 143
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0
 _MAX_LISTED = 10
@@ -144,7 +143,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     except KeyboardInterrupt as interrupt:
         progress = f"{finished} of {chosen.num_groups} groups are finished"
         stderr.write(f"interrupted; {progress}. To go on, run: {_command_line(args)}\n")
-        return EXIT_TERMINATED if isinstance(interrupt, TerminationInterrupt) else EXIT_INTERRUPTED
+        return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
     stdout.write(_summary(args, report))
     return 0
 

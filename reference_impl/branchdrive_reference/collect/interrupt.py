@@ -22,6 +22,9 @@ _Handler = Callable[[int, FrameType | None], object]
 class TerminationInterrupt(KeyboardInterrupt):
     """The process was asked to terminate, as batch schedulers do before they kill."""
 
+    exit_code = 143
+    """What a command ends with then."""
+
 
 @contextmanager
 def heeded_termination() -> Iterator[None]:

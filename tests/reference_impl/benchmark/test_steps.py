@@ -112,6 +112,6 @@ def test_what_another_protocol_changes_is_trained_anew(benchmarked: Path, tmp_pa
 def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:
     from branchdrive.build.publish import held
 
-    with held(release), pytest.raises(UsageError, match="another build is at work there"):
+    with held(release), pytest.raises(UsageError, match="a build or a benchmark is at work there"):
         invoke("train", release, "--protocol", small_protocol)
     assert is_clean(release)

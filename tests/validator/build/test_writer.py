@@ -25,7 +25,7 @@ from branchdrive.dataset.manifest import build_manifest, write_manifest
 from branchdrive.dataset.writer import DatasetWriter
 from branchdrive.errors import DatasetError, UsageError
 
-AT_WORK = "a collection or another build is at work there; wait until it has finished"
+AT_WORK = "a collection, a build or a benchmark is at work there; wait until it has finished"
 
 
 @pytest.fixture

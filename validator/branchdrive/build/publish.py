@@ -106,7 +106,7 @@ def _sole_writer(target: Path, area: Path) -> Iterator[None]:
     except FileNotFoundError:  # whoever had the area clears it away at this moment
         is_taken = False
     if not is_taken:
-        raise UsageError(f"{target}: a collection or another build is at work there; wait until it has finished")
+        raise UsageError(f"{target}: a collection, a build or a benchmark is at work there; wait until it has finished")
     try:
         others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, _WORK})
         others = [name for name in others if not name.startswith(_BENCHMARK)]

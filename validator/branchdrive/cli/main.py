@@ -66,9 +66,9 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
     try:
         code = action()
         stdout.flush()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         stderr.write(f"{prog}: interrupted\n")
-        return EXIT_INTERRUPTED
+        return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
     except BrokenPipeError:
         _discard_output(stdout)
         return EXIT_INTERRUPTED

@@ -23,6 +23,7 @@ from branchdrive.derive.target import TARGETS, Targets
 
 __all__ = [
     "PROFILES",
+    "REVERSED",
     "TIE",
     "WEIGHED",
     "Profile",
@@ -69,7 +70,7 @@ PROFILES: Mapping[str, Profile] = MappingProxyType(
 WEIGHED = ("min_separation_m", "displacement_m", "mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps")
 """Targets that utility weighs, in the order of `Scale` and `desirability`."""
 
-_REVERSED = np.array([False, False, True, True, True])
+REVERSED = (False, False, True, True, True)
 _COLUMNS = [[target.name for target in TARGETS].index(name) for name in WEIGHED]
 
 
@@ -96,7 +97,7 @@ def desirability(targets: Targets, scale: Scale) -> Array:
     """
     span = np.maximum(scale.q95 - scale.q05, _SPAN_FLOOR)
     rising = np.clip((targets.values[..., _COLUMNS] - scale.q05) / span, 0.0, 1.0)
-    wanted = np.where(_REVERSED, 1.0 - rising, rising)
+    wanted = np.where(REVERSED, 1.0 - rising, rising)
     return np.where(targets.available[..., _COLUMNS], wanted, np.nan)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TextIO
 
+from branchdrive.audit.finding import printable
 from branchdrive_reference.benchmark.command.evaluate import add_format, shown
 from branchdrive_reference.benchmark.command.option import add_no_figures, add_release, at_work, bars, need_models
 from branchdrive_reference.benchmark.command.train import add_training, sentence
@@ -31,6 +32,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     need_models("benchmark")
     from branchdrive_reference.benchmark.evaluation import evaluate_published
+    from branchdrive_reference.benchmark.release import LAYER
     from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step
 
     progress = bars(stderr)
@@ -45,4 +47,5 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         with progress("evaluating") as show:
             found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
     stdout.write(shown(found, args.format, stdout))
+    stderr.write(f"tables and figures are in {printable(str(args.release / LAYER))}\n")
     return 0

@@ -73,6 +73,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
     else:
         check_output(args.output, outside=args.release, is_folder=True)
+        if args.output is not None and args.output.is_dir() and any(args.output.iterdir()):
+            raise UsageError(f"--output: {str(args.output)!r} holds files; name a new folder, or an empty one")
         found = _foreign(args)
     stdout.write(shown(found, args.format, stdout))
     return 0

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_output(args.output, outside=args.release)
     need_models("export")
     from branchdrive.dataset.durable import replace_file
-    from branchdrive.derive.benchmark.protocol import read_protocol
+    from branchdrive.derive.benchmark.protocol import default_protocol, protocol_digest, read_protocol
     from branchdrive.derive.benchmark.ranking_result import utility_scale
     from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
@@ -43,18 +43,21 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     release = open_release(args.release)
     lock = release.document(LOCK)
+    protocol = read_protocol(release.document(PROTOCOL) or default_protocol().document)
+    if protocol.model(args.model) is None:
+        raise UsageError(f"no model {args.model!r}; the protocol declares {', '.join(m.id for m in protocol.models)}")
     entries = [entry for entry in lock["checkpoints"] if entry["model"] == args.model] if lock is not None else []
     if not entries:
         raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
     checkpoints = [
         read_checkpoint(release.root / "benchmark" / entry["file"], sha256=entry["sha256"]) for entry in entries
     ]
-    protocol = read_protocol(release.document(PROTOCOL))
     content = export_selector(
         checkpoints,
         release.layer,
         scale=utility_scale(protocol, benchmark_data(release)),
         profiles=protocol.preferences,
+        origin={"release": release.manifest.identity, "protocol": protocol_digest(protocol)},
     )
     difference = check_equal(content, checkpoints, release.layer)
     replace_file(args.output, content)

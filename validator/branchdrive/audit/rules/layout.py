@@ -76,7 +76,7 @@ def existing_files_are_listed(survey: Survey) -> SurveyCheck:
         found.append(
             Sighting(
                 "a finished dataset",
-                "the working area of a command that did not finish; run it again",
+                "the working area of a command that did not finish, or of a benchmark that waits for `evaluate`",
                 {"file": STAGING_DIR},
             )
         )

@@ -27,7 +27,7 @@ from branchdrive.derive.metric.interval import Intervals, intervals
 from branchdrive.derive.metric.metric import METRICS, PAIRED_METRICS, MetricValues, metric_values
 from branchdrive.derive.metric.outcome import Outcomes, Predictions
 from branchdrive.derive.metric.scale import Scale
-from branchdrive.derive.metric.sign_flip import CLUSTER_STREAM, NUM_FLIPS, draw_signs, sign_flip, studentised_p
+from branchdrive.derive.metric.sign_flip import CLUSTER_STREAM, NUM_FLIPS, TIE, draw_signs, sign_flip, studentised_p
 
 __all__ = ["Comparison", "Contrast", "Estimate", "Interval", "Statistics", "compare", "statistics"]
 
@@ -183,7 +183,11 @@ def statistics(
 def compare(
     names: Sequence[str], differences: Array, resampling: Design, *, seed: int, num_flips: int = NUM_FLIPS
 ) -> tuple[Comparison, ...]:
-    """Comparisons of paired differences ``[N, K]``, NaN where a group has none, under shared resamples and signs."""
+    """Comparisons of paired differences ``[N, K]``, NaN where a group has none, under shared resamples and signs.
+
+    A difference within `TIE` is 0: what seeds that choose alike leave of rounding is no effect.
+    """
+    differences = np.where(np.abs(differences) <= TIE, 0.0, differences)
     clusters, size = resampling.clusters, resampling.num_resamples
     signs = draw_signs(len(differences), seed=seed, num_flips=num_flips)
     cluster_signs = draw_signs(len(clusters.names), seed=seed, num_flips=num_flips, stream=CLUSTER_STREAM)
