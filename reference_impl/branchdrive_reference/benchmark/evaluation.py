@@ -163,7 +163,7 @@ def _ranking_lock(
     if published is not None and published["outcome_noise"] is not None:
         noise = stored_noise(published["outcome_noise"])
     else:
-        noise = noise_of(workspace.release, data)
+        noise = noise_of(workspace.release, data, tolerance_m=protocol.guard.tolerance_m)
     return ranking_lock_document(
         prediction_lock_digest=lock,
         predictions_digest=predictions.digest(data),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from branchdrive.derive.metric.bootstrap import counted_mean, design, ratio_of_sums
+from branchdrive.derive.metric.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
 
 
 def test_a_design_holds_estimate_resamples_and_jackknife() -> None:
@@ -18,6 +18,13 @@ def test_a_design_holds_estimate_resamples_and_jackknife() -> None:
     assert resamples.shape == (40, 5)
     assert (resamples.sum(axis=1) == 5).all()
     np.testing.assert_array_equal(jackknife, 1 - np.eye(5))
+
+
+def test_counts_of_another_stream_are_others() -> None:
+    found = [resampled_counts(6, seed=1, stream=stream, num_resamples=30) for stream in ("metric/bootstrap", "other")]
+    np.testing.assert_array_equal(found[0], design(6, seed=1, num_resamples=30).counts[1:31])
+    assert (found[0] != found[1]).any()
+    assert (found[1].sum(axis=1) == 6).all()
 
 
 def test_resamples_are_multinomial() -> None:

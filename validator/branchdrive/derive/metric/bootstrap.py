@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.metric.stream import below, words
 
-__all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums"]
+__all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums", "resampled_counts"]
 
 Array = NDArray[np.float64]
 
@@ -45,13 +45,22 @@ def design(num_groups: int, *, seed: int, num_resamples: int = NUM_RESAMPLES) ->
     Raises:
         ValueError: There is no group, or the seed does not fit.
     """
-    if num_groups < 1:
+    counts = resampled_counts(num_groups, seed=seed, stream=STREAM, num_resamples=num_resamples)
+    return Design(np.concatenate([np.ones((1, num_groups)), counts, 1.0 - np.eye(num_groups)]), num_resamples)
+
+
+def resampled_counts(num_units: int, *, seed: int, stream: str, num_resamples: int = NUM_RESAMPLES) -> Array:
+    """How often each of `num_units` groups or clusters, in a fixed order, is drawn: ``[B, units]`` of the stream.
+
+    Raises:
+        ValueError: There is no unit, or the seed does not fit.
+    """
+    if num_units < 1:
         raise ValueError("a bootstrap needs at least one group")
-    drawn = below(words(seed, STREAM, num_resamples, num_groups), num_groups)
-    line = np.arange(num_resamples)[:, None] * num_groups
-    counts = np.bincount((line + drawn).ravel(), minlength=num_resamples * num_groups)
-    rows = [np.ones((1, num_groups)), counts.reshape(num_resamples, num_groups), 1.0 - np.eye(num_groups)]
-    return Design(np.concatenate(rows).astype(np.float64), num_resamples)
+    drawn = below(words(seed, stream, num_resamples, num_units), num_units)
+    line = np.arange(num_resamples)[:, None] * num_units
+    counts = np.bincount((line + drawn).ravel(), minlength=num_resamples * num_units)
+    return counts.reshape(num_resamples, num_units).astype(np.float64)
 
 
 def ratio_of_sums(counts: Array, numerators: Array, denominators: Array) -> Array:
