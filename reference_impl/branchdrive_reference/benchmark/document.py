@@ -11,10 +11,10 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive_reference.benchmark.release import LAYER
+from branchdrive_reference.benchmark.release import LAYER, Release
 from branchdrive_reference.benchmark.workspace import PROTOCOL, Workspace
 
-__all__ = ["choose_protocol", "protocol_file", "stored_document"]
+__all__ = ["choose_protocol", "protocol_file", "published_document", "stored_document"]
 
 
 def choose_protocol(workspace: Workspace, file: Path | None) -> BenchmarkProtocol:
@@ -59,10 +59,25 @@ def stored_document(workspace: Workspace, path: str) -> Any | None:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{workspace.release.root}: {path!r} {error}; delete it and lock anew") from error
+    _check(workspace.release, path, document, "delete it and lock anew")
+    return document
+
+
+def published_document(release: Release, path: str) -> Any | None:
+    """A published JSON document of the benchmark layer; ``None`` if there is none.
+
+    Raises:
+        DatasetError: It cannot be read, or is none of this version.
+    """
+    document = release.document(path)
+    if document is not None:
+        _check(release, path, document, "restore the file")
+    return document
+
+
+def _check(release: Release, path: str, document: Any, remedy: str) -> None:
     declared = LAYERS[LAYER].documents.get(path.removeprefix(f"{LAYER}/"))
     for violation in schema_violations(document, declared.schema) if declared is not None else ():
         raise DatasetError(
-            f"{workspace.release.root}: {path!r} at {violation.pointer or '/'}: expected {violation.expected}; "
-            "delete it and lock anew"
+            f"{release.root}: {path!r} at {violation.pointer or '/'}: expected {violation.expected}; {remedy}"
         )
-    return document

@@ -27,7 +27,7 @@ from branchdrive.derive.benchmark.tables import render_tables
 from branchdrive.derive.guard.outcome_noise import OutcomeNoise
 from branchdrive.derive.guard.risk_fit import RiskFit
 from branchdrive.errors import UsageError
-from branchdrive_reference.benchmark.document import stored_document
+from branchdrive_reference.benchmark.document import published_document, stored_document
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
 from branchdrive_reference.benchmark.published import benchmark_data, published_predictions
@@ -112,7 +112,7 @@ def evaluate_foreign(
         predictions = published_predictions(release, protocol, data).joined(found)
         openings = release.document(OPENINGS) or openings
         changed = _changed(release, release.document(LOCK))
-        ranking_lock = release.document(RANKING_LOCK)
+        ranking_lock = published_document(release, RANKING_LOCK)
         risk = risk_fit_of(ranking_lock)
         if ranking_lock is not None and ranking_lock["outcome_noise"] is not None:
             noise = stored_noise(ranking_lock["outcome_noise"])
@@ -155,7 +155,7 @@ def _ranking_lock(
     workspace: Workspace, protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, lock: str
 ) -> dict[str, Any]:
     """The ranking lock; risk and noise of the published one stay, unless a new risk waits."""
-    published = workspace.release.document(RANKING_LOCK)
+    published = published_document(workspace.release, RANKING_LOCK)
     if published is not None and published["prediction_lock_digest"] != lock:
         published = None
     risk: RiskFit | None = waiting_risk(workspace, protocol) or risk_fit_of(published)

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean, protocol
 
-from branchdrive import UsageError
-from branchdrive.contract.document import schema_violations
+from branchdrive import DatasetError, UsageError
+from branchdrive.contract.document import dump_json, schema_violations
 from branchdrive.dataset.descriptor_file import read_descriptor
+from branchdrive.dataset.manifest import build_manifest, write_manifest
 from branchdrive_reference.learning.training import EpochReport
 
 
@@ -103,6 +104,16 @@ def test_a_second_opening_is_in_every_table(benchmarked: Path, tmp_path: Path) -
     num_tables, num_said = said.count("\n| ---"), said.count("was opened 2 times for predictions")
     assert num_said == num_tables > 10
     assert is_clean(benchmarked)
+
+
+def test_a_ranking_lock_of_another_form_is_named(benchmarked: Path) -> None:
+    file = benchmarked / "benchmark" / "ranking_lock.json"
+    document = json.loads(file.read_bytes())
+    document["outcome_noise"] = {"tolerance": [0.1] * 6}
+    file.write_bytes(dump_json(document))
+    write_manifest(benchmarked, build_manifest(benchmarked))
+    with pytest.raises(DatasetError, match=r"'benchmark/ranking_lock.json' at /.*: expected .*; restore the file"):
+        invoke("evaluate", benchmarked, "--no-figures")
 
 
 def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:
