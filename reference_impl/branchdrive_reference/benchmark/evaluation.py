@@ -186,7 +186,7 @@ def _ranking_lock(
     if published is not None and published["prediction_lock_digest"] != lock:
         published = None
     risk: RiskFit | None = waiting_risk(workspace, protocol) or risk_fit_of(published)
-    noise = _stored_noise(published) or noise_of(workspace.release, data)
+    noise = _stored_noise(published) or noise_of(workspace.release, data, tolerance_m=protocol.guard.tolerance_m)
     return ranking_lock_document(
         prediction_lock_digest=lock,
         predictions_digest=predictions.digest(data),

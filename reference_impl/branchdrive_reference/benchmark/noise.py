@@ -19,7 +19,7 @@ from branchdrive.dataset.table_file import read_table
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.guard.outcome_noise import OutcomeNoise, outcome_noise
 from branchdrive.derive.layer.frame import Frame
-from branchdrive.derive.target import TARGETS, Targets
+from branchdrive.derive.target import Targets
 from branchdrive_reference.benchmark.release import Release
 
 __all__ = ["noise_of"]
@@ -27,8 +27,15 @@ __all__ = ["noise_of"]
 _TABLES = ("rollouts", "observations", "evidence")
 
 
-def noise_of(release: Release, data: BenchmarkData) -> OutcomeNoise | None:
-    """Tolerances from nominal replays of training groups; ``None`` where there are none to read.
+def noise_of(release: Release, data: BenchmarkData, *, tolerance_m: float) -> OutcomeNoise | None:
+    """Noise from nominal replays of training groups; ``None`` where there are none to read.
+
+    A group without a replay of its own takes no part, whatever others have.
+
+    Args:
+        release: With its raw layer.
+        data: Its model layer.
+        tolerance_m: Of a violation of the guard, metres.
 
     Raises:
         DatasetError: A file cannot be read.
@@ -37,7 +44,7 @@ def noise_of(release: Release, data: BenchmarkData) -> OutcomeNoise | None:
         return None
     part = data.part("train")
     owner = _replays(release, {group: row for row, group in enumerate(part.groups)})
-    found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in part.groups]
+    values, available, group_of = [], [], list[int]()
     for shard in find_shards(release.root):
         rollout_ids = shard.table("rollouts")["rollout_id"].to_pylist()
         rows = np.array([row for row, rollout in enumerate(rollout_ids) if rollout in owner], np.int64)
@@ -46,22 +53,18 @@ def noise_of(release: Release, data: BenchmarkData) -> OutcomeNoise | None:
         names = [name for name in _TABLES if name in release.layer.descriptor.tables]
         view = ShardView({name: shard.decode(name) for name in names}, release.layer.descriptor)
         targets = targets_of(view, rows)
-        for place, row in enumerate(rows.tolist()):
-            found[owner[rollout_ids[row]]].append((targets.values[place], targets.available[place]))
-    most = max((len(repeats) for repeats in found), default=0)
-    if not most:
+        values.append(targets.values)
+        available.append(targets.available)
+        group_of += [owner[rollout_ids[row]] for row in rows]
+    if not group_of:
         return None
-    values = np.full((len(found), most, len(TARGETS)), np.nan)
-    available = np.zeros(values.shape, np.bool_)
     nominal = part.targets
-    known = nominal.available[:, data.nominal]
-    for group, repeats in enumerate(found):
-        available[group] = known[group]  # a repeat that is not there repeats nominal: it moves nothing
-        values[group] = nominal.values[group, data.nominal]
-        for place, (value, mask) in enumerate(repeats):
-            values[group, place], available[group, place] = value, mask
-    has = np.array([bool(repeats) for repeats in found])
-    return outcome_noise(Targets(nominal.values[has, data.nominal], known[has]), Targets(values[has], available[has]))
+    return outcome_noise(
+        Targets(nominal.values[:, data.nominal], nominal.available[:, data.nominal]),
+        Targets(np.concatenate(values), np.concatenate(available)),
+        np.array(group_of, np.intp),
+        tolerance_m=tolerance_m,
+    )
 
 
 def _replays(release: Release, groups: dict[str, int]) -> dict[str, int]:

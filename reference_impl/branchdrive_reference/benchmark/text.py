@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from branchdrive.audit.finding import printable
+from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
 from branchdrive.derive.benchmark.tables import JUDGED_BY_CLUSTERS
 from branchdrive.derive.metric.sign_flip import p_text
 
@@ -19,7 +20,12 @@ __all__ = ["render_results"]
 _PLAIN_WIDTH = 120
 _METRICS = (("macro_nmae", "macro NMAE"), ("ade_m", "ADE m"), ("fde_m", "FDE m"), ("heading_mae_deg", "heading deg"),
             ("speed_mae_mps", "speed m/s"))  # fmt: skip
-_SHARES = (("violation", "violation %"), ("intervention", "intervention %"), ("retained_gain", "retained gain %"))
+_SHARES = (
+    ("violation", "violation %"),
+    ("violation_of_clusters", "of clusters %"),
+    ("intervention", "intervention %"),
+    ("retained_gain", "retained gain %"),
+)
 _NONE = "-"
 
 
@@ -38,11 +44,10 @@ def render_results(results: Mapping[str, Any], stdout: TextIO) -> str:
         _print(console, "Comparisons of selectors", said, *_comparisons(results["ranking"]))
     for profile in results["guard"]["profiles"]:
         _print(console, f"Guard, profile {profile['profile']}", said, *_guard(profile))
-    if results["guard"]["profiles"]:
-        for name in ("conformal", "learn_then_test", "global_margin"):
-            console.print(Text(results["guard"]["guarantee"][name]))
-            console.print()
-    else:
+    for paragraph in promises(results):
+        console.print(Text(paragraph))
+        console.print()
+    if not results["guard"]["profiles"]:
         console.print(Text(f"Guard: not judged. {results['guard']['reason']}"))
     console.print(Text(_noise(results)))
     return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
@@ -140,14 +145,19 @@ def _ranking(profile: Mapping[str, Any]) -> tuple[list[str], list[list[str]], st
             _spread(entry["ndcg"], None),
             _spread(entry["top_1"], None),
             _spread(entry["captured"], None),
-            f"{'pass' if entry['gate']['passed'] else 'fail'} {entry['gate']['mean_m']:+.3f} m",
+            _gate(entry["gate"]),
         ]
         for entry in profile["entries"]
     ]
-    header = ["selector", "value", "to nominal", "regret", "concord.", "NDCG", "top-1", "captured", "non-worsening"]
+    header = ["selector", "value", "to nominal", "regret", "concord.", "NDCG", "top-1", "captured", "non-worsening, m"]
     brake = profile["fixed_brake"] or "none"
     note = f"{profile['num_ranked']} groups; ActionPrior takes {profile['action_prior']}, the fixed brake is {brake}."
     return header, rows, note
+
+
+def _gate(gate: Mapping[str, Any]) -> str:
+    found = f"{'pass' if gate['passed'] else 'fail'} {gate['mean_m']:+.3f} {_ends(gate)}"
+    return found.removesuffix(f" {_NONE}")
 
 
 def _guard(profile: Mapping[str, Any]) -> tuple[list[str], list[list[str]], str]:
@@ -155,7 +165,9 @@ def _guard(profile: Mapping[str, Any]) -> tuple[list[str], list[list[str]], str]
     for selection in profile["selections"]:
         figures, gain = selection["figures"], selection["figures"]["gain"]
         cells = [_share(figures[name]) for name, _ in _SHARES]
-        cells.insert(-1, _NONE if gain["value"] is None else f"{gain['value']:.3f} {_ends(gain)}")
+        cells.insert(
+            -1, _NONE if gain["value"] is None else f"{gain['value']:.3f} {_ends(gain)}".removesuffix(f" {_NONE}")
+        )
         rows.append([selection["selection"], *cells])
     margin, notes = profile["global_margin"], []
     vacuous = "vacuous: it accepts no intervention" if margin["test"]["vacuous"] else "not vacuous"
@@ -165,6 +177,7 @@ def _guard(profile: Mapping[str, Any]) -> tuple[list[str], list[list[str]], str]
         price = "nominal alone" if profile[name]["price"] is None else f"price {profile[name]['price']:.4g}"
         notes.append(f"{name}: {price}{'' if refusal is None else f', not judged: {refusal}'}.")
     titles = [title for _, title in _SHARES]
+    notes.append(UNGUARDED)
     return ["selection", *titles[:-1], "gain", titles[-1]], rows, " ".join(notes)
 
 
@@ -179,4 +192,8 @@ def _noise(results: Mapping[str, Any]) -> str:
     if results["noise"] is None:
         return "Noise of outcomes: unknown, no nominal replay of a training group was at hand."
     counts = max(results["noise"]["num_groups"], default=0)
-    return f"Noise of outcomes: from repeated nominals of {counts} training groups; see the tables for what exceeds it."
+    floor = noise_floor(results)
+    return (
+        f"Noise of outcomes: from repeated nominals of {counts} training groups; see the tables for what exceeds it."
+        f"{'' if floor is None else f' {floor}'}"
+    )

@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke
 
 from branchdrive_reference.benchmark.figure.gallery import figures
+from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
 
 NAMES = ("guard", "policy_value", "prediction")
 
@@ -57,6 +59,22 @@ def test_published_figures_are_those_of_the_results(benchmarked: Path, results: 
         assert after[f"benchmark/figures/{name}"] == content
         assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
         assert b"dc:date" not in content
+
+
+def test_violations_are_drawn_as_the_guarantee_counts_them(results: Any) -> None:
+    """With equal weight for every cluster, so that the limit can be compared with them."""
+    profile = results["guard"]["profiles"][0]
+    noise = {"losses": {"num_groups": 8, "num_groups_losing": 1, "num_repeats": 16, "num_repeats_losing": 1}}
+    figure = draw_trade_off({**results, "noise": noise}, 0.05)
+    assert figure is not None
+    axes = figure.axes[0]
+    assert "clusters" in axes.get_xlabel()
+    drawn = [np.asarray(line.get_xdata(), float).tolist() for line in axes.lines]
+    assert [100 * share for share in profile["trade_off"]["violation_of_clusters"]] in drawn
+    for selection in profile["selections"]:
+        assert [100 * selection["figures"]["violation_of_clusters"]["value"]] in drawn
+    assert [5, 5] in drawn
+    assert [100 / 16] * 2 in drawn
 
 
 def test_documents_of_the_release_have_figures() -> None:

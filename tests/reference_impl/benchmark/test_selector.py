@@ -9,6 +9,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import invoke
 
 from branchdrive import BranchDriveError, UsageError, open_model
+from branchdrive.dataset.manifest import Manifest, build_manifest
 from branchdrive.derive.target import Targets
 from branchdrive.derive.utility import PROFILES, fit_scale
 from branchdrive_reference.benchmark.selector import TOLERANCE, check_equal, export_selector
@@ -29,13 +30,17 @@ def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], tmp_pat
     layer = open_model(done)
     training = layer.targets("train")
     scale = fit_scale(Targets(training.scalars, training.scalars_available))
-    assert content == export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
+    again = export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
+    assert again == export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
+    assert onnx.load_from_string(content).graph == onnx.load_from_string(again).graph
     assert check_equal(content, checkpoints, layer, "test") <= TOLERANCE
     with pytest.raises(BranchDriveError, match="differs from torch"):
         check_equal(content, checkpoints[:1], layer, "test")
     model = onnx.load_from_string(content)
     about = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
     assert about["branchdrive.candidates"] == list(layer.candidate_order)
+    assert about["branchdrive.release"] == Manifest.of(build_manifest(done).files).identity
+    assert about["branchdrive.utility"]["reversed"] == ["mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps"]
     assert [one["seed"] for one in about["branchdrive.checkpoints"]] == [11, 23, 37]
     assert model.opset_import[0].version >= 17
     assert str(Path(__file__).parents[3]).encode() not in content

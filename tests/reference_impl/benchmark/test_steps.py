@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean, protocol
 
-from branchdrive import UsageError
-from branchdrive.contract.document import schema_violations
+from branchdrive import DatasetError, UsageError
+from branchdrive.contract.document import dump_json, schema_violations
 from branchdrive.dataset.descriptor_file import read_descriptor
+from branchdrive.dataset.manifest import build_manifest, write_manifest
 from branchdrive_reference.learning.training import EpochReport
 
 
@@ -33,7 +34,7 @@ def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
 
 def test_single_steps_come_to_the_same_bytes(release: Path, done: Path, small_protocol: Path) -> None:
     said = invoke("train", release, "--protocol", small_protocol, "--models", "M0", "M1")
-    assert "4 trainings of models" in said
+    assert "4 of 4 models and seeds trained in " in said
     with pytest.raises(UsageError, match=r"M2, seed 11 has no checkpoint; run `branchdrive train` first"):
         invoke("lock", release)
     assert "15 folds and the risk of the guard" in invoke("train", release)
@@ -107,6 +108,16 @@ def test_what_another_protocol_changes_is_trained_anew(benchmarked: Path, tmp_pa
     assert before["ranking_lock.json"] != after["ranking_lock.json"]
     assert json.loads(after["ranking_lock.json"])["risk_fit"] is not None
     assert is_clean(benchmarked)
+
+
+def test_a_ranking_lock_of_another_form_is_named(benchmarked: Path) -> None:
+    file = benchmarked / "benchmark" / "ranking_lock.json"
+    document = json.loads(file.read_bytes())
+    document["outcome_noise"] = {"tolerance": [0.1] * 6}
+    file.write_bytes(dump_json(document))
+    write_manifest(benchmarked, build_manifest(benchmarked))
+    with pytest.raises(DatasetError, match=r"'benchmark/ranking_lock.json' at /.*: expected .*; restore the file"):
+        invoke("evaluate", benchmarked, "--no-figures")
 
 
 def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:

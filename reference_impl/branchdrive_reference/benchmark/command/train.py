@@ -65,9 +65,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 def sentence(found: Trained) -> str:
     """What was trained, and what it took."""
-    text = (
-        f"{found.num_models - found.num_there} of {found.num_models} models and seeds trained in {found.models_s:.1f} s"
-    )
+    num_trained = found.num_models - found.num_there
+    text = f"{num_trained} of {found.num_models} models and seeds trained in {found.models_s:.1f} s"
     there = ", the others were there" if found.num_there else ""
     guard = f"; {found.num_folds} folds and the risk of the guard in {found.guard_s:.1f} s" if found.num_folds else ""
     anew = f"; {found.num_anew} anew, which were of another configuration or version" if found.num_anew else ""

@@ -14,6 +14,7 @@ __all__ = ["draw_trade_off"]
 
 _MARKS = {
     "nominal": ("s", INK, "nominal"),
+    "action_prior": ("v", HUES[3], "ActionPrior, unguarded"),
     "unguarded": ("D", QUIET, "unguarded"),
     "global_margin": ("X", HUES[1], "global margin (paper)"),
     "conformal": ("o", HUES[0], "selection path, conformal"),
@@ -24,6 +25,8 @@ _MARKS = {
 def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
     """Violations against gained utility for every profile; ``None`` where no guard was assessed.
 
+    Violations are counted as the guarantee does, with equal weight for every route cluster.
+
     Args:
         results: Document ``benchmark/results.json``.
         alpha: Largest rate of violations.
@@ -32,14 +35,17 @@ def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
     profiles = guard["profiles"]
     if not profiles:
         return None
+    losses = (results["noise"] or {}).get("losses")
+    repeated = losses["num_repeats_losing"] / losses["num_repeats"] if losses and losses["num_repeats"] else None
+    dotted = "" if repeated is None else " Dotted: repeated nominals of training."
     figure = new_figure(
         3.0 * len(profiles) + 0.8, 4.6, f"What guarding {guard['model']} costs",
-        f"Test partition, {profiles[0]['num_groups']} groups. The line is the whole path of prices, from which nothing "
-        "is chosen; bars are 95 % intervals over route clusters.",
+        f"Test partition, {profiles[0]['num_groups']} groups. Curve: the whole path of prices, from which nothing is "
+        f"chosen. Bars: 95 % over route clusters. Dashed: {100 * alpha:g} %, the limit.{dotted}",
     )  # fmt: skip
     panels = axes_of(figure, 1, len(profiles), sharex=True)
     for axes, profile in zip(panels, profiles, strict=True):
-        _panel(axes, profile, alpha)
+        _panel(axes, profile, alpha, repeated)
     panels[0].set(ylabel="utility gained over nominal")
     handles = [
         panels[0].plot([], [], mark, color=colour, markersize=7, label=name)[0]
@@ -49,26 +55,28 @@ def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
     return figure
 
 
-def _panel(axes: Axes, profile: Mapping[str, Any], alpha: float) -> None:
+def _panel(axes: Axes, profile: Mapping[str, Any], alpha: float, repeated: float | None) -> None:
     path = profile["trade_off"]
-    violation = [100 * share for share in path["violation"]]
+    violation = [100 * share for share in path["violation_of_clusters"]]
     axes.plot(violation, path["gain"], color=QUIET, linewidth=1.6, zorder=1)
     for row in profile["selections"]:
         mark, colour, _ = _MARKS[row["selection"]]
-        across, up = row["figures"]["violation"], row["figures"]["gain"]
+        across, up = row["figures"]["violation_of_clusters"], row["figures"]["gain"]
         if across["value"] is None or up["value"] is None:
             continue
-        if up["low"] is not None and row["selection"] in ("conformal", "learn_then_test", "unguarded"):
+        if None not in (up["low"], across["low"]):
             x, y = 100 * across["value"], up["value"]
             axes.plot([100 * across["low"], 100 * across["high"]], [y, y], color=colour, linewidth=1.2, alpha=0.5)
             axes.plot([x, x], [up["low"], up["high"]], color=colour, linewidth=1.2, alpha=0.5)
         axes.plot(100 * across["value"], up["value"], mark, color=colour, markersize=8, zorder=3,
                   markeredgecolor="white", markeredgewidth=0.8)  # fmt: skip
     axes.axvline(100 * alpha, color=HUES[1], linestyle=(0, (4, 3)), linewidth=1.0)
+    if repeated is not None:
+        axes.axvline(100 * repeated, color=INK, linestyle=(0, (1, 2)), linewidth=1.0)
     axes.axhline(0.0, color=QUIET, linewidth=0.8)
     vacuous = profile["global_margin"]["test"]["vacuous"]
     if vacuous:
         axes.text(0.97, 0.04, "global margin: vacuous,\naccepts nothing", transform=axes.transAxes, ha="right",
                   va="bottom", fontsize=7.8, color=HUES[1])  # fmt: skip
-    axes.set(title=profile["profile"], xlabel="groups that lose > 0.25 m, %")
+    axes.set(title=profile["profile"], xlabel="lose > 0.25 m, mean of clusters, %")
     axes.grid()

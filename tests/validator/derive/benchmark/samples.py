@@ -13,7 +13,7 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise
+from branchdrive.derive.guard.outcome_noise import OutcomeNoise, RepeatLosses
 from branchdrive.derive.guard.risk_features import FEATURES
 from branchdrive.derive.guard.risk_fit import PriceGrid, RiskFit
 from branchdrive.derive.layer.frame import Frame
@@ -126,6 +126,7 @@ def risk_fit() -> RiskFit:
 
 
 def noise() -> OutcomeNoise:
-    """Tolerances of which one is unknown."""
+    """Noise of which that of one target is unknown."""
     tolerance = np.array([np.nan, 0.2, 0.1, 0.0, 0.1, 1e9])
-    return OutcomeNoise(tolerance, np.array([0, 24, 24, 24, 24, 24]), np.array([1, 0, 0, 0, 0, 0]))
+    num_groups, num_one_sided = np.array([0, 24, 24, 24, 24, 24]), np.array([1, 0, 0, 0, 0, 0])
+    return OutcomeNoise(tolerance, tolerance / 2, num_groups, num_one_sided, RepeatLosses(24, 3, 48, 4))

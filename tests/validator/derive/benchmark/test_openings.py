@@ -7,7 +7,14 @@ from typing import Any
 import pytest
 
 from branchdrive.contract.document import schema_violations
-from branchdrive.derive.benchmark.openings import EVENTS, num_openings, opened, openings_problems, warnings
+from branchdrive.derive.benchmark.openings import (
+    CALIBRATION_READ,
+    EVENTS,
+    num_openings,
+    opened,
+    openings_problems,
+    warnings,
+)
 
 PREDICTION, RANKING = EVENTS
 A, B, C = ("a" * 64, "b" * 64, "c" * 64)
@@ -38,7 +45,8 @@ def test_another_lock_is_another_opening_and_every_table_says_so() -> None:
     assert num_openings(twice, PREDICTION) == 2
     (sentence,) = warnings(twice)
     assert "opened 2 times for predictions, under different locks" in sentence
-    (sentence,) = warnings(opened(once(), RANKING, C))
+    sentence, premise = warnings(opened(once(), RANKING, C))
+    assert premise == CALIBRATION_READ
     assert "opened 2 times for selections" in sentence
     assert num_openings(opened(twice, PREDICTION, A), PREDICTION) == 3
 

@@ -20,9 +20,11 @@ from tests.validator.derive.benchmark.samples import (
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
 from branchdrive.derive.benchmark.data import BenchmarkData, groups_digest
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
+from branchdrive.derive.benchmark.promise import promises
 from branchdrive.derive.benchmark.protocol import read_protocol
 from branchdrive.derive.benchmark.results import noise_of, noise_record, results_document
 from branchdrive.derive.benchmark.tables import JUDGED_BY_CLUSTERS, render_tables
+from branchdrive.derive.guard.assessment import SELECTIONS
 from branchdrive.derive.layer.frame import take
 from branchdrive.derive.leakage.holm import holm
 from branchdrive.errors import DatasetError
@@ -162,7 +164,9 @@ def test_every_selector_is_ranked_under_every_profile() -> None:
         assert entries["oracle"]["captured_interval"]["low"] == pytest.approx(1)
         assert entries["nominal"]["difference"] == 0
         assert entries["random"]["concordance"] == pytest.approx(0.5)
-        assert entries["action_prior"]["gate"] == {"mean_m": 0.0, "passed": True}
+        assert entries["action_prior"]["gate"] == {"mean_m": 0.0, "low": None, "high": None, "passed": True}
+        gate = entries["random"]["gate"]
+        assert gate["low"] < gate["mean_m"] < gate["high"]
 
 
 def test_selector_comparison_is_the_mean_difference_of_values() -> None:
@@ -177,14 +181,42 @@ def test_guards_stand_side_by_side() -> None:
     assert guard["reason"] is None
     for profile in guard["profiles"]:
         chosen = {selection["selection"]: selection for selection in profile["selections"]}
-        assert list(chosen) == ["nominal", "unguarded", "global_margin", "conformal", "learn_then_test"]
+        assert list(chosen) == list(SELECTIONS)
         assert chosen["nominal"]["figures"]["violation"]["value"] == 0
         assert chosen["unguarded"]["figures"]["retained_gain"]["value"] == pytest.approx(1)
-        assert chosen["nominal"]["beyond_noise"]["num_beyond"] == [0] * 6
-        assert chosen["unguarded"]["beyond_noise"]["num_compared"] == [20] * 6
-        assert chosen["unguarded"]["beyond_noise"]["num_beyond"][0] == 0
+        beyond = chosen["nominal"]["beyond_noise"]
+        assert beyond["num_worse"] == beyond["num_better"] == [0] * 6
+        assert beyond["standard_error"] == [None, *[0] * 5]
+        beyond = chosen["unguarded"]["beyond_noise"]
+        assert beyond["num_compared"] == [20] * 6
+        assert beyond["num_worse"][0] == beyond["num_better"][0] == 0
+        assert beyond["num_worse"][1] + beyond["num_better"][1] > 5
+        assert 0 < beyond["standard_error"][1] <= 0.1 / np.sqrt(20) + 1e-12
         assert profile["trade_off"]["prices"][0] is None
         assert profile["conformal"]["refusal"] is None
+
+
+def test_the_guard_has_the_candidate_of_action_prior() -> None:
+    outcomes = data().part("test").targets.values[..., 1]
+    for profile in results()["guard"]["profiles"]:
+        ranked = next(p for p in results()["ranking"]["profiles"] if p["profile"] == profile["profile"])
+        prior = BANK.keys.index(ranked["action_prior"])
+        chosen = {selection["selection"]: selection["figures"] for selection in profile["selections"]}["action_prior"]
+        assert chosen["violation"]["value"] == pytest.approx((outcomes[:, prior] < outcomes[:, 0] - 0.25).mean())
+        entry = next(e for e in ranked["entries"] if e["selector"] == "action_prior")
+        assert chosen["gain"]["value"] == pytest.approx(entry["difference"])
+
+
+def test_limits_of_the_guard_are_those_of_the_protocol() -> None:
+    guard = small_protocol().guard
+    less = small_protocol(guard={**guard.model_dump(), "min_groups": 97, "coverage": 0.5, "tolerance_m": 0.25})
+    found = results_document(less, data(), prediction_set(), risk_fit())["guard"]
+    for profile in found["profiles"]:
+        assert "expected at least 97 groups" in profile["conformal"]["refusal"]
+        assert profile["global_margin"]["rank"] == 10
+    other = small_protocol(guard={**guard.model_dump(), "tolerance_m": 0.5})
+    reason = results_document(other, data(), prediction_set(), risk_fit())["guard"]["reason"]
+    assert reason == "the risk was fitted for a tolerance of 0.25 m, not 0.5 m"
 
 
 @pytest.mark.parametrize("missing", ["risk", "calibration", "model"])
@@ -204,6 +236,8 @@ def test_guard_that_cannot_be_judged_says_why(missing: str) -> None:
     assert (found["guard"]["reason"], found["guard"]["profiles"]) == (reasons[missing], [])
     assert schema_violations(found, "results.schema.json") == []
     assert reasons[missing] in render_tables(found)
+    assert set(found["guard"]["guarantee"].values()) == {None}
+    assert promises(found) == []
 
 
 def test_model_that_is_not_declared_stands_in_the_same_tables() -> None:

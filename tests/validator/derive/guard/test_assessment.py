@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.validator.derive.guard.banks import banks
 
-from branchdrive.derive.guard.assessment import SELECTIONS, Assessment, GuardData, assess
+from branchdrive.derive.guard.assessment import SELECTIONS, Assessment, GuardData, Limits, assess
 from branchdrive.derive.guard.path import price_grid
 from branchdrive.derive.guard.risk_features import FEATURES
 from branchdrive.derive.guard.risk_fit import RiskFit
@@ -46,6 +46,8 @@ def assessed(
     calibration: GuardData = CALIBRATION,
     test: GuardData = TEST,
     nominal: int = 0,
+    action_prior: int = 3,
+    limits: Limits | None = None,
 ) -> Assessment:
     return assess(
         FIT,
@@ -53,10 +55,13 @@ def assessed(
         calibration=calibration,
         test=test,
         nominal=nominal,
+        action_prior=action_prior,
         scale=SCALE,
         profile=PROFILES["balanced"],
         profile_name="balanced",
         seed=1,
+        num_resamples=200,
+        limits=limits or Limits(),
     )
 
 
@@ -120,6 +125,44 @@ def test_too_few_calibration_groups_leave_the_guard_nominal() -> None:
     assert set(found.selections["conformal"].tolist()) == {0}
 
 
+def test_limits_are_those_that_are_given() -> None:
+    less = assessed(calibration=partition(60, 32), limits=Limits(min_groups=60, min_clusters=60))
+    assert less.conformal.refusal is less.learn_then_test.refusal is None
+    assert assessed(calibration=partition(60, 32), limits=Limits(min_clusters=60)).conformal.refusal is not None
+    assert assessed(limits=Limits(coverage=0.5)).margin.rank == 44
+    assert assessed(limits=Limits(alpha=0.2, delta=0.3)).conformal.place > assessed().conformal.place
+    with pytest.raises(ValueError, match=r"fitted for a tolerance of 0.25 m, not 0.5 m"):
+        assessed(limits=Limits(tolerance_m=0.5))
+
+
+def test_action_prior_is_the_same_candidate_everywhere() -> None:
+    found = assessed().figures["action_prior"]
+    lost = TEST.outcomes.values[:, 3, 1] < TEST.outcomes.values[:, 0, 1] - 0.25
+    assert set(assessed().selections["action_prior"].tolist()) == {3}
+    assert found["violation"].value == pytest.approx(lost.mean())
+    assert found["intervention"] == (1, None, None, 0)
+    assert assessed(action_prior=0).figures["action_prior"]["violation"] == (0, None, None, 0)
+
+
+def test_what_follows_from_a_selection_has_no_interval() -> None:
+    """Nominal loses nothing by definition, a margin that accepts nothing by what was seen."""
+    found = assessed(calibration=partition(87, 32))
+    for name in ("nominal", "conformal"):
+        assert found.figures[name]["violation"] == found.figures[name]["intervention"] == (0, None, None, 0)
+    vacuous = assessed(validation=VALIDATION._replace(scalars=VALIDATION.scalars + 100)).figures["global_margin"]
+    assert vacuous["intervention"].value == 0
+    assert 0.05 < (vacuous["intervention"].high or 0) < 0.2
+    assert vacuous["gain"][:3] == (0, None, None)
+
+
+def test_the_path_counts_violations_by_groups_and_by_clusters() -> None:
+    found = assessed()
+    for name in ("violation", "violation_of_clusters"):
+        path = getattr(found.trade_off, name)
+        assert path[-1] == pytest.approx(found.figures["unguarded"][name].value)
+        assert path[found.conformal.place] == pytest.approx(found.figures["conformal"][name].value)
+
+
 def test_groups_without_a_separation_take_no_part_and_are_counted() -> None:
     def holed(data: GuardData, *places: int) -> GuardData:
         values = data.outcomes.values.copy()
@@ -140,7 +183,13 @@ def test_orders_of_groups_and_candidates_do_not_matter() -> None:
         taken(data, order, candidates) for data, order in zip((VALIDATION, CALIBRATION, TEST), orders, strict=True)
     ]
     here = assessed()
-    there = assessed(validation=moved[0], calibration=moved[1], test=moved[2], nominal=candidates.index(0))
+    there = assessed(
+        validation=moved[0],
+        calibration=moved[1],
+        test=moved[2],
+        nominal=candidates.index(0),
+        action_prior=candidates.index(3),
+    )
     assert there.margin.margin_m == pytest.approx(here.margin.margin_m)
     assert (there.conformal.place, there.learn_then_test.place) == (here.conformal.place, here.learn_then_test.place)
     for name, chosen in here.selections.items():

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from branchdrive.derive.guard.figure import Terms, figures, terms
+from branchdrive.derive.guard.figure import RATES, Terms, figures, terms
+from branchdrive.derive.metric.stream import below, words
 
 SELECTION = np.array([0, 1, 1, 2])
 UNGUARDED = np.array([2, 1, 2, 2])
@@ -35,13 +36,12 @@ def test_nominal_violates_nothing_and_retains_nothing() -> None:
     nominal = np.zeros(4, int)
     found = figures(terms(nominal, UNGUARDED, UTILITIES, SEPARATION, CLUSTERS, nominal=0), CLUSTERS, seed=1)
     assert (found["violation"].value, found["retained_gain"].value, found["coverage"].value) == (0, 0, 1)
-    assert found["violation_of_interventions"].value is None
-    assert found["violation_of_interventions"].num_undefined == 2000
+    assert found["violation_of_interventions"] == (None, None, None, 0)
 
 
 def test_the_unguarded_selector_retains_everything() -> None:
     found = figures(terms(UNGUARDED, UNGUARDED, UTILITIES, SEPARATION, CLUSTERS, nominal=0), CLUSTERS, seed=1)
-    assert found["retained_gain"][:3] == pytest.approx((1, 1, 1))
+    assert found["retained_gain"][:3] == (1, None, None)  # resamples agree
 
 
 def test_a_selector_without_a_gain_has_no_retained_gain() -> None:
@@ -64,7 +64,7 @@ def test_an_interval_is_that_of_the_normal_law_for_many_clusters() -> None:
 def test_resamples_without_a_denominator_are_counted() -> None:
     clusters = ["a", "b", "c", "d"]
     figure = figures({"x": Terms(np.array([1.0, 0, 0, 0]), np.array([1.0, 0, 0, 0]))}, clusters, seed=2)["x"]
-    assert figure[:3] == (1, 1, 1)
+    assert figure[:3] == (1, None, None)
     assert figure.num_undefined / 2000 == pytest.approx((3 / 4) ** 4, abs=0.04)
 
 
@@ -79,10 +79,34 @@ def test_the_order_of_groups_does_not_matter(order: list[int], seed: int) -> Non
     assert figures(moved, [clusters[place] for place in order], seed=seed) == here
 
 
+@pytest.mark.parametrize("name", RATES)
+def test_a_rate_of_nothing_seen_is_no_certainty(name: str) -> None:
+    clusters = [str(place) for place in range(50)]
+    figure = figures({name: Terms(np.zeros(50), np.ones(50))}, clusters, seed=1)[name]
+    assert figure == (0, 0, pytest.approx(1 - 0.025 ** (1 / 50)), 0)
+
+
+def test_a_settled_figure_has_no_interval() -> None:
+    part = {"violation": Terms(np.array([0.0, 1, 0, 0]), np.ones(4)), "gain": Terms(np.arange(4.0), np.ones(4))}
+    found = figures(part, CLUSTERS, seed=1, settled=("violation",))
+    assert found["violation"] == (0.25, None, None, 0)
+    assert found["gain"].low is not None
+
+
+def test_resamples_are_words_of_a_named_stream() -> None:
+    """Cluster `c` of resample `b` counts the words of the stream that fall on it, whatever numpy draws from them."""
+    drawn = below(words(7, "guard/figures", 500, 3), 3)
+    sums, sizes = np.array([4.0, 2.0, 1.0]), np.array([1, 2, 1])
+    gains = Terms(np.array([4.0, 1, 1, 1]), np.ones(4))
+    ratios = [sums[row].sum() / sizes[row].sum() for row in drawn]
+    figure = figures({"gain": gains}, CLUSTERS, seed=7, num_resamples=500)["gain"]
+    assert (figure.low, figure.high) == pytest.approx(tuple(np.quantile(ratios, (0.025, 0.975))))
+
+
 def test_broken_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match="of the same groups"):
         terms(SELECTION[:3], UNGUARDED, UTILITIES, SEPARATION, CLUSTERS, nominal=0)
-    with pytest.raises(ValueError, match="found 0 groups"):
+    with pytest.raises(ValueError, match="at least one group"):
         figures({}, [], seed=1)
-    with pytest.raises(ValueError, match="seed -1"):
+    with pytest.raises(ValueError, match="`seed` is -1"):
         figures({}, ["a"], seed=-1)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from branchdrive.derive.guard.calibration import ALPHA, DELTA
-from branchdrive.derive.guard.guarantee import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.derive.guard.calibration import ALPHA, DELTA, conformal
+from branchdrive.derive.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
 from branchdrive.derive.guard.path import TOLERANCE_M
 
 
@@ -27,10 +28,29 @@ def test_the_numbers_are_those_of_the_protocol() -> None:
         "outside of the bank",
         "closed-loop",
         "another simulator",
+        "its separation and its utility",
+        "Every profile is calibrated by itself",
+        "a choice among profiles after their results is not covered",
+        "given one calibration set the rate can exceed 0.05",
     ],
 )
 def test_the_limits_are_part_of_the_text(limit: str) -> None:
     assert limit in GUARANTEE
+
+
+def test_the_average_is_not_what_one_calibration_set_has() -> None:
+    """Uniform risks of independent clusters along a fine path: the mean keeps to the rate, many sets do not."""
+    assert f"exceed {ALPHA:g}" in CONDITIONAL
+    rng = np.random.default_rng(3)
+    path = np.linspace(0, 0.5, 102)
+    clusters = [str(place) for place in range(60)]
+    rates = []
+    for _ in range(150):
+        latent = rng.random(60)
+        place = conformal(latent < path[:, None], clusters, min_groups=60).place
+        rates.append(path[place])
+    assert np.mean(rates) <= ALPHA
+    assert 0.1 < np.mean(np.array(rates) > ALPHA) < 0.4
 
 
 def test_the_global_margin_promises_nothing() -> None:

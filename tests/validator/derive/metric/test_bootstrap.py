@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare
 from tests.validator.derive.metric.samples import alone, pairs
 
-from branchdrive.derive.metric.bootstrap import counted_mean, design, ratio_of_sums
+from branchdrive.derive.metric.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
 from branchdrive.derive.metric.stream import below, words
 
 
@@ -49,6 +49,13 @@ def test_clusters_of_one_group_are_resampled_like_groups() -> None:
     assert (by_group != by_cluster).any()
     for power in (1, 2):
         np.testing.assert_allclose((by_cluster**power).mean(axis=0), (by_group**power).mean(axis=0), rtol=0.05)
+
+
+def test_counts_of_another_stream_are_others() -> None:
+    found = [resampled_counts(6, seed=1, stream=stream, num_resamples=30) for stream in ("metric/bootstrap", "other")]
+    np.testing.assert_array_equal(found[0], design(alone(6), seed=1, num_resamples=30).counts[1:31])
+    assert (found[0] != found[1]).any()
+    assert (found[1].sum(axis=1) == 6).all()
 
 
 def test_resamples_are_multinomial() -> None:

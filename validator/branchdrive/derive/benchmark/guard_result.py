@@ -5,6 +5,7 @@ Source: paper VI-E; spec/14-benchmark.md#guard.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.number import number, numbers
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
-from branchdrive.derive.guard.assessment import Assessment, GuardData, assess
+from branchdrive.derive.benchmark.ranking_result import action_prior
+from branchdrive.derive.guard.assessment import Assessment, GuardData, Limits, assess
 from branchdrive.derive.guard.calibration import Calibration
 from branchdrive.derive.guard.global_margin import MarginReport
 from branchdrive.derive.guard.guarantee import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
@@ -44,14 +46,20 @@ def guard_results(
             reason, profiles = str(error), []
     return {
         "model": protocol.guard.model,
+        "tolerance_m": protocol.guard.tolerance_m,
         "reason": reason,
         "guarantee": {
-            "conformal": GUARANTEE,
-            "learn_then_test": LEARN_THEN_TEST,
-            "global_margin": GLOBAL_MARGIN,
+            "conformal": _claimed(GUARANTEE, "conformal", profiles),
+            "learn_then_test": _claimed(LEARN_THEN_TEST, "learn_then_test", profiles),
+            "global_margin": GLOBAL_MARGIN if profiles else None,
         },
         "profiles": profiles,
     }
+
+
+def _claimed(text: str, method: str, profiles: Sequence[Mapping[str, Any]]) -> str | None:
+    """A guarantee; ``None`` where the method was judged under no profile."""
+    return text if any(profile[method]["refusal"] is None for profile in profiles) else None
 
 
 def _reason(
@@ -89,12 +97,20 @@ def _profile(
         calibration=given(partitions.calibrate),
         test=given(partitions.report),
         nominal=data.nominal,
+        action_prior=action_prior(protocol, data, scale, name),
         scale=scale,
         profile=protocol.preferences[name],
         profile_name=name,
         seed=int(protocol.statistics.seed),
-        alpha=guard.alpha,
-        delta=guard.delta,
+        num_resamples=int(protocol.statistics.resamples),
+        limits=Limits(
+            alpha=guard.alpha,
+            delta=guard.delta,
+            tolerance_m=guard.tolerance_m,
+            min_groups=int(guard.min_groups),
+            min_clusters=int(guard.min_clusters),
+            coverage=guard.coverage,
+        ),
     )
     return {
         "profile": name,
@@ -153,7 +169,12 @@ def _selection_record(
         outcomes = data.part(partition).targets
         kept = type(outcomes)(outcomes.values[found.kept], outcomes.available[found.kept])
         differences = selected_differences(kept, chosen, noise, nominal=data.nominal)
-        beyond = {"num_beyond": differences.num_beyond.tolist(), "num_compared": differences.num_compared.tolist()}
+        beyond = {
+            "num_worse": differences.worse.sum(axis=0).tolist(),
+            "num_better": differences.better.sum(axis=0).tolist(),
+            "num_compared": differences.num_compared.tolist(),
+            "standard_error": numbers(differences.standard_error.tolist()),
+        }
     figures = {
         name: {
             "value": number(figure.value),

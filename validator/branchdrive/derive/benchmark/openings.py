@@ -15,13 +15,19 @@ from branchdrive.derive.layer.ledger import num_test_openings
 from branchdrive.derive.layer.problem import Problem
 from branchdrive.derive.layer.wording import opening_sentence
 
-__all__ = ["EVENTS", "is_opened", "num_openings", "opened", "openings_problems", "warnings"]
+__all__ = ["CALIBRATION_READ", "EVENTS", "is_opened", "num_openings", "opened", "openings_problems", "warnings"]
 
 PREDICTION = "prediction_test_opened"
 RANKING = "ranking_test_opened"
 
 EVENTS = (PREDICTION, RANKING)
 """What is recorded: predictions, and later selections, held against the test partition."""
+
+CALIBRATION_READ = (
+    "Calibration outcomes were read under an earlier ranking lock: the premise of the guarantees, that everything else "
+    "was fixed before calibration outcomes were read, no longer holds."
+)
+"""What takes from the guarantees of guards where selections were opened more than once."""
 
 _SUBJECTS = {PREDICTION: "predictions", RANKING: "selections"}
 
@@ -115,6 +121,8 @@ def warnings(
                 f"The test partition was opened {count} times for {subject}, under different locks: it is no longer an "
                 "untouched test set, and results on it are optimistic."
             )
+    if num_openings(document, RANKING) > 1:
+        found.append(CALIBRATION_READ)
     if ledger is not None and num_test_openings(ledger) > 1:
         found.append(opening_sentence(ledger))
     found += [f"The checkpoint `{file}` is not the one that was locked." for file in sorted(changed)]

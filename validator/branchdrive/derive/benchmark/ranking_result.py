@@ -9,7 +9,7 @@ Source: paper VI-D; spec/14-benchmark.md#results.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from branchdrive.derive.benchmark.prediction_result import (
 )
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, Member
+from branchdrive.derive.guard.figure import Terms, figures
 from branchdrive.derive.metric.bootstrap import Design, counted_mean, design, ratio_of_sums
 from branchdrive.derive.metric.interval import Intervals, intervals
 from branchdrive.derive.metric.table import Interval, compare
@@ -33,7 +34,7 @@ from branchdrive.derive.ranking.ranking import Entry, Ranking, rank
 from branchdrive.derive.ranking.selector import best_fixed
 from branchdrive.derive.utility import Scale, fit_scale, utility
 
-__all__ = ["ranking_results", "scale_record", "utility_scale"]
+__all__ = ["action_prior", "ranking_results", "scale_record", "utility_scale"]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,15 @@ MEASURES = Measures._fields
 def utility_scale(protocol: BenchmarkProtocol, data: BenchmarkData) -> Scale:
     """Quantiles of the targets on the partition that models are fitted on."""
     return fit_scale(data.part(protocol.partitions.fit).targets)
+
+
+def action_prior(protocol: BenchmarkProtocol, data: BenchmarkData, scale: Scale, profile: str) -> int:
+    """Place of the candidate that ActionPrior takes under a profile: the best on the partition that is fitted on.
+
+    Raises:
+        ValueError: No group of that partition has all its utilities.
+    """
+    return best_fixed(utility(data.part(protocol.partitions.fit).targets, scale, protocol.preferences[profile]))
 
 
 def ranking_results(
@@ -62,7 +72,11 @@ def ranking_results(
             left_out.append({"profile": name, "reason": str(error)})
             continue
         rankings[name] = ranking
-        entries = [_entry_record(selector, entry, ranking, resampling) for selector, entry in ranking.entries.items()]
+        gates = _gate_records(protocol, ranking, part.clusters)
+        entries = [
+            {**_entry_record(selector, entry, ranking, resampling), "gate": gates[selector]}
+            for selector, entry in ranking.entries.items()
+        ]
         profiles.append({"profile": name, **about, "entries": entries})
     families = protocol.of_kind("ranking")
     # Every profile ranks the same selectors.
@@ -88,7 +102,7 @@ def _ranked(
     protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, scale: Scale, name: str
 ) -> tuple[Ranking, dict[str, Any]]:
     partitions, profile = protocol.partitions, protocol.preferences[name]
-    prior = best_fixed(utility(data.part(partitions.fit).targets, scale, profile))
+    prior = action_prior(protocol, data, scale, name)
     brake = None
     if data.brakes and partitions.select in data.parts:
         brake = best_fixed(utility(data.part(partitions.select).targets, scale, profile), data.brakes)
@@ -131,7 +145,22 @@ def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Des
         "num_actions": list(entry.num_actions),
         "captured": number(entry.captured),
         "captured_interval": None if entry.captured is None else _captured_interval(entry, ranking, resampling),
-        "gate": {"mean_m": entry.gate.mean_m, "passed": bool(entry.gate.passed)},
+    }
+
+
+def _gate_records(protocol: BenchmarkProtocol, ranking: Ranking, clusters: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The gate of every selector, with an interval that resamples the route clusters of ranked groups."""
+    ranked = [cluster for cluster, takes_part in zip(clusters, ranking.population.ranked, strict=True) if takes_part]
+    terms = {name: Terms(entry.gate.difference_m, np.ones(len(ranked))) for name, entry in ranking.entries.items()}
+    found = figures(terms, ranked, seed=int(protocol.statistics.seed), num_resamples=int(protocol.statistics.resamples))
+    return {
+        name: {
+            "mean_m": entry.gate.mean_m,
+            "low": number(found[name].low),
+            "high": number(found[name].high),
+            "passed": bool(entry.gate.passed),
+        }
+        for name, entry in ranking.entries.items()
     }
 
 

@@ -21,7 +21,7 @@ from branchdrive.derive.benchmark.prediction_result import prediction_results, t
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.derive.benchmark.ranking_result import ranking_results, utility_scale
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise
+from branchdrive.derive.guard.outcome_noise import OutcomeNoise, RepeatLosses
 from branchdrive.derive.guard.risk_fit import RiskFit
 
 __all__ = ["TOLERANCE", "noise_of", "noise_record", "results_document"]
@@ -80,16 +80,21 @@ def _model_record(protocol: BenchmarkProtocol, model: str, seeds: Sequence[int])
 
 
 def noise_record(noise: OutcomeNoise) -> dict[str, Any]:
-    """Tolerances as JSON data, as the ranking lock has them."""
+    """Noise as JSON data, as the ranking lock has them."""
     return {
         "tolerance": numbers(noise.tolerance.tolist()),
+        "rms": numbers(noise.rms.tolist()),
         "num_groups": noise.num_groups.tolist(),
         "num_one_sided": noise.num_one_sided.tolist(),
+        "losses": noise.losses._asdict(),
     }
 
 
 def noise_of(record: Mapping[str, Any]) -> OutcomeNoise:
-    """Tolerances of a record."""
-    tolerance = [np.nan if value is None else float(value) for value in record["tolerance"]]
-    counts = (np.array(record[name], np.int64) for name in ("num_groups", "num_one_sided"))
-    return OutcomeNoise(np.array(tolerance), *counts)
+    """Noise of a record."""
+    tolerance, rms = (
+        np.array([np.nan if value is None else float(value) for value in record[name]]) for name in ("tolerance", "rms")
+    )
+    num_groups, num_one_sided = (np.array(record[name], np.int64) for name in ("num_groups", "num_one_sided"))
+    losses = RepeatLosses(**{name: int(count) for name, count in record["losses"].items()})
+    return OutcomeNoise(tolerance, rms, num_groups, num_one_sided, losses)

@@ -11,8 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
 from branchdrive.derive.layer.wording import PARTITION_TITLES
 from branchdrive.derive.metric.sign_flip import p_text
+from branchdrive.derive.ranking.ranking import SEPARATION
 from branchdrive.derive.target import TARGETS
 
 __all__ = ["JUDGED_BY_CLUSTERS", "render_tables"]
@@ -269,7 +271,7 @@ def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
             _number(entry["agreement"]),
             _number(entry["captured"]),
             " to ".join(str(n) for n in sorted({min(entry["num_actions"]), max(entry["num_actions"])})),
-            f"{'pass' if entry['gate']['passed'] else 'fail'} ({entry['gate']['mean_m']:+.3f} m)",
+            _gate(entry["gate"]),
         ]
         for entry in profile["entries"]
     ]
@@ -281,27 +283,29 @@ def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
     note = (
         f"N = {profile['num_ranked']} groups; {profile['num_without_separation']} left for want of a separation, "
         f"{profile['num_without_other']} for want of another target; {profile['num_without_range']} without any range. "
-        f"ActionPrior takes `{profile['action_prior']}`, {fixed}."
+        f"ActionPrior takes `{profile['action_prior']}`, {fixed}. The interval of the non-worsening gate resamples "
+        "route clusters."
     )
     return header, rows, [note]
+
+
+def _gate(gate: Document) -> str:
+    ends = "" if gate["low"] is None else f" {_ends(gate)}"
+    return f"{'pass' if gate['passed'] else 'fail'} ({gate['mean_m']:+.3f} m{ends})"
 
 
 def _guard(results: Document) -> list[list[str]]:
     guard = results["guard"]
     if not guard["profiles"]:
         return [["## Guard", "", f"Not judged: {guard['reason']}"]]
-    sections = [_table(f"Guard, profile {p['profile']}", results, *_guard_profile(p)) for p in guard["profiles"]]
-    promise = ["## What the guards promise"]
-    refused = [p["profile"] for p in guard["profiles"] if p["conformal"]["refusal"] is not None]
-    if refused:
-        names = ", ".join(refused)
-        promise += ["", f"The selection-path guard was not judged, so the first two texts do not hold ({names})."]
-    for key in ("conformal", "learn_then_test", "global_margin"):
-        promise += ["", guard["guarantee"][key]]
+    sections = [
+        _table(f"Guard, profile {p['profile']}", results, *_guard_profile(p, results)) for p in guard["profiles"]
+    ]
+    promise = ["## What the guards promise", *(line for text in promises(results) for line in ("", text))]
     return [*sections, promise]
 
 
-def _guard_profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
+def _guard_profile(profile: Document, results: Document) -> tuple[list[str], Rows, list[str]]:
     rows = []
     for selection in profile["selections"]:
         figures = [selection["figures"][name] for name, _ in _FIGURES]
@@ -325,6 +329,9 @@ def _guard_profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
         refused = "" if found["refusal"] is None else f" Not judged: {found['refusal']}."
         size = f"{found['num_groups']} groups in {found['num_clusters']} clusters"
         notes.append(f"{title}: {price}, calibrated on {size}.{refused}")
+    notes.append(UNGUARDED)
+    if (floor := noise_floor(results)) is not None:
+        notes.append(floor)
     return ["Selection", *(title for _, title in _FIGURES), "Actions"], rows, notes
 
 
@@ -333,22 +340,41 @@ def _noise(results: Document) -> list[list[str]]:
     if noise is None:
         return []
     rows = [
-        [f"{t.symbol}, {t.unit}", _number(noise["tolerance"][i], 4), str(noise["num_groups"][i])]
+        [f"{t.symbol}, {t.unit}", _number(noise["tolerance"][i], 4), _number(noise["rms"][i], 4),
+         str(noise["num_groups"][i])]
         for i, t in enumerate(TARGETS)
-    ]
-    sections = [_table("Noise of outcomes", results, ["Target", "Tolerance", "N groups, training"], rows)]
-    counted = [
-        [profile["profile"], selection["selection"], *_beyond(selection["beyond_noise"])]
+    ]  # fmt: skip
+    header = ["Target", "Tolerance", "Root mean square", "N groups, training"]
+    floor = noise_floor(results)
+    sections = [_table("Noise of outcomes", results, header, rows, [] if floor is None else [floor])]
+    selections = [
+        (profile["profile"], selection)
         for profile in results["guard"]["profiles"]
         for selection in profile["selections"]
         if selection["beyond_noise"] is not None
     ]
-    if counted:
-        header = ["Profile", "Selection", *(target.symbol for target in TARGETS)]
-        note = "Groups whose selected difference to nominal exceeds the tolerance, of those that have one."
+    if selections:
+        counted = [
+            [profile, found["selection"], *_beyond(found["beyond_noise"]), _separation(found)]
+            for profile, found in selections
+        ]
+        header = ["Profile", "Selection", *(target.symbol for target in TARGETS), "Mean D_min, m"]
+        note = (
+            "Groups whose selected difference to nominal exceeds the tolerance, for the worse and for the better, of "
+            "those that have one. The tolerance is that of one group; the mean difference of separation stands beside "
+            "the standard error that repetition alone gives it."
+        )
         sections.append(_table("Selected differences beyond noise", results, header, counted, [note], 2))
     return sections
 
 
 def _beyond(found: Document) -> list[str]:
-    return [f"{n} / {m}" for n, m in zip(found["num_beyond"], found["num_compared"], strict=True)]
+    counts = zip(found["num_worse"], found["num_better"], found["num_compared"], strict=True)
+    return [f"{worse} + {better} / {compared}" for worse, better, compared in counts]
+
+
+def _separation(found: Document) -> str:
+    """Mean difference of separation with the standard error from repetition."""
+    error = found["beyond_noise"]["standard_error"][SEPARATION]
+    mean = _number(found["figures"]["separation_difference_m"]["value"])
+    return mean if error is None else f"{mean} (noise {error:.3f})"

@@ -2,5 +2,6 @@
 
 `global_margin` is the paper's guard. The selection-path conformal guard is `risk_features` and `risk_fit` (learned
 risk), `path` (selections from nominal to unguarded), `calibration` (which of them is taken) and `guarantee` (what
-that promises). `figure` reports either; `outcome_noise` says which differences replays could explain.
+that promises). `figure` reports either, with intervals of rates by `rate`; `outcome_noise` says which differences
+replays could explain.
 """

@@ -2,7 +2,8 @@
 
 The global margin is fitted on the validation partition, as in the paper; the selection path is calibrated on its own
 partition; every selection is then looked up in the test partition. Groups in which a candidate has no utility or
-no separation take no part and are counted.
+no separation take no part and are counted. `action_prior`, which takes the same candidate everywhere, stands beside
+them without a guard: a selector has to be worth more than that.
 
 Source: paper VI-E for the global margin; the rest is this project's choice.
 """
@@ -15,28 +16,61 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.guard.calibration import ALPHA, DELTA, Calibration, conformal, learn_then_test
-from branchdrive.derive.guard.figure import Figure, figures, terms
+from branchdrive.derive.guard.calibration import (
+    ALPHA,
+    DELTA,
+    MIN_CLUSTERS,
+    MIN_GROUPS,
+    Calibration,
+    conformal,
+    learn_then_test,
+)
+from branchdrive.derive.guard.figure import RATES, Figure, cluster_weights, figures, terms
 from branchdrive.derive.guard.global_margin import (
+    COVERAGE,
     GlobalMargin,
     MarginReport,
     fit_margin,
     margin_report,
     margin_selection,
 )
-from branchdrive.derive.guard.path import SelectionPath, violations
+from branchdrive.derive.guard.path import TOLERANCE_M, SelectionPath, violations
 from branchdrive.derive.guard.risk_fit import RiskFit, guarded_path
+from branchdrive.derive.metric.bootstrap import NUM_RESAMPLES
 from branchdrive.derive.ranking.ranking import SEPARATION
 from branchdrive.derive.target import Targets
 from branchdrive.derive.utility import Profile, Scale, predicted_utility, utility
 
-__all__ = ["SELECTIONS", "Assessment", "GuardData", "TradeOff", "assess"]
+__all__ = ["SELECTIONS", "Assessment", "GuardData", "Limits", "TradeOff", "assess"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SELECTIONS = ("nominal", "unguarded", "global_margin", "conformal", "learn_then_test")
+SELECTIONS = ("nominal", "action_prior", "unguarded", "global_margin", "conformal", "learn_then_test")
 """Names of the selections, in the order of `Assessment.selections`."""
+
+
+class Limits(NamedTuple):
+    """What guards are held to.
+
+    Attributes:
+        alpha: Largest rate of violations.
+        delta: Of learn then test.
+        tolerance_m: Of a violation, metres.
+        min_groups: Calibration groups below which the selection path is not judged.
+        min_clusters: Their clusters.
+        coverage: Of the global margin.
+    """
+
+    alpha: float = ALPHA
+    delta: float = DELTA
+    tolerance_m: float = TOLERANCE_M
+    min_groups: int = MIN_GROUPS
+    min_clusters: int = MIN_CLUSTERS
+    coverage: float = COVERAGE
+
+
+_LIMITS = Limits()
 
 
 class GuardData(NamedTuple):
@@ -61,12 +95,14 @@ class TradeOff(NamedTuple):
     Attributes:
         prices: ``lambda``, from ``inf`` to 0.
         violation: Share of groups with a violation.
+        violation_of_clusters: The same with equal weight for every cluster, which the guarantee is about.
         intervention: Share of groups that leave nominal.
         gain: Mean executed utility gained over nominal.
     """
 
     prices: Array
     violation: Array
+    violation_of_clusters: Array
     intervention: Array
     gain: Array
 
@@ -119,12 +155,13 @@ def assess(
     calibration: GuardData,
     test: GuardData,
     nominal: int,
+    action_prior: int,
     scale: Scale,
     profile: Profile,
     profile_name: str,
     seed: int,
-    alpha: float = ALPHA,
-    delta: float = DELTA,
+    num_resamples: int = NUM_RESAMPLES,
+    limits: Limits = _LIMITS,
 ) -> Assessment:
     """Fit the margin, calibrate the path, and look both up in the test partition.
 
@@ -134,16 +171,20 @@ def assess(
         calibration: Partition of the selection path.
         test: Partition of the figures.
         nominal: Place of the nominal candidate.
+        action_prior: Candidate with the greatest mean utility in training.
         scale: Quantiles of the training partition.
         profile: What is preferred.
         profile_name: Its name in `RiskFit.grids`.
         seed: Of the draw of learn then test and of intervals.
-        alpha: Largest rate of violations.
-        delta: Of learn then test.
+        num_resamples: Of intervals.
+        limits: What guards are held to.
 
     Raises:
-        ValueError: A prediction is not finite, shapes do not match, or a partition has no group that takes part.
+        ValueError: The risk was fitted for another tolerance, a prediction is not finite, shapes do not match, or a
+            partition has no group that takes part.
     """
+    if fit.tolerance_m != limits.tolerance_m:
+        raise ValueError(f"the risk was fitted for a tolerance of {fit.tolerance_m:g} m, not {limits.tolerance_m:g} m")
     val, cal, tested = (_known(data, scale, profile) for data in (validation, calibration, test))
 
     def path_of(found: _Known) -> SelectionPath:
@@ -152,18 +193,20 @@ def assess(
         )
 
     def lost(path: SelectionPath, found: _Known) -> NDArray[np.bool_]:
-        return violations(path.selections, found.separation_m, nominal=nominal, tolerance_m=fit.tolerance_m)
+        return violations(path.selections, found.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
 
     losses = lost(path_of(cal), cal)
-    exact = conformal(losses, cal.clusters, alpha=alpha)
-    tail = learn_then_test(losses, cal.clusters, cal.groups, seed=seed, alpha=alpha, delta=delta)
-    margin = fit_margin(val.predicted_m, val.separation_m, nominal=nominal)
+    least = {"min_groups": limits.min_groups, "min_clusters": limits.min_clusters}
+    exact = conformal(losses, cal.clusters, alpha=limits.alpha, **least)
+    tail = learn_then_test(losses, cal.clusters, cal.groups, seed=seed, alpha=limits.alpha, delta=limits.delta, **least)
+    margin = fit_margin(val.predicted_m, val.separation_m, nominal=nominal, coverage=limits.coverage)
     path = path_of(tested)
     selections = dict(
         zip(
             SELECTIONS,
             (
                 path.selections[0],
+                np.full(len(tested.groups), action_prior, np.intp),
                 path.selections[-1],
                 margin_selection(tested.predicted_m, tested.predicted_utilities, margin, nominal=nominal),
                 path.selections[exact.place],
@@ -172,6 +215,7 @@ def assess(
             strict=True,
         )
     )
+    settled = _settled(exact, tail, always_nominal=action_prior == nominal)
     found = {
         name: figures(
             terms(
@@ -181,13 +225,17 @@ def assess(
                 tested.separation_m,
                 tested.clusters,
                 nominal=nominal,
-                tolerance_m=fit.tolerance_m,
+                tolerance_m=limits.tolerance_m,
             ),
             tested.clusters,
             seed=seed,
+            num_resamples=num_resamples,
+            settled=settled.get(name, ()),
         )
         for name, chosen in selections.items()
     }
+    losses = lost(path, tested)
+    weights = cluster_weights(tested.clusters)
     gains = tested.utilities[np.arange(len(tested.groups)), path.selections] - tested.utilities[:, nominal]
     return Assessment(
         kept=tested.kept,
@@ -204,11 +252,21 @@ def assess(
         figures=found,
         trade_off=TradeOff(
             path.prices,
-            lost(path, tested).mean(axis=1),
+            losses.mean(axis=1),
+            losses @ weights / weights.sum(),
             (path.selections != nominal).mean(axis=1),
             gains.mean(axis=1),
         ),
     )
+
+
+def _settled(exact: Calibration, tail: Calibration, *, always_nominal: bool) -> dict[str, Sequence[str]]:
+    """Rates that follow from what a selection is: nominal never loses, ActionPrior always intervenes."""
+    nominal = {"conformal": exact.place == 0, "learn_then_test": tail.place == 0, "action_prior": always_nominal}
+    return {
+        "action_prior": ("intervention",),
+        **{name: RATES for name, holds in (("nominal", True), *nominal.items()) if holds},
+    }
 
 
 def _known(data: GuardData, scale: Scale, profile: Profile) -> _Known:

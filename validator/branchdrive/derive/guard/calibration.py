@@ -17,7 +17,6 @@ fixed sequence.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.guard.binomial import binomial_cdf, exact_fraction
 from branchdrive.derive.guard.path import envelope
+from branchdrive.derive.metric.stream import words
 
 __all__ = ["ALPHA", "DELTA", "MIN_CLUSTERS", "MIN_GROUPS", "Calibration", "conformal", "learn_then_test"]
 
@@ -42,6 +42,8 @@ DELTA = 0.1
 MIN_GROUPS = 88
 MIN_CLUSTERS = 48
 """Fewer calibration groups or clusters are not judged: the guard stays nominal and says so."""
+
+_STREAM = "guard/one-group-of-a-cluster"
 
 
 class Calibration(NamedTuple):
@@ -169,11 +171,8 @@ def _one_of_each(clusters: Sequence[str], groups: Sequence[str], seed: int) -> l
     """Places of the drawn groups: of every cluster the one with the least random word."""
     if len(groups) != len(clusters) or len(set(groups)) != len(groups):
         raise ValueError(f"{len(groups)} groups do not name each of {len(clusters)} once")
-    if not 0 <= seed < 1 << 64:
-        raise ValueError(f"`seed` is {seed}, not in [0, 2^64)")
-    stream = int.from_bytes(hashlib.sha256(b"guard/one-group-of-a-cluster").digest()[:8], "little")
-    words = np.random.Philox(key=np.array([seed, stream], np.uint64)).random_raw(len(groups)).tolist()
+    drawn = words(seed, _STREAM, 1, len(groups))[0].tolist()
     first: dict[str, tuple[int, int]] = {}
-    for word, place in zip(words, sorted(range(len(groups)), key=groups.__getitem__), strict=True):
+    for word, place in zip(drawn, sorted(range(len(groups)), key=groups.__getitem__), strict=True):
         first[clusters[place]] = min(first.get(clusters[place], (word, place)), (word, place))
     return sorted(place for _, place in first.values())

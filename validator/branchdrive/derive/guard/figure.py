@@ -11,29 +11,35 @@ Each figure is a ratio of sums over groups, ``sum_g n_g / sum_g d_g``. With exec
     retained_gain                sum (u_selected - u_nominal) / sum (u_unguarded - u_nominal)
     separation_difference_m      sum (y_selected - y_nominal) / groups
 
-An interval is the 2.5 and 97.5 % percentile (linear) over 2,000 resamples of whole clusters, multinomial, shared by
-all figures. Clusters stand in the order of their names, so the order of the groups decides nothing.
+The first five are rates, with the interval of `branchdrive.derive.guard.rate`. The interval of the others is the 2.5
+and 97.5 % percentile (linear) over resamples of whole clusters, multinomial, shared by all figures; where all
+resamples agree they have seen nothing to resample, and there is no interval. Clusters stand in the order of their
+names, so the order of the groups decides nothing.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.guard.path import TOLERANCE_M, violations
+from branchdrive.derive.guard.rate import rate_interval
+from branchdrive.derive.metric.bootstrap import NUM_RESAMPLES, resampled_counts
 
-__all__ = ["NUM_RESAMPLES", "Figure", "Terms", "figures", "terms"]
+__all__ = ["RATES", "Figure", "Terms", "cluster_weights", "figures", "terms"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-NUM_RESAMPLES = 2000
+RATES = ("coverage", "violation", "violation_of_clusters", "violation_of_interventions", "intervention")
+"""Figures that are shares of groups."""
 
+_STREAM = "guard/figures"
 _PERCENTILES = (0.025, 0.975)
+_ROUNDING = 1e-12
 
 
 class Terms(NamedTuple):
@@ -48,9 +54,10 @@ class Figure(NamedTuple):
 
     Attributes:
         value: The ratio; `None` where its denominator is not positive.
-        low: Lower end of the interval; `None` where there is no value.
+        low: Lower end of the interval; `None` where there is no value, or no interval.
         high: Upper end of the interval.
-        num_undefined: Resamples whose denominator is not positive; they are left out of the interval.
+        num_undefined: Resamples whose denominator is not positive; they are left out of the interval. 0 for rates,
+            which are not resampled.
     """
 
     value: float | None
@@ -89,8 +96,7 @@ def terms(
     violated = violations(selection, separation_m, nominal=nominal, tolerance_m=tolerance_m).astype(np.float64)
     intervened = (selection != nominal).astype(np.float64)
     gain, most = (utilities[rows, chosen] - utilities[:, nominal] for chosen in (selection, unguarded))
-    place_of, sizes = np.unique(np.asarray(clusters, np.str_), return_inverse=True, return_counts=True)[1:]
-    one, weight = np.ones(len(rows)), 1.0 / sizes[place_of]
+    one, weight = np.ones(len(rows)), cluster_weights(clusters)
     return {
         "coverage": Terms(1.0 - violated, one),
         "violation": Terms(violated, one),
@@ -103,31 +109,65 @@ def terms(
     }
 
 
-def figures(found: Mapping[str, Terms], clusters: Sequence[str], *, seed: int) -> Mapping[str, Figure]:
+def cluster_weights(clusters: Sequence[str]) -> Array:
+    """Weights ``[groups]`` that add up to 1 in every cluster."""
+    place_of, sizes = np.unique(np.asarray(clusters, np.str_), return_inverse=True, return_counts=True)[1:]
+    return np.asarray(1.0 / sizes[place_of])
+
+
+def figures(
+    found: Mapping[str, Terms],
+    clusters: Sequence[str],
+    *,
+    seed: int,
+    num_resamples: int = NUM_RESAMPLES,
+    settled: Collection[str] = (),
+) -> Mapping[str, Figure]:
     """Values and intervals of `terms`, by their names.
 
     Args:
         found: Terms of the same groups.
         clusters: Cluster of every group ``[groups]``.
-        seed: Part of the generator's key, in ``[0, 2^64)``.
+        seed: Of the resamples, in ``[0, 2^64)``.
+        num_resamples: At least 1.
+        settled: Figures whose value follows from what a selection is, whatever the outcomes; they have no interval.
 
     Raises:
-        ValueError: There is no group, or the seed does not fit the key.
+        ValueError: There is no group, or the seed does not fit.
     """
-    if not len(clusters) or not 0 <= seed < 1 << 64:
-        raise ValueError(f"figures need groups and a seed in [0, 2^64), found {len(clusters)} groups and seed {seed}")
     names, place_of = np.unique(np.asarray(clusters, np.str_), return_inverse=True)
-    stream = int.from_bytes(hashlib.sha256(b"guard/figures").digest()[:8], "little")
-    generator = np.random.Generator(np.random.Philox(key=np.array([seed, stream], np.uint64)))
-    draws = generator.multinomial(len(names), np.full(len(names), 1.0 / len(names)), size=NUM_RESAMPLES)
-    return {name: _figure(each, place_of, draws) for name, each in found.items()}
+    draws = resampled_counts(len(names), seed=seed, stream=_STREAM, num_resamples=num_resamples)
+
+    def figure(name: str, each: Terms) -> Figure:
+        if name in settled:
+            return _without_interval(each, place_of)
+        return _rate(each, place_of) if name in RATES else _resampled(each, place_of, draws)
+
+    return {name: figure(name, each) for name, each in found.items()}
 
 
-def _figure(found: Terms, place_of: Indices, draws: NDArray[np.int64]) -> Figure:
+def _without_interval(found: Terms, place_of: Indices) -> Figure:
+    top, bottom = (float(np.bincount(place_of, part).sum()) for part in found)
+    return Figure(top / bottom if bottom > 0 else None, None, None, 0)
+
+
+def _rate(found: Terms, place_of: Indices) -> Figure:
+    figure = _without_interval(found, place_of)
+    if figure.value is None:
+        return figure
+    low, high = rate_interval(found.numerator, found.denominator, place_of)
+    return figure._replace(low=low, high=high)
+
+
+def _resampled(found: Terms, place_of: Indices, draws: Array) -> Figure:
     top, bottom = (np.bincount(place_of, part, draws.shape[1]) for part in found)
     if not bottom.sum() > 0:
         return Figure(None, None, None, len(draws))
     tops, bottoms = draws @ top, draws @ bottom
     defined = bottoms > 0
-    low, high = np.quantile(tops[defined] / bottoms[defined], _PERCENTILES).tolist()
-    return Figure(float(top.sum() / bottom.sum()), low, high, int((~defined).sum()))
+    ratios = tops[defined] / bottoms[defined]
+    value, num_undefined = float(top.sum() / bottom.sum()), int((~defined).sum())
+    if not len(ratios) or np.ptp(ratios) <= _ROUNDING * max(1.0, abs(value)):
+        return Figure(value, None, None, num_undefined)
+    low, high = np.quantile(ratios, _PERCENTILES).tolist()
+    return Figure(value, low, high, num_undefined)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from branchdrive.derive.metric.cluster import Clusters
 from branchdrive.derive.metric.stream import below, words
 
-__all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums"]
+__all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums", "resampled_counts"]
 
 Array = NDArray[np.float64]
 
@@ -58,22 +58,25 @@ def design(clusters: Sequence[str], *, seed: int, num_resamples: int = NUM_RESAM
     Raises:
         ValueError: There is no group, or the seed does not fit.
     """
-    num_groups = len(clusters)
-    if num_groups < 1:
-        raise ValueError("a bootstrap needs at least one group")
-    found = Clusters.of(clusters)
-    by_group = _multinomial(num_groups, STREAM, seed=seed, num_resamples=num_resamples)
-    by_cluster = _multinomial(len(found.names), CLUSTER_STREAM, seed=seed, num_resamples=num_resamples)
+    num_groups, found = len(clusters), Clusters.of(clusters)
+    by_group = resampled_counts(num_groups, seed=seed, stream=STREAM, num_resamples=num_resamples)
+    by_cluster = resampled_counts(len(found.names), seed=seed, stream=CLUSTER_STREAM, num_resamples=num_resamples)
     rows = [np.ones((1, num_groups)), by_group, 1.0 - np.eye(num_groups), by_cluster[:, found.of_group]]
-    return Design(np.concatenate(rows).astype(np.float64), num_resamples, found)
+    return Design(np.concatenate(rows), num_resamples, found)
 
 
-def _multinomial(num_units: int, stream: str, *, seed: int, num_resamples: int) -> NDArray[np.int64]:
-    """How often each of as many draws as there are units takes each unit ``[num_resamples, num_units]``."""
+def resampled_counts(num_units: int, *, seed: int, stream: str, num_resamples: int = NUM_RESAMPLES) -> Array:
+    """How often each of `num_units` groups or clusters, in a fixed order, is drawn: ``[B, units]`` of the stream.
+
+    Raises:
+        ValueError: There is no unit, or the seed does not fit.
+    """
+    if num_units < 1:
+        raise ValueError("a bootstrap needs at least one group")
     drawn = below(words(seed, stream, num_resamples, num_units), num_units)
     line = np.arange(num_resamples)[:, None] * num_units
     counts = np.bincount((line + drawn).ravel(), minlength=num_resamples * num_units)
-    return counts.reshape(num_resamples, num_units)
+    return counts.reshape(num_resamples, num_units).astype(np.float64)
 
 
 def ratio_of_sums(counts: Array, numerators: Array, denominators: Array) -> Array:

@@ -4,7 +4,7 @@
 
     captured share = sum_g (value - nominal) / sum_g (oracle - nominal)
     agreement_g    = share of the pairs of seeds that choose the same candidate in group g
-    gate fails iff   mean_g (separation of the choice - separation of the reference) < 0
+    gate fails iff   mean_g mean_s (separation of the choice - separation of the reference) < -TIE
 
 Source: paper VI-D and VI-E.
 """
@@ -31,7 +31,7 @@ class Gate(NamedTuple):
     Attributes:
         difference_m: Separation of the choice minus that of the reference ``[groups]``, metres.
         mean_m: Their mean, metres.
-        passed: Whether the mean is not negative.
+        passed: Whether the mean is not negative, but for rounding.
     """
 
     difference_m: Array
@@ -69,7 +69,8 @@ def non_worsening(separation_m: Array, shares: Array, reference: int) -> Gate:
 
     Args:
         separation_m: Executed minimum separation ``[groups, candidates]``, metres, of ranked groups.
-        shares: Shares of the selector ``[groups, candidates]``, for a learned one their mean over seeds.
+        shares: Shares of the selector ``[seeds, groups, candidates]``; a seed that chooses another candidate of the
+            same separation as the reference differs from it by nothing.
         reference: The candidate that ActionPrior takes.
 
     Raises:
@@ -77,6 +78,6 @@ def non_worsening(separation_m: Array, shares: Array, reference: int) -> Gate:
     """
     if not separation_m.size or not np.isfinite(separation_m).all():
         raise ValueError("the gate needs groups in which every candidate has a separation")
-    difference = (shares * separation_m).sum(axis=1) - separation_m[:, reference]
+    difference = (shares * (separation_m - separation_m[:, reference, None])).sum(axis=2).mean(axis=0)
     mean = float(difference.mean())
-    return Gate(difference, mean, mean >= 0)
+    return Gate(difference, mean, mean >= -TIE)

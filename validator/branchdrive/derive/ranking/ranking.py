@@ -160,5 +160,5 @@ def _entry(
         agreement=seed_agreement(all_shares) if len(selectors) > 1 else None,
         num_actions=tuple(int((each > 0).any(axis=0).sum()) for each in all_shares),
         captured=captured_share(mean, oracle),
-        gate=non_worsening(separation, shares, reference),
+        gate=non_worsening(separation, all_shares, reference),
     )

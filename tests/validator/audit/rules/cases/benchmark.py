@@ -22,6 +22,7 @@ from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_
 from branchdrive.derive.benchmark.data import groups_digest
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
 from branchdrive.derive.benchmark.prediction_set import TABLES
+from branchdrive.derive.guard.guarantee import GUARANTEE
 from branchdrive.derive.layer.frame import concat, take
 
 CHECKPOINT = "checkpoints/M3-seed11.safetensors"
@@ -334,6 +335,18 @@ def smaller_p_value_by_clusters(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/intervals/value/cluster_low"})
 def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
     d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["intervals"]["value"]["cluster_low"] += 1e-6
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def guarantee_of_a_guard_that_was_not_judged(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["guard"]["guarantee"]["conformal"] = GUARANTEE
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def fewer_repeats_that_lose_than_were_locked(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["noise"]["losses"]["num_repeats_losing"] -= 1
     d.follow("tables")
 
 
