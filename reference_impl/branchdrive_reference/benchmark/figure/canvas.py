@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import matplotlib
@@ -12,11 +13,11 @@ from matplotlib.figure import Figure
 
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
 
-__all__ = ["FORMATS", "HUES", "INK", "QUIET", "axes_of", "new_figure", "render"]
+__all__ = ["FORMATS", "HUES", "INK", "QUIET", "WARNING", "axes_of", "new_figure", "render"]
 
 FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
 
-INK, QUIET = BACKDROP["ink"], BACKDROP["quiet"]
+INK, QUIET, WARNING = BACKDROP["ink"], BACKDROP["quiet"], "#a33a00"
 
 HUES = ("#0072b2", "#d55e00", "#009e73", "#b5478f", "#e69f00", "#56b4e9", "#8c6d1f", "#6a51a3")
 """Colours that readers with any common colour vision tell apart, Okabe and Ito first."""
@@ -44,14 +45,25 @@ _SETTINGS: dict[Any, Any] = {
 }
 _METADATA: dict[str, dict[str, str | None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 _DPI = 150
+_LINE_IN = 0.18
+_LETTERS_PER_IN = 14.5
+"""Of small letters, with some room: the font is not monospaced."""
 
 
-def new_figure(width_in: float, height_in: float, heading: str, remarks: str) -> Figure:
-    """An empty figure with a heading, and remarks in small letters below it."""
+def new_figure(width_in: float, height_in: float, heading: str, remarks: str, warnings: Sequence[str] = ()) -> Figure:
+    """An empty figure with a heading, and remarks in small letters below it, then what every table warns of.
+
+    The figure grows by the lines of the warnings.
+    """
+    lines = [line for said in warnings for line in textwrap.wrap(said, round(_LETTERS_PER_IN * width_in))]
+    top_in = 0.82 + _LINE_IN * len(lines)
+    height_in += _LINE_IN * len(lines)
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
-    figure.get_layout_engine().set(rect=(0.01, 0.02, 0.98, 1 - 0.75 / height_in), wspace=0.06, hspace=0.08)  # type: ignore[union-attr, call-arg]
+    figure.get_layout_engine().set(rect=(0.01, 0.02, 0.98, 1 - top_in / height_in), wspace=0.06, hspace=0.08)  # type: ignore[union-attr, call-arg]
     figure.text(0.015, 1 - 0.24 / height_in, heading, fontsize=13, fontweight="bold", color=INK, va="center")
-    figure.text(0.015, 1 - 0.5 / height_in, remarks, fontsize=8.6, color=QUIET, va="center")
+    for row, (line, colour) in enumerate([(remarks, QUIET), *((line, WARNING) for line in lines)]):
+        place = 1 - (0.5 + _LINE_IN * row) / height_in
+        figure.text(0.015, place, line, fontsize=8.6, color=colour, va="center")
     return figure
 
 

@@ -28,7 +28,7 @@ def draw_leakage(document: Mapping[str, Any]) -> Figure:
         10.4, 4.3, "Does the time before the branch give the action away?",
         f"Gate: {gate['verdict']} at a family-wise level of {alpha:g}. The battery beside it is a diagnostic.",
     )  # fmt: skip
-    panels = axes_of(figure, 1, len(ways) + 1, width_ratios=[1.0] * len(ways) + [0.9])
+    panels = axes_of(figure, 1, len(ways) + 1, width_ratios=[1.0] * len(ways) + [1.25])
     for axes, way in zip(panels, ways, strict=False):
         _battery(axes, way)
     _gate(panels[-1], gate, alpha)
@@ -45,12 +45,12 @@ def _battery(axes: Axes, way: Mapping[str, Any]) -> None:
     axes.axvline(way["chance"], color=QUIET, linestyle=(0, (4, 3)), linewidth=1.1)
     axes.text(way["chance"], -0.55, "  chance", color=QUIET, fontsize=8, ha="left", va="center")
     top = max([way["chance"], *(test["score"]["accuracy_interval"][1] for test in tests)])
-    axes.set(xlim=(0, 1.5 * top), ylim=(len(tests) - 0.4, -0.8), yticks=range(len(tests)))
-    axes.set(xlabel="held-out accuracy, 95 %", title=f"Battery, {way['name']}")
+    axes.set(xlim=(0, 1.08 * top), ylim=(len(tests) - 0.4, -0.8), yticks=range(len(tests)))
+    axes.set(xlabel="held-out accuracy; lines: 95 % intervals", title=f"Battery, {way['name']}")
     axes.set_yticklabels([test["name"].replace("_", " + ") for test in tests])
     axes.grid(axis="x")
     for place, test in enumerate(tests):
-        axes.text(1.48 * top, place, test["status"], ha="right", va="center", fontsize=8,
+        axes.text(1.02, place, test["status"], ha="left", va="center", fontsize=8, transform=axes.get_yaxis_transform(),
                   color=_STATUS.get(test["status"], _FLAGGED))  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def _gate(axes: Axes, gate: Mapping[str, Any], alpha: float) -> None:
     axes.set(xscale="log", xlim=(alpha / 10, 2.0), ylim=(len(tests) - 0.4, -0.8), yticks=range(len(tests)))
     ticks = [10.0**power for power in range(0, -9, -1) if 10.0**power >= alpha / 10]
     axes.set(xlabel="p, Holm-adjusted", xticks=ticks)
-    axes.set_xticklabels([f"{tick:g}" for tick in ticks])
+    axes.set_xticklabels([f"{tick:g}" for tick in ticks], fontsize=8.3)
     axes.minorticks_off()
     axes.set_yticklabels([test["name"].replace("_", " ") for test in tests])
     axes.grid(axis="x")

@@ -31,6 +31,7 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
         2.9 * len(profiles) + 1.2, 2 * (0.27 * num_rows + 0.95) + 0.9, "What the selected action is worth",
         f"Executed utility in the test partition, {profiles[0]['num_ranked']} groups; bars are 95 % intervals over "
         "route clusters, thin ones below them the spread over seeds; the dashed line is ActionPrior.",
+        results["warnings"],
     )  # fmt: skip
     panels = axes_of(figure, 2, len(profiles), sharey=True)
     for column, profile in enumerate(profiles):

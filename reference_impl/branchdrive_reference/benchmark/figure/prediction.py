@@ -30,6 +30,7 @@ def draw_prediction(results: Mapping[str, Any]) -> Figure:
         11.4, 6.4, "How well the models predict",
         f"Test partition, {num_groups} groups. Small marks: seeds; lines: 95 % intervals over route clusters. "
         "Lower is better.",
+        results["warnings"],
     )  # fmt: skip
     colours = {model: HUES[i % len(HUES)] for i, model in enumerate(models)}
     panels = axes_of(figure, 2, 3)
@@ -56,9 +57,10 @@ def _dots(axes: Axes, rows: Sequence[Mapping[str, Any]], colours: Mapping[str, s
         seeds = [value for value in row["by_seed"] if value is not None]
         if len(seeds) > 1:
             axes.plot([place + 0.16] * len(seeds), seeds, "_", color=INK, markersize=7, markeredgewidth=1.0)
-        axes.annotate(f"{row['value']:.3f}", (place, row["value"]), (-8, 0), textcoords="offset points", ha="right",
-                      va="center", fontsize=8.3, color=INK)  # fmt: skip
-    axes.set(xlim=(-0.75, len(rows) - 0.4), xticks=range(len(rows)), ylim=(0, None))
+        top = max(value for value in (row["value"], ends["cluster_high"]) if value is not None)
+        axes.annotate(f"{row['value']:.3f}", (place, top), (0, 6), textcoords="offset points", ha="center",
+                      va="bottom", fontsize=8.3, color=INK)  # fmt: skip
+    axes.set(xlim=(-0.6, len(rows) - 0.4), xticks=range(len(rows)), ylim=(0, 1.08 * axes.get_ylim()[1]))
     axes.set_xticklabels([row["model"] for row in rows])
     axes.grid(axis="y")
 
@@ -97,7 +99,12 @@ def _shuffles(
             if row["shuffle_sd"] is not None and row["shuffled"] is not None:
                 ends = row["shuffled"] - row["shuffle_sd"], row["shuffled"] + row["shuffle_sd"]
                 axes.plot([place, place], ends, color=INK, linewidth=0.9)
-    axes.set(title="Macro NMAE, shuffled", xlabel="lines: spread over shuffles", xticks=range(len(kinds) + 1))
+    axes.set(
+        title="Macro NMAE, shuffled",
+        ylabel="share of the training IQR",
+        xlabel="lines: spread over shuffles",
+        xticks=range(len(kinds) + 1),
+    )
     axes.set_xticklabels(["as it is", *kinds], fontsize=8.6)
     axes.grid(axis="y")
     if not shown:

@@ -42,6 +42,7 @@ def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
         3.0 * len(profiles) + 0.8, 4.6, f"What guarding {guard['model']} costs",
         f"Test partition, {profiles[0]['num_groups']} groups. Curve: the whole path of prices, from which nothing is "
         f"chosen. Bars: 95 % over route clusters. Dashed: {100 * alpha:g} %, the limit.{dotted}",
+        results["warnings"],
     )  # fmt: skip
     panels = axes_of(figure, 1, len(profiles), sharex=True)
     for axes, profile in zip(panels, profiles, strict=True):
