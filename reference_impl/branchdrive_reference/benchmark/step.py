@@ -61,8 +61,8 @@ def train_step(
         DatasetError: The release or a checkpoint cannot be read.
     """
     release, begin = workspace.release, time.monotonic()
-    workspace.restore()
     tasks = model_tasks(protocol, models)
+    workspace.restore()
     num_anew = drop_stale(workspace.checkpoints, tasks)
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
