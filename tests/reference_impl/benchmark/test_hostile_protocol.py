@@ -95,6 +95,16 @@ def test_nothing_is_dropped_outside_of_the_release(release: Path) -> None:
     assert victim.read_bytes() == b"theirs"
 
 
+def test_a_checkpoint_in_a_folder_of_its_own_is_not_taken_along(benchmarked: Path) -> None:
+    folder = benchmarked / "benchmark" / "checkpoints" / "deep"
+    folder.mkdir()
+    (folder / "M1-seed11.safetensors").write_bytes(b"theirs")
+    write_manifest(benchmarked, build_manifest(benchmarked))
+    before = contents(benchmarked)
+    invoke("train", benchmarked)
+    assert contents(benchmarked) == before
+
+
 def test_results_of_others_write_no_cell_no_tag_and_no_control_character(done: Path) -> None:
     results = json.loads((done / "benchmark" / "results.json").read_bytes())
     results["models"][3]["title"] = "Best | 0.000 <script>"
