@@ -24,11 +24,21 @@ from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, 
 from branchdrive_reference.learning.provenance import Provenance
 from branchdrive_reference.learning.tensor_file import read_tensors, write_tensors
 
-__all__ = ["Checkpoint", "Curve", "checkpoint_path", "environment", "read_checkpoint", "write_checkpoint"]
+__all__ = [
+    "MAX_ACTION_FEATURES",
+    "Checkpoint",
+    "Curve",
+    "checkpoint_path",
+    "environment",
+    "read_checkpoint",
+    "write_checkpoint",
+]
 
 FORMAT = "branchdrive-checkpoint-1"
 
-_MAX_ACTION_FEATURES = 4096
+MAX_ACTION_FEATURES = 4096
+"""Width of the largest encoding of an action."""
+
 _MAX_REASON = 300
 _FIELDS = {"format", "provenance", "configuration", "num_action_features", "environment", "curve"}
 
@@ -186,8 +196,8 @@ def _provenance(record: Mapping[str, Any], configuration: Configuration) -> Prov
 
 def _num_action_features(value: Any, configuration: Configuration) -> int:
     least = 0 if configuration.model.action is None else 1
-    if type(value) is not int or not least <= value <= _MAX_ACTION_FEATURES:
-        raise DatasetError(f"its `num_action_features` is {value!r:.80}, not in {least} .. {_MAX_ACTION_FEATURES}")
+    if type(value) is not int or not least <= value <= MAX_ACTION_FEATURES:
+        raise DatasetError(f"its `num_action_features` is {value!r:.80}, not in {least} .. {MAX_ACTION_FEATURES}")
     return value
 
 

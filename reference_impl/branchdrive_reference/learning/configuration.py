@@ -40,6 +40,7 @@ from branchdrive.derive.feature import InputContract
 from branchdrive.errors import DatasetError
 
 __all__ = [
+    "MAX_WIDTH",
     "MODEL_VERSION",
     "ActionConfig",
     "Configuration",
@@ -52,7 +53,10 @@ __all__ = [
 MODEL_VERSION = "0.1.0"
 """Changes whenever the same configuration, seed and release would give other weights or predictions."""
 
-Width = Annotated[int, Field(ge=1, le=4096)]
+MAX_WIDTH = 768
+"""Widths up to which the state of a training stays below the size of the largest file that is read."""
+
+Width = Annotated[int, Field(ge=1, le=MAX_WIDTH)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1000)]
 NotNegative = Annotated[float, Field(ge=0, le=1000)]

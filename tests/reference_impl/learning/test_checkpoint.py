@@ -20,15 +20,17 @@ from torch import Tensor
 from branchdrive import DatasetError, UsageError
 from branchdrive.contract.document import dump_json
 from branchdrive_reference.learning.checkpoint import (
+    MAX_ACTION_FEATURES,
     Checkpoint,
     Curve,
     checkpoint_path,
     read_checkpoint,
     write_checkpoint,
 )
-from branchdrive_reference.learning.network import build_network, initialise
+from branchdrive_reference.learning.configuration import MAX_WIDTH, ActionConfig, HistoryConfig, ModelConfig
+from branchdrive_reference.learning.network import build_network, initialise, num_parameters
 from branchdrive_reference.learning.provenance import Provenance
-from branchdrive_reference.learning.tensor_file import read_tensors, write_tensors
+from branchdrive_reference.learning.tensor_file import MAX_BYTES, read_tensors, write_tensors
 
 CONFIGURATION = small()
 REFUSED = r"no tensors of this project|not the one that was written"
@@ -166,14 +168,23 @@ def test_a_document_that_does_not_fit_is_refused(path: Path, document: dict[str,
         read_checkpoint(rewritten(path, **document))
 
 
-@pytest.mark.parametrize("width", [4096, 2**40])
+@pytest.mark.parametrize("width", [MAX_WIDTH, 2**40])
 def test_a_large_width_takes_no_memory(path: Path, width: int) -> None:
     record = json.loads(json.dumps(CONFIGURATION.record))
     record["model"]["fusion_width"] = width
     origin = {**ORIGIN.record, "config_digest": hashlib.sha256(dump_json(record)).hexdigest()}
-    message = r"expected torch.float32 \[4096" if width == 4096 else "/model/fusion_width: Input should be less"
+    message = r"expected torch.float32 \[768" if width == MAX_WIDTH else "/model/fusion_width: Input should be less"
     with pytest.raises(DatasetError, match=message):
         read_checkpoint(rewritten(path, configuration=record, provenance=origin))
+
+
+def test_the_largest_model_can_be_read_again_while_it_is_trained() -> None:
+    widest = ModelConfig(
+        "M3", "sensor", MAX_WIDTH, HistoryConfig(MAX_WIDTH, MAX_WIDTH, MAX_WIDTH), ActionConfig(MAX_WIDTH, MAX_WIDTH)
+    )
+    with torch.device("meta"):
+        num = num_parameters(build_network(widest, MAX_ACTION_FEATURES))
+    assert 4 * 4 * num < 0.9 * MAX_BYTES  # weights, the best ones, and two moments of each, in float32
 
 
 @pytest.mark.parametrize("name", ["../../x/pwn", "a/b", "/etc/M3", "..", "", "M3\n"])

@@ -16,7 +16,7 @@ from tests.validator.contract.mutation import mutated
 
 from branchdrive import DatasetError
 from branchdrive.derive.benchmark.protocol import default_protocol
-from branchdrive_reference.learning.configuration import Configuration, is_model_name
+from branchdrive_reference.learning.configuration import MAX_WIDTH, Configuration, is_model_name
 
 M3 = DECLARED["M3"].record
 
@@ -76,7 +76,7 @@ def test_other_records_are_refused(change: dict[str, Any], words: str) -> None:
                 "fusion_width", "history.step_width", "history.state_width", "history.controls_width",
                 "action.hidden_width", "action.width",
             )
-            for width in (-1, 0, 4097, 2**40, True)
+            for width in (-1, 0, MAX_WIDTH + 1, 2**40, True)
         ),
         *(
             (f"training.{name}", count)
@@ -103,7 +103,7 @@ def test_values_out_of_range_are_refused_where_they_stand(place: str, value: Any
 
 def test_ends_of_the_ranges_are_accepted() -> None:
     record = copy.deepcopy(M3)
-    record["model"]["fusion_width"] = 4096
+    record["model"]["fusion_width"] = MAX_WIDTH
     record["training"] |= {
         "batch_groups": 1, "max_epochs": 1, "patience": 1, "warmup_epochs": 0, "learning_rate": 1.0,
         "weight_decay": 0.0, "smooth_l1_beta": 0.0, "heading_weight": 0.0,
