@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -60,6 +62,25 @@ def test_schema_is_named_by_its_file(schema_name: str) -> None:
 def test_chapters_that_a_schema_names_exist(schema_name: str) -> None:
     for chapter in re.findall(r"spec/[\w-]+\.md", (schema_dir() / schema_name).read_text(encoding="utf-8")):
         assert (ROOT / chapter).is_file()
+
+
+def texts(node: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Places of a schema that admit a text, with what they say of it."""
+    if isinstance(node, dict):
+        kinds = node.get("type", ())
+        if "string" in ([kinds] if isinstance(kinds, str) else kinds):
+            yield place, node
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
+        yield from texts(value, f"{place}/{key}")
+
+
+@pytest.mark.parametrize("name", ["protocol", "lock", "openings", "results"])
+def test_texts_of_a_benchmark_are_one_printable_line(name: str) -> None:
+    """They are rendered as Markdown and printed on terminals."""
+    for place, text in texts(load_resource(f"{name}.schema.json")):
+        assert "pattern" in text or "enum" in text, place
+        for odd in ("a\nb", "\x1b[2J", "a\u202eb", "\u2028") if "pattern" in text else ():
+            assert re.search(text["pattern"].replace("$", r"\Z"), odd) is None, place
 
 
 @each_column

@@ -11,6 +11,7 @@ from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.benchmark.workspace import PROTOCOL, Workspace
+from branchdrive_reference.learning.configuration import Configuration
 
 __all__ = ["choose_protocol", "read_protocol_file", "stored_document"]
 
@@ -24,17 +25,31 @@ def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> B
         keep: Whether it waits from now on, for the commands that follow.
 
     Raises:
-        UsageError: The file holds no protocol.
+        UsageError: The file holds no protocol, or one with a model that this software cannot train.
         DatasetError: The stored one cannot be read.
     """
-    if file is not None:
-        protocol = read_protocol_file(file)
-    else:
-        stored = stored_document(workspace, PROTOCOL)
-        protocol = default_protocol() if stored is None else read_protocol(stored)
+    protocol = _stored_protocol(workspace) if file is None else read_protocol_file(file)
+    if file is not None and workspace.read(PROTOCOL) != dump_json(protocol.document):
+        _check_models(file, protocol)
     if keep and workspace.read(PROTOCOL) != dump_json(protocol.document):
         workspace.keep(PROTOCOL, dump_json(protocol.document))
     return protocol
+
+
+def _stored_protocol(workspace: Workspace) -> BenchmarkProtocol:
+    stored = stored_document(workspace, PROTOCOL)
+    try:
+        return default_protocol() if stored is None else read_protocol(stored)
+    except DatasetError as error:
+        raise DatasetError(f"{workspace.release.root}: {PROTOCOL!r}: {error}") from error
+
+
+def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:
+    try:
+        for model in protocol.models:
+            Configuration.of(model)
+    except DatasetError as error:
+        raise UsageError(f"{file}: {error}") from error
 
 
 def read_protocol_file(file: Path) -> BenchmarkProtocol:

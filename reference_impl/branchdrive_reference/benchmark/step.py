@@ -63,8 +63,8 @@ def train_step(
         DatasetError: The release or a checkpoint cannot be read.
     """
     release, begin = workspace.release, time.monotonic()
-    workspace.restore()
     tasks = model_tasks(protocol, models)
+    workspace.restore()
     num_anew = drop_stale(workspace.checkpoints, tasks)
     num_there = sum(task.path(workspace.checkpoints).exists() for task in tasks)
     with progress("training") as show:

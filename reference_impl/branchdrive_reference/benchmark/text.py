@@ -48,7 +48,7 @@ def render_results(results: Mapping[str, Any], stdout: TextIO) -> str:
         console.print(Text(paragraph))
         console.print()
     if not results["guard"]["profiles"]:
-        console.print(Text(f"Guard: not judged. {results['guard']['reason']}"))
+        console.print(Text(f"Guard: not judged. {printable(results['guard']['reason'])}"))
     console.print(Text(_noise(results)))
     return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
 
@@ -90,7 +90,7 @@ def _prediction(results: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]
     rows = []
     for model in results["models"]:
         cells = [found[model["id"], metric] for metric, _ in _METRICS]
-        name = f"{model['id']} {model['title']}" if model["declared"] else model["id"]
+        name = printable(f"{model['id']} {model['title']}") if model["declared"] else model["id"]
         rows.append([name, *(_spread(cell["value"], cell["seed_sd"]) for cell in cells), str(cells[0]["num_groups"])])
     return ["model", *(title for _, title in _METRICS), "groups"], rows
 

@@ -32,7 +32,7 @@ def model_tasks(protocol: BenchmarkProtocol, models: Sequence[str] | None = None
     if unknown:
         raise UsageError(f"no model {unknown[0]!r}; the protocol declares {', '.join(declared)}")
     return [
-        Task(Configuration.from_record(model.configuration), seed)
+        Task(Configuration.of(model), seed)
         for model in protocol.models
         if models is None or model.id in models
         for seed in model.seeds

@@ -66,9 +66,9 @@ class Workspace:
         make_dir(self.checkpoints)
         prefix = f"{LAYER}/checkpoints/"
         for path in self.release.manifest.files if self.release.has_benchmark else ():
-            place = self.checkpoints / path.removeprefix(prefix)
-            if path.startswith(prefix) and not place.exists():
-                replace_file(place, self.release.content(path))
+            name = path.removeprefix(prefix)
+            if path == f"{prefix}{name}" and "/" not in name and not (self.checkpoints / name).exists():
+                replace_file(self.checkpoints / name, self.release.content(path))
 
     def publish(self, files: dict[str, bytes]) -> None:
         """Make `files` the benchmark layer of the release, and remove those that waited."""

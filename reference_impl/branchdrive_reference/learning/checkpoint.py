@@ -17,16 +17,29 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from branchdrive.errors import DatasetError
-from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration
+from branchdrive.audit.finding import printable
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration, is_model_name
 from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, build_network
 from branchdrive_reference.learning.provenance import Provenance
 from branchdrive_reference.learning.tensor_file import read_tensors, write_tensors
 
-__all__ = ["Checkpoint", "Curve", "checkpoint_path", "environment", "read_checkpoint", "write_checkpoint"]
+__all__ = [
+    "MAX_ACTION_FEATURES",
+    "Checkpoint",
+    "Curve",
+    "checkpoint_path",
+    "environment",
+    "read_checkpoint",
+    "write_checkpoint",
+]
 
 FORMAT = "branchdrive-checkpoint-1"
 
+MAX_ACTION_FEATURES = 4096
+"""Width of the largest encoding of an action."""
+
+_MAX_REASON = 300
 _FIELDS = {"format", "provenance", "configuration", "num_action_features", "environment", "curve"}
 
 
@@ -98,7 +111,13 @@ class Checkpoint:
 
 
 def checkpoint_path(folder: Path, model: str, seed: int) -> Path:
-    """Where the checkpoint of a model and a seed stands in a folder."""
+    """Where the checkpoint of a model and a seed stands in a folder, and never outside of it.
+
+    Raises:
+        UsageError: `model` is no name of a model, which has no separator of paths.
+    """
+    if not is_model_name(model):
+        raise UsageError(f"{model!r} is no name of a model; use up to 64 letters, digits, dots, dashes, underscores")
     return folder / f"{model}-seed{seed}.safetensors"
 
 
@@ -152,15 +171,19 @@ def read_checkpoint(path: str | Path, *, sha256: str | None = None) -> Checkpoin
         configuration = Configuration.from_record(document["configuration"])
         origin = _provenance(document["provenance"], configuration)
         curve = Curve.from_record(document["curve"])
-        num_action_features, about = int(document["num_action_features"]), dict(document["environment"])
+        num_action_features = _num_action_features(document["num_action_features"], configuration)
+        about = dict(document["environment"])
         _check_weights(file.tensors, configuration, num_action_features)
     except (AttributeError, KeyError, OverflowError, RuntimeError, TypeError, ValueError, DatasetError) as error:
-        raise DatasetError(f"{path}: {error}") from error
+        raise DatasetError(f"{path}: {printable(str(error)[:_MAX_REASON])}") from error
     return Checkpoint(origin, configuration, num_action_features, about, curve, file.tensors, file.sha256)
 
 
 def _provenance(record: Mapping[str, Any], configuration: Configuration) -> Provenance:
     found = Provenance(**record)
+    for name, value in found.record.items():
+        if type(value) is not (int if name == "seed" else str):
+            raise DatasetError(f"its `{name}` is {value!r:.80}")
     expected = {
         "model": configuration.model.name,
         "config_digest": configuration.digest,
@@ -170,6 +193,13 @@ def _provenance(record: Mapping[str, Any], configuration: Configuration) -> Prov
         if record[name] != value:
             raise DatasetError(f"its `{name}` is {record[name]!r}, expected {value!r}; train it anew")
     return found
+
+
+def _num_action_features(value: Any, configuration: Configuration) -> int:
+    least = 0 if configuration.model.action is None else 1
+    if type(value) is not int or not least <= value <= MAX_ACTION_FEATURES:
+        raise DatasetError(f"its `num_action_features` is {value!r:.80}, not in {least} .. {MAX_ACTION_FEATURES}")
+    return value
 
 
 def _check_weights(tensors: Mapping[str, Tensor], configuration: Configuration, num_action_features: int) -> None:

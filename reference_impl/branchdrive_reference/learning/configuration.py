@@ -1,5 +1,9 @@
 """Configurations of models and of their training: frozen values that are JSON and have a digest.
 
+The models of the benchmark are declared in its protocol, ``schemas/v0.1/benchmark-protocol.json``. A release brings
+a protocol of its own, so what is read of one is bounded: a name that is a part of a path, widths that fit in
+memory, and numbers with which a training is defined.
+
 A model is a composition: encoders of what the context holds, an encoder of the candidate actions, and one fusion.
 What a configuration leaves out is not in its record, so that a new kind of encoder changes no digest of a model
 without it. A model without any encoder predicts the training mean.
@@ -21,33 +25,49 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from types import MappingProxyType
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
+from branchdrive.audit.finding import printable
+from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
+from branchdrive.derive.benchmark.protocol import DeclaredModel
 from branchdrive.derive.feature import InputContract
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "CONFIGURATIONS",
+    "MAX_WIDTH",
     "MODEL_VERSION",
-    "SEEDS",
     "ActionConfig",
     "Configuration",
     "HistoryConfig",
     "ModelConfig",
     "TrainingConfig",
+    "is_model_name",
 ]
 
 MODEL_VERSION = "0.1.0"
 """Changes whenever the same configuration, seed and release would give other weights or predictions."""
 
-SEEDS = (11, 23, 37)
-"""Seeds of every trained model."""
+MAX_WIDTH = 768
+"""Widths up to which the state of a training stays below the size of the largest file that is read."""
+
+Width = Annotated[int, Field(ge=1, le=MAX_WIDTH)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+Positive = Annotated[float, Field(gt=0, le=1000)]
+NotNegative = Annotated[float, Field(ge=0, le=1000)]
+
+_MAX_PLACE = 200
+_NOTHING_ELSE = ConfigDict(extra="forbid")
+
+
+def is_model_name(text: str) -> bool:
+    """Whether a text may be the name of a model, which is a part of names of files."""
+    return re.fullmatch(PATTERNS["model"], text) is not None
 
 
 @dataclass(frozen=True)
@@ -60,9 +80,11 @@ class HistoryConfig:
         controls_width: Width of the recurrence over controls.
     """
 
-    step_width: int = 128
-    state_width: int = 192
-    controls_width: int = 128
+    __pydantic_config__ = _NOTHING_ELSE
+
+    step_width: Width
+    state_width: Width
+    controls_width: Width
 
 
 @dataclass(frozen=True)
@@ -74,8 +96,10 @@ class ActionConfig:
         width: Width of the encoding.
     """
 
-    hidden_width: int = 192
-    width: int = 384
+    __pydantic_config__ = _NOTHING_ELSE
+
+    hidden_width: Width
+    width: Width
 
 
 @dataclass(frozen=True)
@@ -85,16 +109,18 @@ class ModelConfig:
     Attributes:
         name: ``M0`` and so on.
         contract: Input contract under which it reads, by value.
+        fusion_width: Width of the fusion from which the outcome is read.
         history: Encoder of histories, ``None`` for a model that reads none.
         action: Encoder of actions, ``None`` for a model that makes one prediction for the whole bank.
-        fusion_width: Width of the fusion from which the outcome is read.
     """
 
-    name: str
-    contract: str = InputContract.SENSOR.value
+    __pydantic_config__ = _NOTHING_ELSE
+
+    name: Annotated[str, Field(pattern=PATTERNS["model"])]
+    contract: Annotated[str, AfterValidator(lambda value: InputContract(value).value)]
+    fusion_width: Width
     history: HistoryConfig | None = None
     action: ActionConfig | None = None
-    fusion_width: int = 192
 
     @property
     def is_trained(self) -> bool:
@@ -118,15 +144,17 @@ class TrainingConfig:
         heading_weight: Weight of the deviation of (sin, cos) from unit norm.
     """
 
-    batch_groups: int = 64
-    learning_rate: float = 5e-4
-    weight_decay: float = 1e-2
-    warmup_epochs: int = 5
-    max_epochs: int = 150
-    patience: int = 20
-    huber_delta: float = 1.0
-    smooth_l1_beta: float = 1.0
-    heading_weight: float = 0.05
+    __pydantic_config__ = _NOTHING_ELSE
+
+    batch_groups: Count
+    learning_rate: Annotated[float, Field(gt=0, le=1)]
+    weight_decay: Annotated[float, Field(ge=0, le=1)]
+    warmup_epochs: Annotated[int, Field(ge=0, le=100_000)]
+    max_epochs: Count
+    patience: Count
+    huber_delta: Positive
+    smooth_l1_beta: NotNegative
+    heading_weight: NotNegative
 
     def learning_rate_at(self, epoch: int) -> float:
         """Rate of the epoch ``e = 1, 2, ...``, with ``w`` epochs of warm-up and ``E`` at most.
@@ -143,13 +171,10 @@ class TrainingConfig:
 class Configuration:
     """A model and its training."""
 
-    model: ModelConfig
-    training: TrainingConfig = field(default_factory=TrainingConfig)
+    __pydantic_config__ = _NOTHING_ELSE
 
-    @property
-    def seeds(self) -> tuple[int, ...]:
-        """Seeds to train with; a model without weights is the same for all and has the seed 0."""
-        return SEEDS if self.model.is_trained else (0,)
+    model: ModelConfig
+    training: TrainingConfig
 
     @property
     def record(self) -> dict[str, Any]:
@@ -166,15 +191,31 @@ class Configuration:
         """The configuration of a record.
 
         Raises:
-            DatasetError: The record is not exactly that of a configuration.
+            DatasetError: The record is not exactly that of a configuration, or a value is out of range.
         """
         try:
             found = _ADAPTER.validate_json(dump_json(record), strict=True)
-        except (TypeError, ValueError, ValidationError) as error:
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_context=False)[0]
+            place = printable("".join(f"/{part}" for part in first["loc"])[:_MAX_PLACE]) or "/"
+            raise DatasetError(f"no model configuration: {place}: {first['msg']}") from error
+        except (TypeError, ValueError) as error:
             raise DatasetError(f"no model configuration: {str(error).splitlines()[0]}") from error
         if dump_json(found.record) != dump_json(record):
-            raise DatasetError("no model configuration: it has unknown entries or lacks some")
+            raise DatasetError("no model configuration: write no null, and numbers as `64` and `1.0`, as others are")
         return found
+
+    @classmethod
+    def of(cls, declared: DeclaredModel) -> Configuration:
+        """The configuration of a model of a protocol.
+
+        Raises:
+            DatasetError: It is none of this software.
+        """
+        try:
+            return cls.from_record(declared.configuration)
+        except DatasetError as error:
+            raise DatasetError(f"model {declared.id!r}: {error}") from error
 
 
 _ADAPTER = TypeAdapter(Configuration)
@@ -182,17 +223,3 @@ _ADAPTER = TypeAdapter(Configuration)
 
 def _present(record: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in record.items() if value is not None}
-
-
-CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
-    {
-        model.name: Configuration(model)
-        for model in (
-            ModelConfig("M0"),
-            ModelConfig("M1", action=ActionConfig()),
-            ModelConfig("M2", history=HistoryConfig()),
-            ModelConfig("M3", history=HistoryConfig(), action=ActionConfig()),
-        )
-    }
-)
-"""The configurations of the structured models, by name."""

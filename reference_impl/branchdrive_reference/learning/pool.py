@@ -28,7 +28,7 @@ from branchdrive_reference.learning.configuration import Configuration
 from branchdrive_reference.learning.fold import Fold, open_fold
 from branchdrive_reference.learning.training import EpochReport, train_model
 
-__all__ = ["Task", "train_models", "training_tasks"]
+__all__ = ["Task", "train_models"]
 
 
 class Task(NamedTuple):
@@ -65,11 +65,6 @@ class Task(NamedTuple):
             device=device,
             on_epoch=lambda report: on_epoch(report._replace(fold=number)),
         )
-
-
-def training_tasks(configurations: Sequence[Configuration]) -> list[Task]:
-    """Every configuration with each of its seeds, in their order."""
-    return [Task(configuration, seed) for configuration in configurations for seed in configuration.seeds]
 
 
 def train_models(

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from branchdrive.audit.finding import printable
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.dataset.durable import replace_file
 from branchdrive.dataset.untrusted import read_file
@@ -75,7 +76,7 @@ def read_tensors(path: Path) -> TensorFile:
             "document": document,
             "digest": _digest(document, tensors),
         }
-    except (KeyError, LookupError, TypeError, ValueError, RuntimeError, safetensors.SafetensorError) as error:
+    except (LookupError, TypeError, ValueError, RuntimeError, safetensors.SafetensorError) as error:
         raise DatasetError(f"{path}: no tensors of this project ({_line(error)})") from error
     if not is_whole:
         raise DatasetError(f"{path}: its content is not the one that was written; make it anew")
@@ -87,6 +88,8 @@ def _about(content: bytes) -> Any:
     metadata = parse_json(content[_LENGTH_BYTES : _LENGTH_BYTES + size])["__metadata__"]
     if list(metadata) != [_KEY]:
         raise ValueError(f"its metadata are not `{_KEY}` alone")
+    if not isinstance(metadata[_KEY], str):
+        raise TypeError(f"`{_KEY}` is no text")
     return parse_json(metadata[_KEY].encode())
 
 
@@ -100,5 +103,4 @@ def _digest(document: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> str:
 
 
 def _line(error: Exception) -> str:
-    text = str(error).splitlines()
-    return f"{type(error).__name__}: {text[0][:120]}" if text else type(error).__name__
+    return f"{type(error).__name__}: {printable(str(error)[:120])}"

@@ -8,15 +8,21 @@ from typing import Any
 
 from tests.model_release import make_frames, write_release
 
+from branchdrive.derive.benchmark.protocol import default_protocol
 from branchdrive_reference.learning.configuration import (
     ActionConfig,
     Configuration,
     HistoryConfig,
     ModelConfig,
-    TrainingConfig,
 )
 
-__all__ = ["MEAN", "SMALL", "make_release", "small"]
+__all__ = ["DECLARED", "MEAN", "SEEDS", "SMALL", "TRAINING", "make_release", "small"]
+
+DECLARED = {model.id: Configuration.of(model) for model in default_protocol().models}
+"""Configurations of the normative protocol, by name."""
+
+SEEDS = default_protocol().models[-1].seeds
+TRAINING = DECLARED["M3"].training
 
 _HISTORY, _ACTION = HistoryConfig(step_width=6, state_width=5, controls_width=4), ActionConfig(7, 8)
 _MODELS: dict[str, dict[str, Any]] = {
@@ -28,12 +34,12 @@ _MODELS: dict[str, dict[str, Any]] = {
 
 def small(name: str = "M3", **training: Any) -> Configuration:
     """A small model of a name; `training` replaces attributes of its training."""
-    about = TrainingConfig(batch_groups=2, learning_rate=3e-3, max_epochs=8)
-    return Configuration(ModelConfig(name, fusion_width=9, **_MODELS[name]), replace(about, **training))
+    about = replace(TRAINING, batch_groups=2, learning_rate=3e-3, max_epochs=8)
+    return Configuration(ModelConfig(name, "sensor", 9, **_MODELS[name]), replace(about, **training))
 
 
 SMALL = {name: small(name) for name in _MODELS}
-MEAN = Configuration(ModelConfig("M0"))
+MEAN = DECLARED["M0"]
 
 
 def make_release(folder: Path, seed: int = 0) -> Path:

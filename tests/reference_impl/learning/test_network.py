@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 import torch
-from tests.reference_impl.learning.small_models import SMALL
+from tests.reference_impl.learning.small_models import DECLARED, SMALL
 from torch import Tensor, nn
 from torch.nn import functional
 
-from branchdrive_reference.learning.configuration import CONFIGURATIONS, ModelConfig
+from branchdrive_reference.learning.configuration import ModelConfig
 from branchdrive_reference.learning.network import (
     MeanNetwork,
     Outcome,
@@ -43,7 +43,7 @@ def run(network: nn.Module, given: dict[str, Tensor]) -> Outcome:
 
 @pytest.mark.parametrize(("name", "number"), [("M0", 0), ("M1", 202_424), ("M2", 399_800), ("M3", 553_784)])
 def test_sizes_are_near_those_of_the_paper(name: str, number: int) -> None:
-    assert num_parameters(build_network(CONFIGURATIONS[name].model, FEATURES)) == number
+    assert num_parameters(build_network(DECLARED[name].model, FEATURES)) == number
     paper = {"M0": 0.0, "M1": 0.202e6, "M2": 0.398e6, "M3": 0.553e6}
     assert number == pytest.approx(paper[name], rel=0.005)
 
@@ -130,7 +130,7 @@ def test_weights_are_those_of_the_seed_whatever_torch_drew_before() -> None:
 
 
 def test_weights_are_drawn_within_their_fan_in() -> None:
-    weights = made(CONFIGURATIONS["M3"].model).state_dict()
+    weights = made(DECLARED["M3"].model).state_dict()
     for name, fan_in in {"decoder.halves.history": 320 + 384, "decoder.mix.weight": 192, "decoder.bias": 704}.items():
         bound = fan_in**-0.5
         assert 0.95 * bound < float(weights[name].abs().max()) <= bound

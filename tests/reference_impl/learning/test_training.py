@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import torch
 from tests.model_release import make_frames, write_release
-from tests.reference_impl.learning.small_models import MEAN, SMALL, make_release, small
+from tests.reference_impl.learning.small_models import DECLARED, MEAN, SMALL, make_release, small
 from torch.optim import AdamW
 
 from branchdrive import DatasetError, UsageError, open_model
 from branchdrive_reference.learning import training
 from branchdrive_reference.learning.checkpoint import checkpoint_path, read_checkpoint
-from branchdrive_reference.learning.configuration import CONFIGURATIONS, Configuration
+from branchdrive_reference.learning.configuration import Configuration
 from branchdrive_reference.learning.execution import deterministic
 from branchdrive_reference.learning.groups import BranchGroupDataset
 from branchdrive_reference.learning.loss import loss_terms
@@ -170,7 +170,7 @@ def test_a_loss_that_is_no_number_ends_a_training(release: Path, tmp_path: Path,
 
 
 def test_one_batch_can_be_learnt_by_heart(release: Path) -> None:
-    configuration = CONFIGURATIONS["M3"]
+    configuration = DECLARED["M3"]
     data = BranchGroupDataset(release, "train").tensors
     network = build_network(configuration.model, 29)
     initialise(network, seed=11)

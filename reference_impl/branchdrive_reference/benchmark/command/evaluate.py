@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -24,11 +23,11 @@ __all__ = ["SUMMARY", "add_arguments", "add_format", "run", "shown"]
 
 SUMMARY = "evaluate predictions on the test partition: tables, figures, and what guards promise"
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-
 
 def _name(text: str) -> str:
-    if _NAME.fullmatch(text) is None:
+    from branchdrive_reference.learning.configuration import is_model_name
+
+    if not is_model_name(text):
         raise argparse.ArgumentTypeError(f"{text!r} is not up to 64 letters, digits, dots, dashes and underscores")
     return text
 

@@ -5,9 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.repo.checkout import ROOT
+from tests.validator.contract.mutation import mutated
 
 from branchdrive.contract.resources import load_resource
-from branchdrive.derive.benchmark.protocol import default_protocol, protocol_digest, protocol_problem, read_protocol
+from branchdrive.derive.benchmark.protocol import (
+    MAX_MEMBERS,
+    MAX_OWNERS,
+    default_protocol,
+    protocol_digest,
+    protocol_problem,
+    read_protocol,
+)
 from branchdrive.derive.guard import calibration
 from branchdrive.derive.guard.path import TOLERANCE_M
 from branchdrive.derive.metric.interval import LEVELS
@@ -20,6 +31,26 @@ from branchdrive.errors import DatasetError
 
 def document() -> dict[str, Any]:
     return default_protocol().document
+
+
+def model(found: dict[str, Any]) -> Any:
+    """Configuration of M3."""
+    return found["models"][3]["configuration"]
+
+
+def family(name: str, *sides: tuple[str, str]) -> dict[str, Any]:
+    """Tests of two models each."""
+    members = [{"left": left, "right": right, "metric": "ade_m"} for left, right in sides]
+    return {"name": name, "kind": "prediction", "members": members}
+
+
+def large_family(size: int) -> dict[str, Any]:
+    return family("large", *((f"A{i}", "B") for i in range(size)))
+
+
+def more_seeds(found: dict[str, Any]) -> dict[str, Any]:
+    """A fifth model, of one seed."""
+    return {**found["models"][0], "id": "M9", "seeds": [0], "configuration": {}}
 
 
 def test_default_is_the_normative_document() -> None:
@@ -63,6 +94,31 @@ def test_members_of_families_have_names() -> None:
         (lambda d: d["families"][0]["members"][0].update(metric="rmse.min_ttc_s"), "/families/0"),
         (lambda d: d["partitions"].update(report="val"), "/partitions/report"),
         (lambda d: d.update(extra=1), "extra"),
+        (lambda d: model(d)["model"].update(name="M2"), "the configuration of the model 'M3' has the name 'M2', not"),
+        (lambda d: model(d)["model"].update(name="../../x/pwn"), "has the name '../../x/pwn'"),
+        (lambda d: model(d)["model"].update(name=["M3"]), "has the name ['M3']"),
+        (lambda d: model(d)["model"].update(contract="privileged"), "has the contract 'privileged', not 'sensor'"),
+        (lambda d: d["models"][3].update(contract="privileged"), "has the contract 'sensor', not 'privileged'"),
+        (
+            lambda d: d["families"].append(family("of_one_name", ("A-B", "C"), ("A", "B-C"))),
+            "share a name: 'A-B-C.ade_m'",
+        ),
+        (
+            lambda d: d["families"].extend([family("one", ("A-B", "C")), family("other", ("A", "B-C"))]),
+            "different members of families share a name",
+        ),
+        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 44)), "have 257 members together; the limit is 256"),
+        (
+            lambda d: [one.update(seeds=list(range(64))) for one in d["models"]] and d["models"].append(more_seeds(d)),
+            "models have 257 seeds together; the limit is 256",
+        ),
+        (lambda d: d["statistics"].update(flips=20001), "/statistics/flips"),
+        (lambda d: d["statistics"].update(resamples=5001), "/statistics/resamples"),
+        (lambda d: d["models"][0].update(title="Mean | a cell"), "/models/0/title"),
+        (lambda d: d["models"][0].update(title="Mean\n\n## Injected"), "/models/0/title"),
+        (lambda d: d["models"][0].update(title="<script>alert(1)</script>"), "/models/0/title"),
+        (lambda d: d["models"][0].update(title="\x1b[2JMean"), "/models/0/title"),
+        (lambda d: d["models"][0].update(title="Mean\u202e"), "/models/0/title"),
     ],
 )
 def test_contradictions_are_refused(change: Any, words: str) -> None:
@@ -71,6 +127,53 @@ def test_contradictions_are_refused(change: Any, words: str) -> None:
     assert words in str(protocol_problem(wrong))
     with pytest.raises(DatasetError, match="no benchmark protocol"):
         read_protocol(wrong)
+
+
+def test_bounds_are_reached_but_not_passed() -> None:
+    large = document()
+    large["families"].append(large_family(MAX_MEMBERS - 45))
+    for one in large["models"]:
+        one["seeds"] = list(range(64))
+    large["statistics"] |= {"flips": 20000, "resamples": 5000}
+    assert sum(len(found.members) for found in read_protocol(large).families) == MAX_MEMBERS
+    assert sum(len(found.seeds) for found in read_protocol(large).models) == MAX_OWNERS
+
+
+def test_bounds_are_those_of_the_specification() -> None:
+    chapter = (ROOT / "spec" / "14-benchmark.md").read_text("utf-8")
+    assert f"MUST NOT be more than {MAX_OWNERS} pairs of a model and a seed" in chapter
+    assert f"at most {MAX_MEMBERS} members together" in chapter
+    assert f"at most {MAX_OWNERS} seeds together" in chapter
+    assert f"at most {MAX_MEMBERS} members together" in load_resource("protocol.schema.json")["description"]
+    assert f"at most {MAX_OWNERS} seeds together" in load_resource("protocol.schema.json")["description"]
+
+
+def test_a_test_may_stand_in_several_families_and_a_configuration_may_say_nothing_of_its_model() -> None:
+    other = document()
+    other["families"].append({**other["families"][0], "name": "again"})
+    other["models"][3]["configuration"] = {"widths": [1, 2]}
+    other["models"][2]["configuration"] = {"model": "a text"}
+    assert protocol_problem(other) is None
+
+
+def test_what_a_protocol_fixes_is_pinned_by_the_schema() -> None:
+    """They say what holds under every protocol of this version, and none can change them."""
+    properties = load_resource("protocol.schema.json")["properties"]
+    for name in ("metric_definitions", "targets", "trajectory", "metrics", "selectors"):
+        assert properties[name] == {"const": load_resource("benchmark-protocol.json")[name]}
+    assert properties["statistics"]["properties"]["level"] == {"const": 0.95}
+    assert all(set(pinned) == {"const"} for pinned in properties["partitions"]["properties"].values())
+
+
+@given(mutated(st.just(load_resource("benchmark-protocol.json"))))
+def test_a_mutated_protocol_is_read_or_refused(changed: Any) -> None:
+    try:
+        found = read_protocol(changed)
+    except DatasetError:
+        assert protocol_problem(changed) is not None
+    else:
+        assert read_protocol(found.document) == found
+        assert len(protocol_digest(found)) == 64
 
 
 def test_every_change_has_another_digest() -> None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.derive.benchmark.protocol import MAX_OWNERS, BenchmarkProtocol
 from branchdrive.derive.layer.frame import Frame, Values, concat
 from branchdrive.derive.metric.outcome import MAX_MAGNITUDE, Predictions
 from branchdrive.derive.target import TARGETS, TRAJECTORY
@@ -31,9 +31,6 @@ __all__ = ["TABLES", "PredictionProblem", "PredictionSet", "prediction_problems"
 
 TABLES = ("predictions", "predicted_trajectories")
 """Tables that hold predictions."""
-
-MAX_OWNERS = 256
-"""Pairs of a model and a seed at most; more would be judged for hours."""
 
 Index = NDArray[np.int64]
 

@@ -3,6 +3,9 @@
 Typed view of `schemas/v0.1/protocol.schema.json`. A family keeps the size that it declares: a member whose models
 or selectors have no predictions counts with a p-value of 1, so what is adjusted is an upper bound.
 
+A release brings its own protocol, so one is bounded in what it lets a reader compute, and a model's configuration
+may not say another name or contract than the protocol does.
+
 Source: paper IV to VI; spec/14-benchmark.md#protocol.
 """
 
@@ -10,7 +13,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Annotated, Any, Literal, Self
 
@@ -25,11 +29,19 @@ from branchdrive.derive.utility import Profile
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel", "Guard", "Member", "Partitions", "ProfileWeights",
-    "Shuffles", "Statistics", "default_protocol", "protocol_digest", "protocol_problem", "read_protocol",
+    "MAX_MEMBERS", "MAX_OWNERS", "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel", "Guard", "Member",
+    "Partitions", "ProfileWeights", "Shuffles", "Statistics", "default_protocol", "protocol_digest",
+    "protocol_problem", "read_protocol",
 ]  # fmt: skip
 
 PROTOCOL_SCHEMA = "protocol.schema.json"
+
+MAX_MEMBERS = 256
+"""Tests of all families together."""
+
+MAX_OWNERS = 256
+"""Pairs of a model and a seed, declared or predicted."""
+
 _SUM_TOLERANCE = 1e-9
 
 
@@ -67,6 +79,19 @@ class DeclaredModel(_Document):
     def config_digest(self) -> str:
         """SHA-256 of the canonical bytes of the configuration, hexadecimal."""
         return hashlib.sha256(dump_json(self.configuration)).hexdigest()
+
+    def check_configuration(self) -> None:
+        """Make sure that name and contract, where the configuration gives them of its `model`, are those of the model.
+
+        Raises:
+            ValueError: One is another.
+        """
+        about = self.configuration.get("model")
+        for name, declared in (("name", self.id), ("contract", self.contract)):
+            if isinstance(about, dict) and about.get(name, declared) != declared:
+                raise ValueError(
+                    f"the configuration of the model {self.id!r} has the {name} {about[name]!r:.100}, not {declared!r}"
+                )
 
 
 class Statistics(_Document):
@@ -158,18 +183,23 @@ class BenchmarkProtocol(_Document):
     guard: Guard
 
     @model_validator(mode="after")
-    def _names_agree(self) -> Self:
-        for what, names in (
-            ("models", [model.id for model in self.models]),
-            ("families", [family.name for family in self.families]),
-            ("profiles", [weights.name for weights in self.profiles]),
-        ):
-            if len(set(names)) < len(names):
-                raise ValueError(f"{what} share a name: {names}")
+    def _is_consistent(self) -> Self:
+        _check_distinct("models", (model.id for model in self.models))
+        _check_distinct("families", (family.name for family in self.families))
+        _check_distinct("profiles", (weights.name for weights in self.profiles))
+        members = [member for family in self.families for member in family.members]
+        if len(members) > MAX_MEMBERS:
+            raise ValueError(f"families have {len(members)} members together; the limit is {MAX_MEMBERS}")
+        _check_distinct("different members of families", (member.name for member in dict.fromkeys(members)))
+        owners = sum(len(model.seeds) for model in self.models)
+        if owners > MAX_OWNERS:
+            raise ValueError(f"models have {owners} seeds together; the limit is {MAX_OWNERS}")
+        for model in self.models:
+            model.check_configuration()
         for name, profile in self.preferences.items():
             if not math.isclose(sum(profile), 1.0, abs_tol=_SUM_TOLERANCE):
                 raise ValueError(f"weights of the profile {name!r} add up to {sum(profile)!r}, not to 1")
-        used = {member.profile for family in self.families for member in family.members if member.profile is not None}
+        used = {member.profile for member in members if member.profile is not None}
         if unknown := sorted(used - set(self.preferences)):
             raise ValueError(f"families name the profiles {unknown}; there are {list(self.preferences)}")
         if self.guard.model not in [model.id for model in self.models]:
@@ -204,6 +234,12 @@ class BenchmarkProtocol(_Document):
     def of_kind(self, kind: str) -> tuple[DeclaredFamily, ...]:
         """Families of ``prediction`` or ``ranking`` tests."""
         return tuple(family for family in self.families if family.kind == kind)
+
+
+def _check_distinct(what: str, names: Iterable[str]) -> None:
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise ValueError(f"{what} share a name: {repeated[0]!r}")
 
 
 def protocol_problem(document: Any) -> str | None:

@@ -32,6 +32,7 @@ _NONE = "-"
 _BY_CLUSTERS = ("cluster_low", "cluster_high")
 _BCA = ("bca_low", "bca_high")
 _INTERVALS = (("route clusters", _BY_CLUSTERS), ("groups", ("low", "high")), ("groups, BCa", _BCA))
+_ESCAPED = str.maketrans({"|": "\\|", "<": "&lt;"})
 _MAIN = (
     ("macro_nmae", "Macro NMAE"),
     ("macro_nmae_sd", "Macro NMAE (sd)"),
@@ -95,7 +96,7 @@ def _table(
     """A titled table with the warnings of the results; the first `left` columns are texts."""
     lines = [f"## {title}", ""]
     for warning in results["warnings"]:
-        lines += [f"> **Warning.** {warning}", ""]
+        lines += [f"> **Warning.** {_plain(warning)}", ""]
     rule = ["---"] * left + ["--:"] * (len(header) - left)
     lines += [_line(header), _line(rule), *(_line(row) for row in rows)]
     return [*lines, *(line for note in notes for line in ("", note))]
@@ -103,6 +104,11 @@ def _table(
 
 def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
+
+
+def _plain(text: str) -> str:
+    """Text of others, which the schema keeps on one line, without a cell or a tag of its own."""
+    return text.translate(_ESCAPED)
 
 
 def _number(value: float | None, digits: int = 3) -> str:
@@ -135,7 +141,7 @@ def _titles(results: Document) -> dict[str, str]:
 
 
 def _title(model: Document) -> str:
-    return f"{model['id']} {model['title']}" if model["declared"] else f"{model['id']} (not declared)"
+    return f"{model['id']} {_plain(model['title'])}" if model["declared"] else f"{model['id']} (not declared)"
 
 
 def _main(results: Document) -> tuple[list[str], Rows]:
@@ -252,7 +258,8 @@ def _ranking(results: Document) -> list[list[str]]:
         _table(f"Ranking, profile {profile['profile']}", results, *_profile(profile)) for profile in ranking["profiles"]
     ]
     sections += [
-        [f"## Ranking, profile {out['profile']}", "", f"Not judged: {out['reason']}."] for out in ranking["left_out"]
+        [f"## Ranking, profile {out['profile']}", "", f"Not judged: {_plain(out['reason'])}."]
+        for out in ranking["left_out"]
     ]
     return [*sections, _table("Comparisons of selectors", results, *_comparisons(ranking))]
 
@@ -297,7 +304,7 @@ def _gate(gate: Document) -> str:
 def _guard(results: Document) -> list[list[str]]:
     guard = results["guard"]
     if not guard["profiles"]:
-        return [["## Guard", "", f"Not judged: {guard['reason']}"]]
+        return [["## Guard", "", f"Not judged: {_plain(guard['reason'])}"]]
     sections = [
         _table(f"Guard, profile {p['profile']}", results, *_guard_profile(p, results)) for p in guard["profiles"]
     ]
@@ -326,7 +333,7 @@ def _guard_profile(profile: Document, results: Document) -> tuple[list[str], Row
     for name, title in (("conformal", "Selection-path conformal"), ("learn_then_test", "Learn then test")):
         found = profile[name]
         price = "nominal alone" if found["price"] is None else f"price {found['price']:.4g}"
-        refused = "" if found["refusal"] is None else f" Not judged: {found['refusal']}."
+        refused = "" if found["refusal"] is None else f" Not judged: {_plain(found['refusal'])}."
         size = f"{found['num_groups']} groups in {found['num_clusters']} clusters"
         notes.append(f"{title}: {price}, calibrated on {size}.{refused}")
     notes.append(UNGUARDED)

@@ -113,13 +113,65 @@ def prediction_that_is_no_number(d: BenchmarkDraft) -> None:
     d.set("predictions", "min_separation_m", float("nan"), **where)
 
 
+# BD-LYR-005
+
+
+@mutant("BD-LYR-005", at={"file": PROTOCOL, "pointer": "/models/3/title"}, base="benchmark")
+def title_that_writes_a_section_of_its_own(d: BenchmarkDraft) -> None:
+    d.documents[PROTOCOL]["models"][3]["title"] = "Best\n\n## Injected | <script>"
+    d.follow("lock", keep={"ranking", "results", "tables"})
+
+
+@mutant("BD-LYR-005", at={"file": RESULTS, "pointer": "/warnings/0"}, base="benchmark")
+def warning_of_several_lines(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["warnings"] = ["Nothing.\n\n## Injected\x1b[2J"]
+
+
+@mutant("BD-LYR-005", at={"file": LOCK, "pointer": "/"}, base="benchmark")
+def version_of_the_code_with_a_control_character(d: BenchmarkDraft) -> None:
+    d.documents[LOCK]["code"]["version"] = "1.0\x1b[2J"
+    d.follow("ranking")
+
+
 # BD-BMK-001
+
+
+def contradicts(d: BenchmarkDraft) -> None:
+    """Lock a protocol from which nothing can be computed."""
+    d.follow("lock", keep={"ranking", "results", "tables"})
 
 
 @mutant("BD-BMK-001", at={"file": PROTOCOL})
 def profile_that_weighs_too_much(d: BenchmarkDraft) -> None:
     d.documents[PROTOCOL]["profiles"][1]["comfort"] = 0.9
-    d.follow("lock", keep={"ranking", "results", "tables"})
+    contradicts(d)
+
+
+@mutant("BD-BMK-001", at={"file": PROTOCOL})
+def configuration_whose_name_leads_out_of_the_release(d: BenchmarkDraft) -> None:
+    d.documents[PROTOCOL]["models"][3]["configuration"]["model"]["name"] = "../../x/pwn"
+    contradicts(d)
+
+
+@mutant("BD-BMK-001", at={"file": PROTOCOL})
+def sensor_model_that_reads_privileged_inputs(d: BenchmarkDraft) -> None:
+    d.documents[PROTOCOL]["models"][3]["configuration"]["model"]["contract"] = "privileged"
+    contradicts(d)
+
+
+@mutant("BD-BMK-001", at={"file": PROTOCOL})
+def two_tests_of_one_name_in_two_families(d: BenchmarkDraft) -> None:
+    for name, left, right in (("one", "A-B", "C"), ("other", "A", "B-C")):
+        members = [{"left": left, "right": right, "metric": "ade_m"}]
+        d.documents[PROTOCOL]["families"].append({"name": name, "kind": "prediction", "members": members})
+    contradicts(d)
+
+
+@mutant("BD-BMK-001", at={"file": PROTOCOL})
+def more_tests_than_can_be_computed(d: BenchmarkDraft) -> None:
+    members = [{"left": f"A{i}", "right": "B", "metric": "ade_m"} for i in range(212)]
+    d.documents[PROTOCOL]["families"].append({"name": "large", "kind": "prediction", "members": members})
+    contradicts(d)
 
 
 # BD-BMK-002
