@@ -12,7 +12,7 @@ from rich.text import Text
 
 from branchdrive.audit.finding import printable
 from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
-from branchdrive.derive.benchmark.tables import JUDGED_BY_CLUSTERS
+from branchdrive.derive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
 from branchdrive.derive.metric.sign_flip import p_text
 
 __all__ = ["render_results"]

@@ -46,7 +46,7 @@ def make_release(root: Path, seed: int = 0) -> Path:
 
 def protocol(**training: Any) -> dict[str, Any]:
     """The default protocol with small models and few draws; `training` replaces attributes of the training."""
-    document = json.loads(json.dumps(default_protocol().document))
+    document = json.loads(json.dumps(default_protocol().document)) | {"name": "small"}
     for model in document["models"]:
         found = MEAN if model["id"] == "M0" else small(model["id"], **{"max_epochs": 2, **training})
         model["configuration"] = found.record

@@ -192,7 +192,7 @@ def _made() -> _Made:
 
 
 def _protocol() -> BenchmarkProtocol:
-    document = default_protocol().document
+    document = default_protocol().document | {"name": "small"}
     document["statistics"] = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
     document["shuffles"]["seeds"] = [0]
     return read_protocol(document)

@@ -27,7 +27,7 @@ SEEDS = (11, 23, 37)
 
 def small_protocol(**changes: Any) -> BenchmarkProtocol:
     """The default protocol with few resamples."""
-    document = default_protocol().document
+    document = default_protocol().document | {"name": "small"}
     document["statistics"] = {"seed": 0, "resamples": 200, "level": 0.95, "flips": 500}
     document["shuffles"] = {"kinds": ["action", "history", "joint"], "seeds": [0, 1]}
     return BenchmarkProtocol.model_validate({**document, **changes})

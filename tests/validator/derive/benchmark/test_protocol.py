@@ -130,13 +130,22 @@ def test_contradictions_are_refused(change: Any, words: str) -> None:
 
 
 def test_bounds_are_reached_but_not_passed() -> None:
-    large = document()
+    large = document() | {"name": "large"}
     large["families"].append(large_family(MAX_MEMBERS - 45))
     for one in large["models"]:
         one["seeds"] = list(range(64))
     large["statistics"] |= {"flips": 20000, "resamples": 5000}
     assert sum(len(found.members) for found in read_protocol(large).families) == MAX_MEMBERS
     assert sum(len(found.seeds) for found in read_protocol(large).models) == MAX_OWNERS
+
+
+def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -> None:
+    other = document()
+    other["statistics"]["seed"] += 1
+    with pytest.raises(DatasetError, match=r"is not the protocol of that name and version; give it a name of its own"):
+        read_protocol(other)
+    for about in ({"name": "other"}, {"version": "0.2.0"}):
+        assert protocol_problem(other | about) is None
 
 
 def test_bounds_are_those_of_the_specification() -> None:
@@ -149,7 +158,7 @@ def test_bounds_are_those_of_the_specification() -> None:
 
 
 def test_a_test_may_stand_in_several_families_and_a_configuration_may_say_nothing_of_its_model() -> None:
-    other = document()
+    other = document() | {"version": "0.1.1"}
     other["families"].append({**other["families"][0], "name": "again"})
     other["models"][3]["configuration"] = {"widths": [1, 2]}
     other["models"][2]["configuration"] = {"model": "a text"}

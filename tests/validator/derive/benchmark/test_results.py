@@ -23,7 +23,8 @@ from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.promise import promises
 from branchdrive.derive.benchmark.protocol import read_protocol
 from branchdrive.derive.benchmark.results import noise_of, noise_record, results_document
-from branchdrive.derive.benchmark.tables import JUDGED_BY_CLUSTERS, render_tables
+from branchdrive.derive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
+from branchdrive.derive.benchmark.tables import render_tables
 from branchdrive.derive.guard.assessment import SELECTIONS
 from branchdrive.derive.layer.frame import take
 from branchdrive.derive.leakage.holm import holm

@@ -34,6 +34,9 @@ __all__ = [
     "protocol_problem", "read_protocol",
 ]  # fmt: skip
 
+NORMATIVE = "benchmark-protocol.json"
+"""The protocol of this version, among the schemas."""
+
 PROTOCOL_SCHEMA = "protocol.schema.json"
 
 MAX_MEMBERS = 256
@@ -249,9 +252,15 @@ def protocol_problem(document: Any) -> str | None:
         first = violations[0]
         return f"{first.pointer or '/'}: expected {first.expected}, found {first.found}"
     try:
-        BenchmarkProtocol.model_validate(document)
+        found = BenchmarkProtocol.model_validate(document)
     except ValidationError as error:
         return str(error.errors(include_url=False, include_context=False)[0]["msg"]).removeprefix("Value error, ")
+    normative = BenchmarkProtocol.model_validate(load_resource(NORMATIVE))
+    if (found.name, found.version) == (normative.name, normative.version) and found != normative:
+        return (
+            f"it is called {found.name!r} {found.version} and is not the protocol of that name and version; "
+            "give it a name of its own"
+        )
     return None
 
 
@@ -270,7 +279,7 @@ def read_protocol(document: Any) -> BenchmarkProtocol:
 @cache
 def default_protocol() -> BenchmarkProtocol:
     """The normative protocol of this version, ``schemas/v0.1/benchmark-protocol.json``."""
-    return read_protocol(load_resource("benchmark-protocol.json"))
+    return read_protocol(load_resource(NORMATIVE))
 
 
 def protocol_digest(document: Mapping[str, Any] | BenchmarkProtocol) -> str:

@@ -1,0 +1,1 @@
+"""Tables of results in Markdown, one module for each part of the results."""
