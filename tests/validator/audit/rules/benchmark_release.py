@@ -155,7 +155,7 @@ class _Made:
             for seed in model.seeds
         }
         self.documents: dict[str, Any] = {PROTOCOL: self.protocol.document}
-        facts = LockFacts("", _identity(self.draft), split, normalisation, features, bank.keys)
+        facts = LockFacts("", identity(self.draft), split, normalisation, features, bank.keys)
         locked = [
             LockedCheckpoint(
                 model.id,
@@ -210,7 +210,7 @@ def _predictions(protocol: BenchmarkProtocol, data: BenchmarkData) -> Prediction
     return PredictionSet(by_model)
 
 
-def _identity(draft: ReleaseDraft) -> str:
+def identity(draft: ReleaseDraft) -> str:
     """Identity of the derived layers as they are written."""
     with tempfile.TemporaryDirectory() as folder:
         root = draft.write(Path(folder) / "dataset")

@@ -43,6 +43,7 @@ PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
     f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
+CHECKPOINTS = "checkpoints/"
 _SEED = "seed"
 
 
@@ -142,23 +143,23 @@ def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[ReleaseCheck]:
 
 @release_rule("BD-BMK-004")
 def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """Every locked checkpoint is there with the digest of the lock."""
+    """Every locked checkpoint is there with the digest of the lock, and no other."""
     entries = _lock(view)["checkpoints"]
     if not view.digests:
         raise NotAtHandError("digests are off")
     found = _files(view)
-    yield ReleaseCheck.of(
-        len(entries),
-        [
-            Sighting(
-                f"sha256 {entry['sha256']}",
-                f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
-                {"file": f"{FOLDER}/{entry['file']}"},
-            )
-            for entry in entries
-            if found.get(entry["file"]) != entry["sha256"]
-        ],
-    )
+    sightings = [
+        Sighting(
+            f"sha256 {entry['sha256']}",
+            f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
+            {"file": f"{FOLDER}/{entry['file']}"},
+        )
+        for entry in entries
+        if found.get(entry["file"]) != entry["sha256"]
+    ]
+    stray = sorted(name for name in found.keys() - {entry["file"] for entry in entries} if name.startswith(CHECKPOINTS))
+    sightings += [Sighting("a checkpoint that the lock names", "another", {"file": f"{FOLDER}/{n}"}) for n in stray]
+    yield ReleaseCheck.of(len(entries) + len(stray), sightings)
 
 
 @release_rule("BD-BMK-005")
@@ -317,10 +318,14 @@ def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
 
 @release_rule("BD-BMK-014")
 def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """One opening for predictions and one for selections."""
-    document = view.document(OPENINGS)
-    counts = {event: num_openings(document, event) for event in EVENTS}
-    problems = [("/entries", f"one entry {event}", f"{count} entries") for event, count in counts.items() if count > 1]
+    """One opening for predictions and one for selections, those on the ledger of the release among them."""
+    document, ledger = view.document(OPENINGS), view.document(LEDGER_FILE)
+    counts = {event: num_openings(document, event, ledger) for event in EVENTS}
+    problems = [
+        ("/entries", f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
+        for event, count in counts.items()
+        if count > 1
+    ]
     yield problems_found(OPENINGS, len(counts), problems)
 
 

@@ -15,13 +15,16 @@ from tests.validator.audit.rules.benchmark_release import (
     TABLES_FILE,
     BenchmarkDraft,
     checkpoint,
+    identity,
 )
 from tests.validator.audit.rules.case import boundary, mutant
+from tests.validator.audit.rules.release import LEDGER
 
 from branchdrive.derive.benchmark.checkpoint import checkpoint_facts
 from branchdrive.derive.benchmark.data import groups_digest
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
 from branchdrive.derive.benchmark.prediction_set import TABLES
+from branchdrive.derive.layer.benchmark_openings import with_benchmark
 from branchdrive.derive.layer.frame import concat, take
 
 CHECKPOINT = "checkpoints/M3-seed11.safetensors"
@@ -81,7 +84,7 @@ def results_with_other_last_bits(d: BenchmarkDraft) -> None:
     d.follow("tables")
 
 
-@boundary("BD-LAY-009", base="benchmark")
+@boundary("BD-LAY-009", "BD-BMK-004", base="benchmark")
 def figures_beside_results(d: BenchmarkDraft) -> None:
     def draw(root: Path) -> None:
         (root / "benchmark/figures").mkdir()
@@ -138,6 +141,16 @@ def protocol_changed_after_the_lock(d: BenchmarkDraft) -> None:
     d.follow("results")
 
 
+@mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/release_identity"})
+def opening_taken_off_the_ledger_after_the_lock(d: BenchmarkDraft) -> None:
+    put_on_the_ledger(d)
+    d.follow("lock")
+    del d.documents[LEDGER]["entries"][-2:]
+    d.reseal("card")
+    d.warnings = []
+    d.follow("results")
+
+
 # BD-BMK-003
 
 
@@ -166,6 +179,11 @@ def checkpoint_that_is_gone(d: BenchmarkDraft) -> None:
     del d.checkpoints[CHECKPOINT]
     d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
     d.follow("results")
+
+
+@mutant("BD-BMK-004", at={"file": "benchmark/checkpoints/M3-seed5.safetensors"})
+def checkpoint_that_the_lock_does_not_name(d: BenchmarkDraft) -> None:
+    d.checkpoints["checkpoints/M3-seed5.safetensors"] = d.checkpoints[CHECKPOINT]
 
 
 # BD-BMK-005
@@ -311,6 +329,28 @@ def test_opened_twice(d: BenchmarkDraft) -> None:
     d.documents[OPENINGS] = opened(document, EVENTS[1], d.digest(RANKING_LOCK))
     d.warnings = warnings(d.documents[OPENINGS])
     d.follow("results")
+
+
+def put_on_the_ledger(d: BenchmarkDraft) -> None:
+    """Openings of a benchmark that is gone, in a release that was locked after it."""
+    gone = opened(opened(None, EVENTS[0], NOTHING), EVENTS[1], NOTHING)
+    d.documents[LEDGER] = with_benchmark(d.documents[LEDGER], gone)
+    d.reseal("card")
+    d.documents[LOCK]["release_identity"] = identity(d)
+    d.warnings = warnings(d.documents[OPENINGS], ledger=d.documents[LEDGER])
+
+
+@mutant("BD-BMK-014", at={"file": OPENINGS}, findings=2)
+def test_opened_by_a_benchmark_that_is_gone(d: BenchmarkDraft) -> None:
+    put_on_the_ledger(d)
+    d.follow("lock")
+
+
+@boundary("BD-BMK-002", "BD-BMK-014", "BD-FID-010", "BD-FID-012", "BD-REL-003", base="benchmark")
+def benchmark_after_another_that_is_not_evaluated_yet(d: BenchmarkDraft) -> None:
+    put_on_the_ledger(d)
+    d.follow("lock", keep={"results", "tables"})
+    benchmark_that_is_not_evaluated_yet(d)
 
 
 # BD-BMK-015
