@@ -31,7 +31,7 @@ from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, p
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.layer.frame import Values
 from branchdrive.derive.target import TARGETS, TRAJECTORY
-from branchdrive.errors import DatasetError, UsageError
+from branchdrive.errors import DatasetError, DecodeError, UsageError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -55,7 +55,7 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
     try:
         table = decode_table(read_named_file(path, spec_limits().max_table_bytes))
         frames = _frames(table, name)
-    except DatasetError as error:
+    except (DatasetError, DecodeError) as error:
         raise DatasetError(f"{path}: {error}") from error
     for problem in prediction_problems(frames, data, protocol):
         if problem.place.get("model") == name and (problem.kind != "seed"):
@@ -98,7 +98,10 @@ def _seeds(table: pa.Table) -> Values:
     values = table.column(_SEED)
     if not pa.types.is_integer(values.type) or values.null_count:
         raise DatasetError(f"column {_SEED!r} is {values.type} with {values.null_count} nulls, expected integers")
-    return np.asarray(values.to_numpy(), np.int64)
+    seeds = np.asarray(values.to_numpy())
+    for seed in seeds[(seeds < 0) | (seeds > np.iinfo(np.int64).max)][:1].tolist():
+        raise DatasetError(f"column {_SEED!r} holds {seed}, expected integers from 0 to {np.iinfo(np.int64).max}")
+    return seeds.astype(np.int64)
 
 
 def _numbers(values: Any, column: str) -> Values:

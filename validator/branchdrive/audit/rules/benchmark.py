@@ -312,8 +312,13 @@ def _warnings(view: ReleaseView) -> list[str]:
 @release_rule("BD-BMK-013")
 def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """`TABLES.md` is the one that the results give."""
-    if TABLES_FILE in view.files:
-        yield text_agrees(view, TABLES_FILE, render_tables(view.document(RESULTS)))
+    if TABLES_FILE not in view.files:
+        return
+    try:
+        text = render_tables(view.document(RESULTS))
+    except KeyError as error:
+        raise NotAtHandError(f"{RESULTS} has nothing for {error}, which the tables show") from error
+    yield text_agrees(view, TABLES_FILE, text)
 
 
 @release_rule("BD-BMK-014")
