@@ -27,7 +27,9 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.prediction_problem import prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.layer.frame import Values
 from branchdrive.derive.target import TARGETS, TRAJECTORY

@@ -28,7 +28,7 @@ from branchdrive.derive.benchmark.lock import (
     risk_fit_of,
 )
 from branchdrive.derive.benchmark.openings import EVENTS, opened
-from branchdrive.derive.benchmark.prediction_set import TABLES as PREDICTED
+from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.derive.benchmark.ranking_result import utility_scale

@@ -18,12 +18,9 @@ from branchdrive.contract.layer import table_path
 from branchdrive.dataset.frame import from_arrow, to_arrow
 from branchdrive.dataset.parquet import encode_table
 from branchdrive.dataset.table_file import read_table
-from branchdrive.derive.benchmark.prediction_set import (
-    TABLES,
-    PredictionProblem,
-    PredictionSet,
-    prediction_problems,
-)
+from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.layer.frame import sort_rows, take
 from branchdrive.derive.metric.outcome import MAX_MAGNITUDE, Predictions
 

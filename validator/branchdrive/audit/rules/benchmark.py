@@ -29,8 +29,9 @@ from branchdrive.derive.benchmark.lock import (
     risk_fit_of,
 )
 from branchdrive.derive.benchmark.openings import EVENTS, num_openings, openings_problems, warnings
-from branchdrive.derive.benchmark.prediction_set import TABLES as PREDICTED
-from branchdrive.derive.benchmark.prediction_set import PredictionProblem, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_problem, read_protocol
 from branchdrive.derive.benchmark.ranking_result import utility_scale
 from branchdrive.derive.benchmark.results import TOLERANCE, noise_of, results_document

@@ -23,7 +23,7 @@ from tests.validator.audit.rules.release import LEDGER
 from branchdrive.derive.benchmark.checkpoint import checkpoint_facts
 from branchdrive.derive.benchmark.data import groups_digest
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
-from branchdrive.derive.benchmark.prediction_set import TABLES
+from branchdrive.derive.benchmark.prediction_rows import TABLES
 from branchdrive.derive.layer.benchmark_openings import with_benchmark
 from branchdrive.derive.layer.frame import concat, take
 
