@@ -11,6 +11,7 @@ from tests.validator.audit.rules.cases import (
     attempts,
     battery,
     benchmark,
+    benchmark_results,
     canonical,
     controls,
     documents,
@@ -42,6 +43,7 @@ __all__ = [
 AREAS = (
     layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
     layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
+    benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

@@ -27,7 +27,9 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.prediction_problem import prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.layer.frame import Values
 from branchdrive.derive.target import TARGETS, TRAJECTORY
@@ -40,7 +42,6 @@ __all__ = ["read_predictions"]
 
 _SCALARS = tuple(target.name for target in TARGETS)
 _TEXT, _SEED = ("group_id", "action_key"), "seed"
-_MAX_SEED = int(np.iinfo(np.int64).max)
 
 
 def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: BenchmarkProtocol) -> PredictionSet:
@@ -99,10 +100,10 @@ def _seeds(table: pa.Table) -> Values:
     values = table.column(_SEED)
     if not pa.types.is_integer(values.type) or values.null_count:
         raise DatasetError(f"column {_SEED!r} is {values.type} with {values.null_count} nulls, expected integers")
-    seeds = values.to_numpy()
-    if len(seeds) and not 0 <= int(seeds.min()) <= int(seeds.max()) <= _MAX_SEED:
-        raise DatasetError(f"column {_SEED!r} holds {seeds.min()} to {seeds.max()}, expected 0 to {_MAX_SEED}")
-    return np.asarray(seeds, np.int64)
+    seeds = np.asarray(values.to_numpy())
+    for seed in seeds[(seeds < 0) | (seeds > np.iinfo(np.int64).max)][:1].tolist():
+        raise DatasetError(f"column {_SEED!r} holds {seed}, expected integers from 0 to {np.iinfo(np.int64).max}")
+    return seeds.astype(np.int64)
 
 
 def _numbers(values: Any, column: str) -> Values:

@@ -7,7 +7,9 @@ from branchdrive.dataset.frame import from_arrow
 from branchdrive.dataset.table_file import read_table
 from branchdrive.derive.benchmark.data import TABLES as DATA_TABLES
 from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_set import TABLES, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.prediction_problem import prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.benchmark.release import Release

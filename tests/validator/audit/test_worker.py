@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -13,6 +16,8 @@ from typing import Any
 
 import pytest
 from tests import synthetic
+from tests.reference_impl.collect.running import wait_for
+from tests.repo.checkout import ROOT
 from tests.validator.audit.datasets import DEPARTURES, cells, write, write_with
 
 from branchdrive.audit.engine import validate
@@ -229,3 +234,17 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     assert report.errors == ("raw/shard-00001: the worker died twice although every file decodes on its own",)
     assert report.dataset.num_groups == len(synthetic.SHARDS["raw/shard-00000"])
     assert report.findings == ()
+
+
+def sleep_and_tell(place: str) -> None:
+    Path(place).write_text(str(os.getpid()))
+    time.sleep(600)
+
+
+def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+    place = tmp_path / "worker"
+    code = f"from tests.validator.audit.test_worker import *\nlist(isolated(1)(sleep_and_tell, [{str(place)!r}]))"
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
+        wait_for(lambda: place.exists() and place.read_text() != "")
+        parent.kill()
+    wait_for(lambda: not Path(f"/proc/{place.read_text()}").exists(), timeout_s=10.0)

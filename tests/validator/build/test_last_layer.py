@@ -12,7 +12,9 @@ from tests.validator.build.running import build, contents
 from branchdrive.build.publish import benchmark_area, held, publish_layer
 from branchdrive.contract.document import dump_json
 from branchdrive.dataset.descriptor_file import read_descriptor
+from branchdrive.dataset.layout import OPENINGS_FILE
 from branchdrive.dataset.manifest import check_against_manifest
+from branchdrive.derive.benchmark.protocol import default_protocol
 
 FILES = {"benchmark/TABLES.md": b"tables\n", "benchmark/figures/one.svg": b"<svg/>\n"}
 
@@ -48,17 +50,18 @@ def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:
 
 @pytest.fixture
 def benchmarked(release: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A release with a benchmark layer that needs its openings and nothing else."""
+    """A release with a benchmark layer that needs its protocol and openings, and nothing else."""
     from branchdrive.build import layers as module
     from branchdrive.build import publish as other
 
     whole = module.LAYERS["benchmark"]
-    documents = {"openings.json": whole.documents["openings.json"]}
+    documents = {name: whole.documents[name] for name in ("protocol.json", "openings.json")}
     small = {**module.LAYERS, "benchmark": replace(whole, documents=documents, tables={})}
     monkeypatch.setattr(module, "LAYERS", small)
     monkeypatch.setattr(other, "LAYERS", small)
     with held(release):
-        publish_layer(release, "benchmark", {**FILES, "benchmark/openings.json": dump_json({"entries": []})})
+        protocol = {"benchmark/protocol.json": dump_json(default_protocol().document)}
+        publish_layer(release, "benchmark", {**FILES, **protocol, OPENINGS_FILE: dump_json({"entries": []})})
     return release
 
 

@@ -15,6 +15,7 @@ from branchdrive.audit.engine import validate
 from branchdrive.build.openings import merged_ledger
 from branchdrive.contract.document import dump_json
 from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
+from branchdrive.derive.layer.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
 from branchdrive.derive.layer.ledger import EVENTS, num_test_openings, opened, recorded
 from branchdrive.errors import DatasetError
 
@@ -45,6 +46,20 @@ def ledger(*rounds: str) -> dict[str, Any] | None:
 )
 def test_two_ledgers_are_one(first: str, second: str, merged: str) -> None:
     assert merged_ledger(ledger(*first), ledger(*second)) == ledger(*merged)
+
+
+def test_openings_for_a_benchmark_are_merged_with_the_rounds() -> None:
+    def looked(rounds: str, *locks: str) -> dict[str, Any] | None:
+        openings = [{"event": BENCHMARK_EVENTS[0], "lock_digest": lock * 64} for lock in locks]
+        return with_benchmark(ledger(*rounds), {"entries": openings})
+
+    assert merged_ledger(looked("a", "e"), looked("a", "e")) == looked("a", "e")
+    assert merged_ledger(ledger("a"), looked("a", "e")) == looked("a", "e")
+    merged = merged_ledger(looked("a", "e"), looked("ab", "f"))
+    assert merged is not None
+    assert locks_of(merged, BENCHMARK_EVENTS[0]) == ["e" * 64, "f" * 64]
+    assert num_test_openings(merged) == 2
+    assert [entry["number"] for entry in merged["entries"]] == list(range(1, 9))
 
 
 def test_a_ledger_out_of_order_is_refused() -> None:

@@ -68,7 +68,8 @@ def in_process(
 
 
 def _prepare_process(max_bytes: int) -> None:
-    """Let an interrupt end the process at once and in silence, and bound its memory."""
+    """Let an interrupt end the process at once and in silence, let it end with its parent, and bound its memory."""
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:
@@ -79,6 +80,14 @@ def _prepare_process(max_bytes: int) -> None:
     soft = max_bytes if hard == resource.RLIM_INFINITY else min(max_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+
+
+def _exit_with_parent() -> None:
+    """End where nobody is left to take a result: a process that was killed cannot tell its workers to stop."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

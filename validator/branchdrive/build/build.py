@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from branchdrive.audit.worker import Executor, in_process
-from branchdrive.build.layers import BuiltLayers, load_layers
+from branchdrive.build.layers import RECORDS, BuiltLayers, load_layers
 from branchdrive.build.leakage import build_leakage
-from branchdrive.build.openings import ledger_of, merged_ledger
+from branchdrive.build.openings import ledger_of, merged_ledger, openings_of
 from branchdrive.build.publish import publish, staging, stated_identity
 from branchdrive.build.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.build.stage import (
@@ -32,11 +32,13 @@ from branchdrive.dataset.layout import (
     LEAKAGE_FILE,
     LEDGER_FILE,
     LICENCE_FILE,
+    OPENINGS_FILE,
     RAW_DIR,
     SOURCE_FILE,
     STAGING_DIR,
 )
 from branchdrive.dataset.manifest import Manifest
+from branchdrive.derive.layer.benchmark_openings import with_benchmark
 from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.leakage.audit import AuditProtocol
 from branchdrive.errors import UsageError
@@ -201,7 +203,7 @@ class _Job:
         build_canonical(self.scan, layers)
         if layers.changed_since(before):
             layers.drop_after("canonical")
-        if LEDGER_FILE in layers.contents and "quality" not in (*layers.names, *self.stages):
+        if layers.contents.keys() & {*RECORDS} and "quality" not in (*layers.names, *self.stages):
             raise UsageError(
                 f"{self.scan.root}: the ledger of openings has no layer to lie in; build 'quality' together with "
                 "'canonical'"
@@ -212,6 +214,7 @@ class _Job:
         ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
             ledger = merged_ledger(ledger_of(self.scan.root), ledger)
+            ledger = with_benchmark(ledger, openings_of(self.scan.root), beside=layers.documents.get(OPENINGS_FILE))
         build_quality(self.scan, layers, self.options, ledger)
         if layers.changed_since(before):
             layers.drop_after("quality")
@@ -236,6 +239,8 @@ class _Job:
         kept_files = scan.files if self.is_in_place else {}
         if "benchmark" in layers.names and _identity(kept_files, layers) != stated_identity(self.target):
             layers.drop_after("model")  # it belongs to another release
+        if "benchmark" not in layers.names:
+            self._record_openings()
         claimed = (("raw",) if self.is_in_place else ()) + layers.names
         descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
         # The ledger stays in its place while the layer around it is built again.
@@ -251,6 +256,13 @@ class _Job:
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)
+
+    def _record_openings(self) -> None:
+        """Put on the ledger what a benchmark that goes has opened."""
+        before = self.layers.documents.get(LEDGER_FILE)
+        ledger = with_benchmark(before, self.layers.documents.get(OPENINGS_FILE))
+        if ledger != before:
+            self.layers.put_document(LEDGER_FILE, ledger)
 
 
 def _identity(kept: Mapping[str, str], layers: BuiltLayers) -> str:

@@ -14,7 +14,7 @@ from branchdrive.contract.document import dump_json, parse_json, schema_violatio
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.frame import from_arrow, to_arrow
-from branchdrive.dataset.layout import LEDGER_FILE, MANIFEST_FILE
+from branchdrive.dataset.layout import LEDGER_FILE, MANIFEST_FILE, OPENINGS_FILE
 from branchdrive.dataset.manifest import parse_manifest
 from branchdrive.dataset.parquet import encode_table
 from branchdrive.dataset.table_file import read_table
@@ -22,7 +22,10 @@ from branchdrive.dataset.untrusted import read_file
 from branchdrive.derive.layer.frame import Frame, Values, sort_rows
 from branchdrive.errors import DatasetError
 
-__all__ = ["BuiltLayers", "load_document", "load_layers"]
+__all__ = ["RECORDS", "BuiltLayers", "load_document", "load_layers"]
+
+RECORDS = (LEDGER_FILE, OPENINGS_FILE)
+"""Documents that stay whatever becomes of the layers around them: they are what nobody can compute again."""
 
 
 @dataclass
@@ -79,11 +82,11 @@ class BuiltLayers:
         self.documents.pop(path, None)
 
     def drop_after(self, layer: str) -> None:
-        """Forget every layer that is derived from `layer`, but not the ledger of openings."""
+        """Forget every layer that is derived from `layer`, but not the records of openings."""
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
             free = {path for path in self.contents if LAYERS[name].admits_free(path)}
-            for path in {*LAYERS[name].files, *free} - {LEDGER_FILE}:
+            for path in {*LAYERS[name].files, *free} - {*RECORDS}:
                 self.drop(path)
             for table in LAYERS[name].tables:
                 self.frames.pop(table, None)
@@ -92,7 +95,7 @@ class BuiltLayers:
 def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
     """Layers that the folder `root` holds whole, sound and as its manifest has them, up to the first that it does not.
 
-    The ledger of openings is kept whatever became of the files beside it: it is what nobody can compute again.
+    Records of openings are kept whatever became of the files beside them.
     """
     found, stated = BuiltLayers(keys), _stated_digests(root)
     for layer in LAYERS.values():
@@ -110,8 +113,9 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
                 read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
             _check_digests(read, root, stated)
         except DatasetError:
-            with suppress(DatasetError):
-                _load_document(found, root, LEDGER_FILE, LAYERS["quality"].documents["ledger.json"].schema)
+            for path in RECORDS:
+                with suppress(DatasetError):
+                    _load_document(found, root, path, _schema_of(path))
             break
         for mine, other in (
             (found.frames, read.frames),
@@ -136,6 +140,11 @@ def _check_digests(read: BuiltLayers, root: Path, stated: Mapping[str, str]) -> 
     for path in read.contents:
         if stated.get(path) != read.digest(path):
             raise DatasetError(f"{root}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
+
+
+def _schema_of(path: str) -> str:
+    layer, name = path.split("/")
+    return LAYERS[layer].documents[name].schema
 
 
 def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> None:

@@ -16,7 +16,14 @@ from rich.text import Text
 
 from branchdrive.audit.finding import printable
 from branchdrive.derive.layer.ledger import num_test_openings
-from branchdrive.derive.layer.wording import UNITS, leakage_sentences, opening_sentence, percent, population_sentences
+from branchdrive.derive.layer.wording import (
+    UNITS,
+    benchmark_sentences,
+    leakage_sentences,
+    opening_sentence,
+    percent,
+    population_sentences,
+)
 
 __all__ = ["print_leakage", "print_openings", "print_population", "print_retention"]
 
@@ -95,8 +102,10 @@ def print_leakage(console: Console, leakage: Document | None) -> None:
 
 
 def print_openings(console: Console, ledger: Document) -> None:
-    """How often the test partition was opened."""
+    """How often the test partition was opened, for this release and for benchmarks before it."""
     console.print(Text(opening_sentence(ledger), style="bold yellow" if num_test_openings(ledger) > 1 else ""))
+    for sentence in benchmark_sentences(ledger):
+        console.print(Text(sentence, style="bold yellow"))
 
 
 def _table(title: str) -> Table:

@@ -23,6 +23,7 @@ __all__ = [
     "LICENCE_FILE",
     "MANIFEST_FILE",
     "MAX_SHARD_INDEX",
+    "OPENINGS_FILE",
     "RAW_DIR",
     "SOURCE_FILE",
     "STAGING_DIR",
@@ -45,6 +46,9 @@ CARD_FILE = "CARD.md"
 
 LEDGER_FILE = "quality/ledger.json"
 """Every opening of a partition for evaluation."""
+
+OPENINGS_FILE = "benchmark/openings.json"
+"""Every opening of the test partition for the benchmark."""
 
 SOURCE_FILE = "canonical/source.json"
 """The raw layer that the derived layers come from."""

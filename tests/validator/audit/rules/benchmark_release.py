@@ -28,7 +28,7 @@ from branchdrive.derive.benchmark.lock import (
     risk_fit_of,
 )
 from branchdrive.derive.benchmark.openings import EVENTS, opened
-from branchdrive.derive.benchmark.prediction_set import TABLES as PREDICTED
+from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.derive.benchmark.ranking_result import utility_scale
@@ -41,6 +41,9 @@ PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
     f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
+
+
+SCALARS = "benchmark/predictions.parquet"
 
 
 class BenchmarkDraft(ReleaseDraft):
@@ -156,7 +159,7 @@ class _Made:
             for seed in model.seeds
         }
         self.documents: dict[str, Any] = {PROTOCOL: self.protocol.document}
-        facts = LockFacts("", _identity(self.draft), split, normalisation, features, bank.keys)
+        facts = LockFacts("", identity(self.draft), split, normalisation, features, bank.keys)
         locked = [
             LockedCheckpoint(
                 model.id,
@@ -211,10 +214,15 @@ def _predictions(protocol: BenchmarkProtocol, data: BenchmarkData) -> Prediction
     return PredictionSet(by_model)
 
 
-def _identity(draft: ReleaseDraft) -> str:
+def identity(draft: ReleaseDraft) -> str:
     """Identity of the derived layers as they are written."""
     with tempfile.TemporaryDirectory() as folder:
         root = draft.write(Path(folder) / "dataset")
         files = [path for path in root.rglob("*") if path.is_file()]
         found = {path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     return Manifest.of({path: digest for path, digest in found.items() if layer_of(path) in BUILT}).identity
+
+
+def first_of(d: BenchmarkDraft, partition: str) -> str:
+    """The first group of a partition."""
+    return d.data.part(partition).groups[0]

@@ -106,3 +106,10 @@ def test_learned_risk_comes_back_and_a_wrong_sign_is_refused() -> None:
         risk_fit_of(document)
     assert risk_fit_of(None) is None
     assert risk_fit_of({"risk_fit": None}) is None
+
+
+@pytest.mark.parametrize(("tolerance", "conforms"), [(0.0, True), (-0.0, True), (None, True), (-1e-9, False)])
+def test_no_tolerance_is_negative(tolerance: float | None, conforms: bool) -> None:
+    document = ranking_lock()
+    document["outcome_noise"]["tolerance"][1] = tolerance
+    assert (schema_violations(document, "lock.schema.json") == []) is conforms

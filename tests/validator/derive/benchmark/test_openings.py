@@ -15,6 +15,7 @@ from branchdrive.derive.benchmark.openings import (
     openings_problems,
     warnings,
 )
+from branchdrive.derive.layer.benchmark_openings import with_benchmark
 
 PREDICTION, RANKING = EVENTS
 A, B, C = ("a" * 64, "b" * 64, "c" * 64)
@@ -49,6 +50,15 @@ def test_another_lock_is_another_opening_and_every_table_says_so() -> None:
     assert premise == CALIBRATION_READ
     assert "opened 2 times for selections" in sentence
     assert num_openings(opened(twice, PREDICTION, A), PREDICTION) == 3
+
+
+def test_openings_on_the_ledger_are_counted_unless_they_are_the_same() -> None:
+    ledger = with_benchmark(None, opened(opened(None, PREDICTION, C), PREDICTION, A))
+    assert num_openings(once(), PREDICTION, ledger) == 2
+    assert num_openings(once(), RANKING, ledger) == 1
+    (sentence,) = warnings(once(), ledger=ledger)
+    assert "opened 2 times for predictions, under different locks" in sentence
+    assert warnings({"entries": []}, ledger=with_benchmark(None, once())) == []
 
 
 def test_selections_come_after_predictions() -> None:

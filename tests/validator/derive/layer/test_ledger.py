@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from branchdrive.contract.document import schema_violations
+from branchdrive.derive.layer.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
 from branchdrive.derive.layer.ledger import EVENTS, ledger_problems, num_test_openings, opened, recorded
 
 A, B = ({"split_digest": split * 64, "thresholds_digest": fitted * 64} for split, fitted in ("ab", "cd"))
@@ -84,6 +86,44 @@ def test_openings_are_the_pairs_of_digests(rounds: list[dict[str, str]]) -> None
     assert ledger is not None
     assert num_test_openings(ledger) == len({tuple(digests.values()) for digests in rounds})
     assert ledger_problems(ledger, **rounds[-1]) == []
+
+
+def benchmark(*locks: str) -> dict[str, Any]:
+    """Openings for predictions under locks that are named by a letter each."""
+    return {"entries": [{"event": BENCHMARK_EVENTS[0], "lock_digest": lock * 64} for lock in locks]}
+
+
+def test_openings_for_a_benchmark_are_no_part_of_a_round() -> None:
+    begun = with_benchmark(recorded(None, "thresholds_fixed", **A), benchmark("e"))
+    ledger = with_benchmark(opened(begun, **A), benchmark("f"))
+    assert ledger is not None
+    assert [entry["event"] for entry in ledger["entries"]] == [
+        "thresholds_fixed", BENCHMARK_EVENTS[0], "validation_evaluated", "test_opened", BENCHMARK_EVENTS[0],
+    ]  # fmt: skip
+    assert schema_violations(ledger, "ledger.schema.json") == []
+    assert ledger_problems(ledger, **A) == []
+    assert num_test_openings(ledger) == 1
+    assert opened(ledger, **A) == ledger
+    assert [p.place for p in ledger_problems(edited(ledger, 1, number=7), **A)] == ["/entries/1/number"]
+
+
+@pytest.mark.parametrize(
+    ("known", "beside", "more", "after"),
+    [
+        ("", "", "", ""),
+        ("", "", "efe", "efe"),
+        ("efe", "", "efe", "efe"),
+        ("ef", "", "efe", "efe"),
+        ("e", "", "f", "ef"),
+        ("", "e", "ef", "f"),
+        ("e", "e", "ee", "e"),
+    ],
+)
+def test_an_opening_for_a_benchmark_is_recorded_once(known: str, beside: str, more: str, after: str) -> None:
+    ledger = with_benchmark(None, benchmark(*known))
+    found = with_benchmark(ledger, benchmark(*more), beside=benchmark(*beside))
+    assert ([] if found is None else locks_of(found, BENCHMARK_EVENTS[0])) == [letter * 64 for letter in after]
+    assert found is None or [entry["number"] for entry in found["entries"]] == list(range(1, len(after) + 1))
 
 
 def test_a_ledger_of_other_digests_is_stale() -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 from tests.validator.derive.layer.release import DIGEST, documents, leakage, paper_groups, paper_pairs
 
+from branchdrive.derive.layer.benchmark_openings import with_benchmark
 from branchdrive.derive.layer.ledger import opened
 from branchdrive.derive.layer.wording import (
+    benchmark_sentences,
     leakage_sentences,
     opening_sentence,
     percent,
@@ -15,6 +17,7 @@ from branchdrive.derive.layer.wording import (
 )
 
 OTHER = "e" * 64
+LOCKS = {"entries": [{"event": "prediction_test_opened", "lock_digest": digest} for digest in (DIGEST, OTHER)]}
 
 
 @pytest.mark.parametrize(
@@ -32,6 +35,16 @@ def test_one_opening_is_said_and_more_are_warned_of() -> None:
     twice = opened(once, split_digest=OTHER, thresholds_digest=DIGEST)
     assert "opened 2 times" in opening_sentence(twice)
     assert "no longer an untouched test set" in opening_sentence(twice)
+
+
+def test_openings_for_benchmarks_that_are_gone_are_said() -> None:
+    once = opened(None, split_digest=DIGEST, thresholds_digest=DIGEST)
+    assert benchmark_sentences(once) == []
+    ledger = with_benchmark(once, LOCKS)
+    assert ledger is not None
+    (sentence,) = benchmark_sentences(ledger)
+    assert "opened the test partition 2 times for predictions and 0 times for selections" in sentence
+    assert opening_sentence(ledger) == opening_sentence(once)
 
 
 def test_a_missed_target_is_said_plainly() -> None:

@@ -31,8 +31,9 @@ from branchdrive.derive.benchmark.lock import (
     unlocked_models,
 )
 from branchdrive.derive.benchmark.openings import EVENTS, num_openings, openings_problems, warnings
-from branchdrive.derive.benchmark.prediction_set import TABLES as PREDICTED
-from branchdrive.derive.benchmark.prediction_set import PredictionProblem, PredictionSet, prediction_problems
+from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_problem, read_protocol
 from branchdrive.derive.benchmark.ranking_result import utility_scale
 from branchdrive.derive.benchmark.results import TOLERANCE, noise_of, results_document
@@ -46,6 +47,7 @@ PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
 _KINDS = {LOCK: "prediction", RANKING_LOCK: "ranking"}
+CHECKPOINTS = "checkpoints/"
 _SEED = "seed"
 
 
@@ -146,23 +148,23 @@ def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[ReleaseCheck]:
 
 @release_rule("BD-BMK-004")
 def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """Every locked checkpoint is there with the digest of the lock."""
+    """Every locked checkpoint is there with the digest of the lock, and no other."""
     entries = _lock(view)["checkpoints"]
     if not view.digests:
         raise NotAtHandError("digests are off")
     found = _files(view)
-    yield ReleaseCheck.of(
-        len(entries),
-        [
-            Sighting(
-                f"sha256 {entry['sha256']}",
-                f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
-                {"file": f"{FOLDER}/{entry['file']}"},
-            )
-            for entry in entries
-            if found.get(entry["file"]) != entry["sha256"]
-        ],
-    )
+    sightings = [
+        Sighting(
+            f"sha256 {entry['sha256']}",
+            f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
+            {"file": f"{FOLDER}/{entry['file']}"},
+        )
+        for entry in entries
+        if found.get(entry["file"]) != entry["sha256"]
+    ]
+    stray = sorted(name for name in found.keys() - {entry["file"] for entry in entries} if name.startswith(CHECKPOINTS))
+    sightings += [Sighting("a checkpoint that the lock names", "another", {"file": f"{FOLDER}/{n}"}) for n in stray]
+    yield ReleaseCheck.of(len(entries) + len(stray), sightings)
 
 
 @release_rule("BD-BMK-005")
@@ -320,18 +322,28 @@ def _warnings(view: ReleaseView) -> list[str]:
 @release_rule("BD-BMK-013")
 def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """`TABLES.md` is the one that the results give."""
-    if TABLES_FILE in view.files and RESULTS not in view.files:
+    if TABLES_FILE not in view.files:
+        return
+    if RESULTS not in view.files:
         yield problems_found(TABLES_FILE, 1, [("", f"tables of `{RESULTS}`", "no such file")])
-    elif TABLES_FILE in view.files:
-        yield text_agrees(view, TABLES_FILE, render_tables(view.document(RESULTS)))
+        return
+    try:
+        text = render_tables(view.document(RESULTS))
+    except KeyError as error:
+        raise NotAtHandError(f"{RESULTS} has nothing for {error}, which the tables show") from error
+    yield text_agrees(view, TABLES_FILE, text)
 
 
 @release_rule("BD-BMK-014")
 def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[ReleaseCheck]:
-    """One opening for predictions and one for selections."""
-    document = view.document(OPENINGS)
-    counts = {event: num_openings(document, event) for event in EVENTS}
-    problems = [("/entries", f"one entry {event}", f"{count} entries") for event, count in counts.items() if count > 1]
+    """One opening for predictions and one for selections, those on the ledger of the release among them."""
+    document, ledger = view.document(OPENINGS), view.document(LEDGER_FILE)
+    counts = {event: num_openings(document, event, ledger) for event in EVENTS}
+    problems = [
+        ("/entries", f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
+        for event, count in counts.items()
+        if count > 1
+    ]
     yield problems_found(OPENINGS, len(counts), problems)
 
 

@@ -1,7 +1,8 @@
 """Openings: every time that outcomes of the test partition were looked at, under which lock; and what tables say of it.
 
 Looking again under the same lock gives the same results and is no other opening. Another lock after a look is: what
-was seen may have decided what was locked. The document records what writers tell it; it cannot prove.
+was seen may have decided what was locked. The document records what writers tell it; it cannot prove. Openings for
+benchmarks of the same dataset that are gone are on the release's ledger.
 
 Source: paper IV-C; spec/14-benchmark.md#openings.
 """
@@ -11,17 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from branchdrive.derive.layer.benchmark_openings import BENCHMARK_EVENTS as EVENTS
+from branchdrive.derive.layer.benchmark_openings import PREDICTION, RANKING, locks_of
 from branchdrive.derive.layer.ledger import num_test_openings
 from branchdrive.derive.layer.problem import Problem
 from branchdrive.derive.layer.wording import opening_sentence
 
 __all__ = ["CALIBRATION_READ", "EVENTS", "is_opened", "num_openings", "opened", "openings_problems", "warnings"]
-
-PREDICTION = "prediction_test_opened"
-RANKING = "ranking_test_opened"
-
-EVENTS = (PREDICTION, RANKING)
-"""What is recorded: predictions, and later selections, held against the test partition."""
 
 CALIBRATION_READ = (
     "Calibration outcomes were read under an earlier ranking lock: the premise of the guarantees, that everything else "
@@ -53,14 +50,22 @@ def opened(document: Mapping[str, Any] | None, event: str, lock_digest: str) -> 
     return {"entries": entries}
 
 
-def num_openings(document: Mapping[str, Any], event: str) -> int:
-    """How often the test partition was opened for predictions or for selections."""
-    return len(_of(document["entries"], event))
+def num_openings(document: Mapping[str, Any], event: str, ledger: Mapping[str, Any] | None = None) -> int:
+    """How often the test partition was opened for predictions or for selections, by this benchmark and before it.
+
+    Args:
+        document: ``openings.json``.
+        event: One of `EVENTS`.
+        ledger: The release's ``quality/ledger.json``, of which locks that `document` has not are counted; None
+            leaves them out.
+    """
+    locks = locks_of(document, event)
+    return len(locks) + sum(lock not in locks for lock in (locks_of(ledger, event) if ledger is not None else ()))
 
 
 def is_opened(document: Mapping[str, Any], event: str, lock_digest: str) -> bool:
     """Whether the last opening of one of `EVENTS` was under this lock."""
-    return [entry["lock_digest"] for entry in _of(document["entries"], event)][-1:] == [lock_digest]
+    return locks_of(document, event)[-1:] == [lock_digest]
 
 
 def openings_problems(
@@ -108,14 +113,14 @@ def warnings(
     """Sentences that every table of results carries; none where all is as it should be.
 
     Args:
-        document: ``openings.json``; without an entry nothing is said about openings.
+        document: ``openings.json``.
         unlocked: Models whose predictions come from no locked checkpoint.
         changed: Files of checkpoints that are not those that were locked.
         ledger: The release's ``quality/ledger.json``; None leaves its openings out.
     """
-    found = []
+    found: list[str] = []
     for event, subject in _SUBJECTS.items():
-        count = num_openings(document, event)
+        count = num_openings(document, event, ledger)
         if count > 1:
             found.append(
                 f"The test partition was opened {count} times for {subject}, under different locks: it is no longer an "

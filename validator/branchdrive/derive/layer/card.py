@@ -20,6 +20,7 @@ from branchdrive.derive.layer.ledger import num_test_openings
 from branchdrive.derive.layer.wording import (
     PARTITION_TITLES,
     UNITS,
+    benchmark_sentences,
     leakage_sentences,
     opening_sentence,
     percent,
@@ -77,6 +78,8 @@ def _head(descriptor: Descriptor, population: Document, ledger: Document, leakag
     lines = [f"# {_plain(descriptor.title)}"]
     if num_test_openings(ledger) > 1:
         lines += ["", f"> **Warning.** {opening_sentence(ledger)}"]
+    for sentence in benchmark_sentences(ledger):
+        lines += ["", f"> **Warning.** {sentence}"]
     for sentence in population_sentences(population):
         lines += ["", f"> **Note.** {sentence}"]
     if leakage is not None and leakage["gate"]["verdict"] == "fail":
@@ -216,6 +219,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
         "",
         *(f"On the test partition {sentence}" for sentence in target_sentences(retention)),
         opening_sentence(ledger),
+        *benchmark_sentences(ledger),
     ]
 
 

@@ -2,7 +2,8 @@
 
 A round fixes thresholds on training groups, evaluates validation and only then opens the test partition, all
 under one split and one document of thresholds. Building the same release again opens nothing new; other
-digests after a look at the test partition are another opening, which a reader is told.
+digests after a look at the test partition are another opening, which a reader is told. Openings for a benchmark
+that is gone stand between the rounds, or after them, and are no part of one.
 
 Source: paper V-B (sealed test evaluation); spec/11-fidelity.md#ledger.
 """
@@ -13,6 +14,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from branchdrive.derive.layer.benchmark_openings import BENCHMARK_EVENTS
 from branchdrive.derive.layer.problem import Problem
 
 __all__ = ["EVENTS", "ledger_problems", "num_test_openings", "opened", "recorded"]
@@ -60,8 +62,8 @@ def recorded(
         raise ValueError(f"event {event!r}, not one of {_ORDER}")
     entries = list((ledger or {"entries": []})["entries"])
     digests = {"split_digest": split_digest, "thresholds_digest": thresholds_digest}
-    current = bool(entries) and _digests(entries[-1]) == digests
-    step = _ORDER.index(entries[-1]["event"]) if current else -1
+    last = next((entry for entry in reversed(entries) if entry["event"] in EVENTS), None)
+    step = _ORDER.index(last["event"]) if last is not None and _digests(last) == digests else -1
     place = _ORDER.index(event)
     if place <= step:
         return {"entries": entries}
@@ -100,6 +102,8 @@ def _sequence_problems(document: Mapping[str, Any]) -> list[Problem]:
         place = f"/entries/{i}"
         if entry["number"] != i + 1:
             found.append(Problem(f"{place}/number", str(i + 1), str(entry["number"])))
+        if entry["event"] in BENCHMARK_EVENTS:
+            continue
         if entry["partition"] != EVENTS[entry["event"]]:
             found.append(Problem(f"{place}/partition", EVENTS[entry["event"]], str(entry["partition"])))
         allowed = _next_events(before, entry)

@@ -10,11 +10,13 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from branchdrive.derive.layer.benchmark_openings import PREDICTION, RANKING, locks_of
 from branchdrive.derive.layer.ledger import num_test_openings
 
 __all__ = [
     "PARTITION_TITLES",
     "UNITS",
+    "benchmark_sentences",
     "leakage_sentences",
     "opening_sentence",
     "percent",
@@ -87,6 +89,18 @@ def opening_sentence(ledger: Mapping[str, Any]) -> str:
         f"The test partition was opened {openings} times, under different splits or thresholds: "
         "it is no longer an untouched test set, and results on it are optimistic."
     )
+
+
+def benchmark_sentences(ledger: Mapping[str, Any]) -> list[str]:
+    """How often benchmarks of earlier builds opened the test partition; nothing where none did."""
+    counts = [len(locks_of(ledger, event)) for event in (PREDICTION, RANKING)]
+    if not any(counts):
+        return []
+    predictions, selections = (f"{count} {'time' if count == 1 else 'times'}" for count in counts)
+    return [
+        f"Benchmarks of earlier builds opened the test partition {predictions} for predictions and {selections} for "
+        "selections: it is no longer an untouched test set for another benchmark."
+    ]
 
 
 def leakage_sentences(leakage: Mapping[str, Any] | None) -> list[str]:

@@ -1,11 +1,10 @@
-"""Defects and limits of the benchmark layer: protocol, locks, checkpoints, predictions, openings, results."""
+"""Defects and limits of the benchmark layer: protocol, locks, checkpoints, openings."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tests.validator.audit.rules.benchmark_release import (
     LOCK,
     OPENINGS,
@@ -15,26 +14,22 @@ from tests.validator.audit.rules.benchmark_release import (
     TABLES_FILE,
     BenchmarkDraft,
     checkpoint,
+    first_of,
+    identity,
 )
 from tests.validator.audit.rules.case import boundary, mutant
+from tests.validator.audit.rules.release import LEDGER
 
 from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.derive.benchmark.data import groups_digest
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
-from branchdrive.derive.benchmark.prediction_set import TABLES
-from branchdrive.derive.guard.guarantee import GUARANTEE
-from branchdrive.derive.layer.frame import concat, take
+from branchdrive.derive.layer.benchmark_openings import with_benchmark
 
 CHECKPOINT = "checkpoints/M3-seed11.safetensors"
 ENTRY = 7
 """Its place in the lock."""
 
 NOTHING = "0" * 64
-SCALARS = "benchmark/predictions.parquet"
-
-
-def first_of(d: BenchmarkDraft, partition: str) -> str:
-    return d.data.part(partition).groups[0]
 
 
 def trained_on(d: BenchmarkDraft, *more: str) -> str:
@@ -80,13 +75,7 @@ def learned_risk_of_which_a_weight_is_zero(d: BenchmarkDraft) -> None:
     d.follow("openings")
 
 
-@boundary("BD-BMK-012", "BD-BMK-013")
-def results_with_other_last_bits(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 1 + 1e-12
-    d.follow("tables")
-
-
-@boundary("BD-LAY-009", base="benchmark")
+@boundary("BD-LAY-009", "BD-BMK-004", base="benchmark")
 def figures_beside_results(d: BenchmarkDraft) -> None:
     def draw(root: Path) -> None:
         (root / "benchmark/figures").mkdir()
@@ -102,15 +91,6 @@ def figures_beside_results(d: BenchmarkDraft) -> None:
 @mutant("BD-LAY-009", at={"file": "benchmark/notes.txt"}, base="benchmark")
 def file_of_no_kind_beside_results(d: BenchmarkDraft) -> None:
     d.texts["benchmark/notes.txt"] = "notes"
-
-
-# BD-LYR-007
-
-
-@mutant("BD-LYR-007", at={"file": SCALARS, "column": "min_separation_m"}, base="benchmark")
-def prediction_that_is_no_number(d: BenchmarkDraft) -> None:
-    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "brake_0.50"}
-    d.set("predictions", "min_separation_m", float("nan"), **where)
 
 
 # BD-LYR-005
@@ -201,15 +181,14 @@ def lock_of_another_kind(d: BenchmarkDraft) -> None:
     d.follow("ranking")
 
 
-@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/kind"})
-def ranking_lock_of_another_kind(d: BenchmarkDraft) -> None:
-    d.documents[RANKING_LOCK] = dict(d.documents[LOCK])
-    d.follow("openings", keep={"results", "tables"})
-
-
-@mutant("BD-BMK-013", at={"file": TABLES_FILE})
-def tables_without_results(d: BenchmarkDraft) -> None:
-    del d.documents[RESULTS]
+@mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/release_identity"})
+def opening_taken_off_the_ledger_after_the_lock(d: BenchmarkDraft) -> None:
+    put_on_the_ledger(d)
+    d.follow("lock")
+    del d.documents[LEDGER]["entries"][-2:]
+    d.reseal("card")
+    d.warnings = []
+    d.follow("results")
 
 
 # BD-BMK-003
@@ -240,6 +219,11 @@ def checkpoint_that_is_gone(d: BenchmarkDraft) -> None:
     del d.checkpoints[CHECKPOINT]
     d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
     d.follow("results")
+
+
+@mutant("BD-BMK-004", at={"file": "benchmark/checkpoints/M3-seed5.safetensors"})
+def checkpoint_that_the_lock_does_not_name(d: BenchmarkDraft) -> None:
+    d.checkpoints["checkpoints/M3-seed5.safetensors"] = d.checkpoints[CHECKPOINT]
 
 
 # BD-BMK-005
@@ -280,56 +264,6 @@ def checkpoint_with_a_rest_behind_its_tensors(d: BenchmarkDraft) -> None:
     d.follow("lock")
 
 
-# BD-BMK-007
-
-
-@mutant("BD-BMK-007", at={"file": SCALARS, "model": "M3", "seed": 23, "action_key": "brake_0.50"})
-def prediction_without_a_candidate(d: BenchmarkDraft) -> None:
-    d.drop("predictions", model="M3", seed=23, group_id=first_of(d, "test"), action_key="brake_0.50")
-
-
-@mutant("BD-BMK-007", at={"file": "benchmark/predicted_trajectories.parquet", "step": 4})
-def predicted_trajectory_without_a_step(d: BenchmarkDraft) -> None:
-    where = {"model": "M1", "seed": 11, "group_id": first_of(d, "val"), "action_key": "nominal", "step": 4}
-    d.drop("predicted_trajectories", **where)
-
-
-@mutant("BD-BMK-007", at={"file": SCALARS, "model": "M0"}, findings=2)
-def prediction_of_a_training_group(d: BenchmarkDraft) -> None:
-    for name in TABLES:
-        rows = d.frame(name)
-        wanted = (rows["model"] == "M0") & (rows["group_id"] == first_of(d, "test"))
-        more = take(rows, wanted)
-        more["group_id"] = np.full(int(wanted.sum()), first_of(d, "train"), object)
-        d.put(name, concat([rows, more]))
-
-
-# BD-BMK-008
-
-
-@mutant("BD-BMK-008", at={"file": SCALARS, "model": "M2"})
-def declared_seed_that_does_not_predict(d: BenchmarkDraft) -> None:
-    for name in TABLES:
-        d.drop(name, model="M2", seed=37)
-    d.follow("ranking")
-
-
-# BD-BMK-009
-
-
-@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/utility_scale/q05/0"})
-def utility_scaled_by_other_quantiles(d: BenchmarkDraft) -> None:
-    d.documents[RANKING_LOCK]["utility_scale"]["q05"][0] -= 1
-    d.follow("openings", keep={"results", "tables"})
-
-
-@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/predictions_digest"})
-def prediction_changed_after_the_ranking_lock(d: BenchmarkDraft) -> None:
-    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "nominal"}
-    d.set("predictions", "displacement_m", lambda value: value + 1, **where)
-    d.follow("results")
-
-
 # BD-BMK-010
 
 
@@ -363,55 +297,6 @@ def opening_that_is_not_recorded(d: BenchmarkDraft) -> None:
     d.documents[OPENINGS]["entries"].pop()
 
 
-# BD-BMK-012
-
-
-@mutant("BD-BMK-012", at={"file": RESULTS})
-def better_metric_than_predicted(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 0.99
-    d.follow("tables")
-
-
-@mutant("BD-BMK-012", at={"file": RESULTS})
-def smaller_p_value_than_the_family_has(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["ranking"]["families"][0]["members"][0]["p_holm"] = 0.001
-    d.follow("tables")
-
-
-@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/prediction/comparisons/0/p_clusters"})
-def smaller_p_value_by_clusters(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["prediction"]["comparisons"][0]["p_clusters"] -= 1e-3
-    d.follow("tables")
-
-
-@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/intervals/value/cluster_low"})
-def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["intervals"]["value"]["cluster_low"] += 1e-6
-    d.follow("tables")
-
-
-@mutant("BD-BMK-012", at={"file": RESULTS})
-def guarantee_of_a_guard_that_was_not_judged(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["guard"]["guarantee"]["conformal"] = GUARANTEE
-    d.follow("tables")
-
-
-@mutant("BD-BMK-012", at={"file": RESULTS})
-def fewer_repeats_that_lose_than_were_locked(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["noise"]["losses"]["num_repeats_losing"] -= 1
-    d.follow("tables")
-
-
-# BD-BMK-013
-
-
-@mutant("BD-BMK-013", at={"file": TABLES_FILE})
-def tables_that_flatter(d: BenchmarkDraft) -> None:
-    text = d.texts[TABLES_FILE]
-    line = next(line for line in text.split("\n") if line.startswith("| M3 "))
-    d.texts[TABLES_FILE] = text.replace(line, line.replace("0.", "0.0", 1), 1)
-
-
 # BD-BMK-014
 
 
@@ -423,16 +308,23 @@ def test_opened_twice(d: BenchmarkDraft) -> None:
     d.follow("results")
 
 
-# BD-BMK-015
+def put_on_the_ledger(d: BenchmarkDraft) -> None:
+    """Openings of a benchmark that is gone, in a release that was locked after it."""
+    gone = opened(opened(None, EVENTS[0], NOTHING), EVENTS[1], NOTHING)
+    d.documents[LEDGER] = with_benchmark(d.documents[LEDGER], gone)
+    d.reseal("card")
+    d.documents[LOCK]["release_identity"] = identity(d)
+    d.warnings = warnings(d.documents[OPENINGS], ledger=d.documents[LEDGER])
 
 
-@mutant("BD-BMK-015", at={"file": SCALARS, "model": "theirs"})
-def predictions_that_nobody_locked(d: BenchmarkDraft) -> None:
-    for name in TABLES:
-        rows = d.frame(name)
-        is_test = np.isin(rows["group_id"].astype(str), d.data.part("test").groups)
-        more = take(rows, is_test & (rows["model"] == "M3") & (rows["seed"] == 11))
-        more["model"] = np.full(len(more["model"]), "theirs", object)
-        d.put(name, concat([rows, more]))
-    d.warnings = warnings(d.documents[OPENINGS], unlocked=["theirs"])
-    d.follow("ranking")
+@mutant("BD-BMK-014", at={"file": OPENINGS}, findings=2)
+def test_opened_by_a_benchmark_that_is_gone(d: BenchmarkDraft) -> None:
+    put_on_the_ledger(d)
+    d.follow("lock")
+
+
+@boundary("BD-BMK-002", "BD-BMK-014", "BD-FID-010", "BD-FID-012", "BD-REL-003", base="benchmark")
+def benchmark_after_another_that_is_not_evaluated_yet(d: BenchmarkDraft) -> None:
+    put_on_the_ledger(d)
+    d.follow("lock", keep={"results", "tables"})
+    benchmark_that_is_not_evaluated_yet(d)
