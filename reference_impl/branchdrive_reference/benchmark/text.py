@@ -12,7 +12,7 @@ from rich.text import Text
 
 from branchdrive.audit.finding import printable
 from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
-from branchdrive.derive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
+from branchdrive.derive.benchmark.table.comparison import comparison_notes
 from branchdrive.derive.metric.sign_flip import p_text
 
 __all__ = ["render_results"]
@@ -123,7 +123,7 @@ def _comparisons(section: Mapping[str, Any]) -> tuple[list[str], list[list[str]]
             ],
         ]
     sizes = ", ".join(f"{_short(f)} {f['num_evaluated']} of {f['num_declared']}" for f in families)
-    note = JUDGED_BY_CLUSTERS
+    note = " ".join(comparison_notes(section))
     if families:
         note += f" Evaluated tests of each family: {sizes}; the others count with p = 1."
     header = ["comparison", "difference", "by", "N", "95 %", "p", *(f"Holm {_short(family)}" for family in families)]

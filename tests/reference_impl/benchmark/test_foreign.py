@@ -51,6 +51,13 @@ def test_perfect_predictions_have_no_error_and_a_warning(done: Path, columns: Co
     errors = {row["metric"]: row["value"] for row in results["prediction"]["estimates"] if row["model"] == "Mine"}
     assert errors["macro_nmae"] == errors["ade_m"] == 0
     assert [model["id"] for model in results["models"] if not model["declared"]] == ["Mine"]
+    found = {row["name"]: row for row in results["prediction"]["comparisons"]}
+    m3 = next(row for row in results["prediction"]["estimates"] if (row["model"], row["metric"]) == ("M3", "ade_m"))
+    assert found["Mine-M3.ade_m"]["difference"] == pytest.approx(-m3["value"])
+    assert found["Mine-M3.macro_nmae"]["difference"] < 0
+    selected = [row["name"] for row in results["ranking"]["comparisons"] if row["name"].startswith("O-Mine-O-M3.")]
+    assert len(selected) == 2 * len(results["ranking"]["profiles"])
+    assert "Tests in no family, of models that the protocol does not declare, explore" in said
     value = {row["selector"]: row["value"] for row in results["ranking"]["profiles"][0]["entries"]}
     assert value["O-Mine"] == pytest.approx(value["oracle"])
     assert (output / "TABLES.md").read_text().count("Predictions of Mine come from no locked checkpoint.") > 10

@@ -12,6 +12,7 @@ from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.number import number, numbers
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, DeclaredFamily, Member
+from branchdrive.derive.benchmark.undeclared import undeclared_predictions
 from branchdrive.derive.metric.family import Adjusted, adjust
 from branchdrive.derive.metric.scale import Scale, target_scale
 from branchdrive.derive.metric.table import Comparison, Contrast, Estimate, Interval, statistics
@@ -35,7 +36,7 @@ def prediction_results(
     part = data.part(protocol.partitions.report)
     judged = predictions.of(protocol.partitions.report)
     families = protocol.of_kind("prediction")
-    members = evaluated_members(families, judged)
+    members = [*evaluated_members(families, judged), *undeclared_predictions(protocol, judged)]
     found = statistics(
         part.groups,
         part.clusters,

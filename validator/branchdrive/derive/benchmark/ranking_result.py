@@ -25,6 +25,7 @@ from branchdrive.derive.benchmark.prediction_result import (
 )
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, Member
+from branchdrive.derive.benchmark.undeclared import undeclared_rankings
 from branchdrive.derive.guard.figure import Terms, figures
 from branchdrive.derive.metric.bootstrap import Design, counted_mean, design, ratio_of_sums
 from branchdrive.derive.metric.interval import Intervals, intervals
@@ -82,6 +83,7 @@ def ranking_results(
     # Every profile ranks the same selectors.
     names = set(next(iter(rankings.values())).entries) if rankings else set()
     members = [member for member in evaluated_members(families, names) if member.profile in rankings]
+    members += undeclared_rankings(protocol, predictions.of(protocol.partitions.report), rankings)
     differences = [_difference(rankings, member) for member in members]
     comparisons = compare(
         [member.name for member in members],

@@ -5,13 +5,24 @@ from __future__ import annotations
 from branchdrive.derive.benchmark.table.markdown import BCA, BY_CLUSTERS, NONE, Document, Rows, ends_of, number
 from branchdrive.derive.metric.sign_flip import p_text
 
-__all__ = ["JUDGED_BY_CLUSTERS", "comparisons"]
+__all__ = ["JUDGED_BY_CLUSTERS", "UNADJUSTED", "comparison_notes", "comparisons"]
 
 JUDGED_BY_CLUSTERS = (
     "Claims are judged by route clusters: groups of one cluster are alike, so that tests and intervals by groups are "
     "too sure of themselves. Those by groups stand for parity with the paper."
 )
 """Below every table of comparisons."""
+
+UNADJUSTED = (
+    "Tests in no family, of models that the protocol does not declare, explore: nothing adjusts their p-values."
+)
+
+
+def comparison_notes(section: Document) -> list[str]:
+    """What stands below a table of comparisons; nothing below an empty one."""
+    names = {found["name"] for found in section["comparisons"]}
+    declared = {member["name"] for family in section["families"] for member in family["members"]}
+    return [*([JUDGED_BY_CLUSTERS] if names else []), *([UNADJUSTED] if names - declared else [])]
 
 
 def comparisons(section: Document) -> tuple[list[str], Rows, list[str], int]:
@@ -48,7 +59,7 @@ def comparisons(section: Document) -> tuple[list[str], Rows, list[str], int]:
         ]
     header = ["Comparison", "Difference", "By", "N", "Percentile", "BCa", "p"]
     header += [*(f"p Holm, {f['name']}" for f in families), "p studentised", "Correlation within clusters"]
-    notes = [JUDGED_BY_CLUSTERS] if rows else []
+    notes = comparison_notes(section)
     notes += [
         f"Family `{family['name']}`: {family['num_evaluated']} of {family['num_declared']} declared tests were "
         "evaluated; the others count with p = 1, so that adjusted p-values are upper bounds."

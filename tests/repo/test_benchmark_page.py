@@ -1,0 +1,98 @@
+"""The page on the benchmark shows commands that exist, explains every option, and names files and bounds as they are."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import shlex
+from types import ModuleType
+
+import pytest
+from tests.repo.checkout import ROOT
+
+from branchdrive.cli import build, validate
+from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
+from branchdrive.derive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
+from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
+from branchdrive_reference.benchmark.figure import gallery
+from branchdrive_reference.collect import command as collect
+
+PAGE = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
+LINES = [
+    shlex.split(line) for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S) for line in block.splitlines() if line
+]
+COMMANDS: dict[str, ModuleType] = {
+    "train": train, "lock": lock, "predict": predict, "evaluate": evaluate, "export": export, "benchmark": benchmark,
+}  # fmt: skip
+OTHERS: dict[str, ModuleType] = {"collect": collect, "build": build, "branchdrive-validate": validate}
+
+
+def parser_of(command: ModuleType) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return parser
+
+
+def options_of(command: ModuleType) -> set[str]:
+    found = {option for action in parser_of(command)._actions for option in action.option_strings}
+    return found - {"-h", "--help"}
+
+
+@pytest.mark.parametrize("words", LINES, ids=" ".join)
+def test_commands_parse(words: list[str]) -> None:
+    name, *arguments = words[1:] if words[0] == "branchdrive" else words
+    parser_of((COMMANDS | OTHERS)[name]).parse_args(arguments)
+
+
+def test_every_command_is_shown_and_has_its_line() -> None:
+    assert {words[1] for words in LINES if words[0] == "branchdrive"} >= set(COMMANDS)
+    assert re.findall(r"^\| `branchdrive ([a-z]+)` \|", PAGE, re.M) == list(COMMANDS)
+
+
+def test_every_option_is_explained_for_its_commands() -> None:
+    rows = re.findall(r"^\| `(--[a-z-]+)[^`]*` \| (.*?) \|", PAGE, re.M)
+    stated = {option: set(re.findall(r"`([a-z]+)`", commands)) for option, commands in rows}
+    assert len(stated) == len(rows)
+    wanted: dict[str, set[str]] = {}
+    for name, command in COMMANDS.items():
+        for option in options_of(command):
+            wanted.setdefault(option, set()).add(name)
+    assert stated == wanted
+
+
+def test_the_columns_of_predictions_are_those_that_are_read() -> None:
+    table = PAGE.split("## Predictions of others")[1].split("Every value is there")[0]
+    columns = [name for row in re.findall(r"^\| (`.*?`) \|", table, re.M) for name in re.findall(r"`([a-z_0-9]+)`", row)]
+    assert columns == ["group_id", "action_key", "seed", *(target.name for target in TARGETS), *TRAJECTORY]
+
+
+def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
+    models = default_protocol().models
+    assert re.findall(r"^\| (M[0-9]) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [model.id for model in models]
+    for model in models[1:]:
+        assert f"| {', '.join(map(str, model.seeds))} |" in PAGE
+    assert f"more than {MAX_MEMBERS} tests in all families, and more than {MAX_OWNERS} seeds" in PAGE
+    guard = default_protocol().guard
+    assert f"fewer than {guard.min_groups} groups or {guard.min_clusters} route clusters" in PAGE
+    assert f"more than {guard.tolerance_m} m below that of nominal; the rate it promises is at most {guard.alpha}" in PAGE
+
+
+def test_the_sentence_on_openings_is_the_one_that_tables_carry() -> None:
+    twice = opened(opened(None, EVENTS[0], "a" * 64), EVENTS[0], "b" * 64)
+    (block,) = re.findall(r"```text\n(.*?)```", PAGE, re.S)
+    assert warnings(twice) == [" ".join(block.split())]
+
+
+def test_the_figures_are_named() -> None:
+    stated = re.search(r"The figures are (.*?), each as PNG and SVG", PAGE)
+    assert stated is not None
+    assert set(re.findall(r"`([a-z_]+)`", stated[1])) == set(re.findall(r'draws\["([a-z_]+)"\]', inspect.getsource(gallery)))
+
+
+def test_the_rules_need_no_raw_layer() -> None:
+    rules = [info for info in CATALOGUE.values() if info.id.startswith("BD-BMK")]
+    assert rules and not any(info.needs_raw for info in rules)
+    assert "The rules BD-BMK need no raw layer." in PAGE
