@@ -2,6 +2,7 @@
 
 from branchdrive.audit.rules import (
     benchmark,
+    benchmark_results,
     canonical,
     controls,
     documents,
@@ -28,6 +29,7 @@ from branchdrive.audit.rules import (
 
 __all__ = [
     "benchmark",
+    "benchmark_results",
     "canonical",
     "controls",
     "documents",

@@ -1,0 +1,123 @@
+"""The benchmark layer as its rules see it: documents, locks, predictions and what they are judged on.
+
+Everything is read once for a dataset: `ReleaseView.once` keeps what a function here gives.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+from branchdrive.audit.check import ReleaseCheck
+from branchdrive.audit.release.compare import problems_found
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.derive.benchmark.data import TABLES, BenchmarkData
+from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
+from branchdrive.derive.benchmark.prediction_set import PredictionSet
+from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, read_protocol
+from branchdrive.errors import DatasetError
+
+__all__ = [
+    "CHECKPOINTS", "FOLDER", "LOCK", "OPENINGS", "PROTOCOL", "RANKING_LOCK", "RESULTS", "TABLES_FILE", "data_of",
+    "digest_of", "layer_files", "lock_of", "lock_of_kind", "other_kind", "predictions_of", "problems_of", "protocol_of",
+    "ranking_lock_of",
+]  # fmt: skip
+
+FOLDER = "benchmark"
+PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
+    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
+)
+TABLES_FILE = f"{FOLDER}/TABLES.md"
+_KINDS = {LOCK: "prediction", RANKING_LOCK: "ranking"}
+CHECKPOINTS = "checkpoints/"
+
+
+def protocol_of(view: ReleaseView) -> BenchmarkProtocol:
+    """The protocol of the layer.
+
+    Raises:
+        NotAtHandError: It cannot be read.
+    """
+    try:
+        return read_protocol(view.document(PROTOCOL))
+    except DatasetError as error:
+        raise NotAtHandError(f"{PROTOCOL}: {error}") from error
+
+
+def data_of(view: ReleaseView) -> BenchmarkData:
+    """What the benchmark is judged on.
+
+    Raises:
+        NotAtHandError: The model layer cannot be packed.
+    """
+    try:
+        return BenchmarkData.of({name: view.frame(name) for name in TABLES}, view.descriptor.action_bank)
+    except DatasetError as error:
+        raise NotAtHandError(f"the model layer cannot be packed: {error}") from error
+
+
+def lock_of(view: ReleaseView) -> Mapping[str, Any]:
+    """The prediction lock.
+
+    Raises:
+        NotAtHandError: It is a lock of another kind.
+    """
+    return lock_of_kind(view, LOCK)
+
+
+def ranking_lock_of(view: ReleaseView) -> Mapping[str, Any] | None:
+    """The ranking lock; ``None`` where the layer has none and claims nothing."""
+    return lock_of_kind(view, RANKING_LOCK) if RANKING_LOCK in view.files else None
+
+
+def lock_of_kind(view: ReleaseView, path: str) -> Mapping[str, Any]:
+    """A lock, if it is of the kind that its place takes.
+
+    Raises:
+        NotAtHandError: It is not.
+    """
+    if other_kind(view, path) is not None:
+        raise NotAtHandError(f"{path} is a lock of another kind")
+    document: Mapping[str, Any] = view.document(path)
+    return document
+
+
+def other_kind(view: ReleaseView, path: str) -> ReleaseCheck | None:
+    """What is wrong with a lock of another kind than its place takes; ``None`` for the right one."""
+    found = view.document(path)["kind"]
+    return None if found == _KINDS[path] else problems_found(path, 1, [("/kind", _KINDS[path], found)])
+
+
+def digest_of(view: ReleaseView, path: str) -> str:
+    """SHA-256 of a document's stored bytes."""
+    view.document(path)
+    return hashlib.sha256(view.contents[path]).hexdigest()
+
+
+def _frames(view: ReleaseView) -> dict[str, Any]:
+    return {name: view.frame(name) for name in PREDICTED}
+
+
+def problems_of(view: ReleaseView) -> list[PredictionProblem]:
+    """What is wrong with predictions."""
+    return prediction_problems(_frames(view), view.once(data_of), view.once(protocol_of))
+
+
+def predictions_of(view: ReleaseView) -> PredictionSet:
+    """The predictions.
+
+    Raises:
+        NotAtHandError: They are not complete.
+    """
+    try:
+        return PredictionSet.from_frames(_frames(view), view.once(data_of))
+    except DatasetError as error:
+        raise NotAtHandError(f"predictions are not complete: {error}") from error
+
+
+def layer_files(view: ReleaseView) -> dict[str, str]:
+    """Digests of the checkpoints that are there, by their name in the lock."""
+    prefix = f"{FOLDER}/"
+    return {path.removeprefix(prefix): d for path, d in view.digests.items() if path.startswith(prefix)}

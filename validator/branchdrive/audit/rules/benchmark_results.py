@@ -1,0 +1,167 @@
+"""Benchmark rules on what follows: predictions, ranking lock, results and tables.
+
+Source: paper IV to VI; spec/14-benchmark.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from branchdrive.audit.check import ReleaseCheck, release_rule
+from branchdrive.audit.finding import Sighting
+from branchdrive.audit.release.benchmark_view import (
+    LOCK,
+    OPENINGS,
+    RANKING_LOCK,
+    RESULTS,
+    TABLES_FILE,
+    data_of,
+    digest_of,
+    layer_files,
+    lock_of,
+    lock_of_kind,
+    other_kind,
+    predictions_of,
+    problems_of,
+    protocol_of,
+    ranking_lock_of,
+)
+from branchdrive.audit.release.compare import problems_found
+from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.rules.release import text_agrees
+from branchdrive.contract.layer import table_path
+from branchdrive.dataset.layout import LEDGER_FILE
+from branchdrive.derive.benchmark.lock import (
+    changed_checkpoints,
+    ranking_lock_problems,
+    risk_fit_of,
+    unlocked_models,
+)
+from branchdrive.derive.benchmark.openings import warnings
+from branchdrive.derive.benchmark.prediction_problem import PredictionProblem
+from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
+from branchdrive.derive.benchmark.ranking_result import utility_scale
+from branchdrive.derive.benchmark.results import TOLERANCE, noise_of, results_document
+from branchdrive.derive.benchmark.tables import render_tables
+from branchdrive.derive.layer.comparison import document_problems
+from branchdrive.errors import DatasetError
+
+_SEED = "seed"
+
+
+@release_rule("BD-BMK-007")
+def predictions_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Every model predicts whole banks of the partitions that it must, and nothing beside them."""
+    problems = [problem for problem in view.once(problems_of) if problem.kind not in (_SEED, "number")]
+    yield ReleaseCheck.of(sum(len(view.tables[name]) for name in PREDICTED), map(_sighting, problems))
+
+
+@release_rule("BD-BMK-008")
+def every_declared_seed_predicts(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """A declared model has predictions of its declared seeds, and of no other."""
+    problems = [problem for problem in view.once(problems_of) if problem.kind == _SEED]
+    yield ReleaseCheck.of(len(view.once(protocol_of).models), map(_sighting, problems))
+
+
+def _sighting(problem: PredictionProblem) -> Sighting:
+    place = {"file": table_path(problem.table), "table": problem.table, **problem.place}
+    return Sighting(problem.expected, problem.found, place)
+
+
+@release_rule("BD-BMK-009")
+def ranking_lock_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """The ranking lock names the prediction lock, the predictions, and the scale of utility of training."""
+    if RANKING_LOCK not in view.files:
+        return
+    if (other := other_kind(view, RANKING_LOCK)) is not None:
+        yield other
+        return
+    document, data = lock_of_kind(view, RANKING_LOCK), view.once(data_of)
+    try:
+        problems = ranking_lock_problems(
+            document,
+            prediction_lock_digest=digest_of(view, LOCK),
+            predictions_digest=view.once(predictions_of).digest(data),
+            scale=utility_scale(view.once(protocol_of), data),
+        )
+    except DatasetError as error:
+        raise NotAtHandError(str(error)) from error
+    yield problems_found(RANKING_LOCK, 3, problems)
+
+
+@release_rule("BD-BMK-010")
+def learned_risk_is_sound(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Weights of the learned risk are in range, and none lets risk rise with predicted separation."""
+    if (document := ranking_lock_of(view)) is None or document["risk_fit"] is None:
+        return
+    try:
+        risk_fit = risk_fit_of(document)
+    except DatasetError as error:
+        yield problems_found(RANKING_LOCK, 1, [("/risk_fit", "a learned risk", str(error))])
+        return
+    expected = {"tolerance_m": view.once(protocol_of).guard.tolerance_m}
+    yield problems_found(
+        RANKING_LOCK,
+        1,
+        [
+            (f"/risk_fit/{name}", f"{value:g}, as the protocol has it", f"{getattr(risk_fit, name):g}")
+            for name, value in expected.items()
+            if getattr(risk_fit, name) != value
+        ],
+    )
+
+
+@release_rule("BD-BMK-012")
+def results_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """Metrics, tests, rankings, guards and warnings follow from predictions, the model layer and the locks."""
+    if RESULTS not in view.files:
+        return
+    found, ranking = view.document(RESULTS), ranking_lock_of(view)
+    try:
+        risk_fit = risk_fit_of(ranking)
+    except DatasetError as error:
+        raise NotAtHandError(str(error)) from error
+    noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
+    protocol, data, predictions = view.once(protocol_of), view.once(data_of), view.once(predictions_of)
+    try:
+        expected = results_document(protocol, data, predictions, risk_fit, noise, warnings=_warnings(view))
+    except (DatasetError, ValueError) as error:
+        yield problems_found(RESULTS, 1, [("", "results that can be computed", f"none: {error}")])
+        return
+    yield problems_found(RESULTS, 1, document_problems(expected, found, tolerance=TOLERANCE))
+
+
+def _unlocked(view: ReleaseView) -> list[str]:
+    return unlocked_models(lock_of(view), view.once(predictions_of))
+
+
+def _warnings(view: ReleaseView) -> list[str]:
+    changed = changed_checkpoints(lock_of(view), layer_files(view)) if view.digests else ()
+    return warnings(
+        view.document(OPENINGS), unlocked=_unlocked(view), changed=changed, ledger=view.document(LEDGER_FILE)
+    )
+
+
+@release_rule("BD-BMK-013")
+def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """`TABLES.md` is the one that the results give."""
+    if TABLES_FILE not in view.files:
+        return
+    if RESULTS not in view.files:
+        yield problems_found(TABLES_FILE, 1, [("", f"tables of `{RESULTS}`", "no such file")])
+        return
+    try:
+        text = render_tables(view.document(RESULTS))
+    except KeyError as error:
+        raise NotAtHandError(f"{RESULTS} has nothing for {error}, which the tables show") from error
+    yield text_agrees(view, TABLES_FILE, text)
+
+
+@release_rule("BD-BMK-015")
+def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[ReleaseCheck]:
+    """No model predicts whose checkpoint was not locked."""
+    file: dict[str, str | int] = {"file": table_path("predictions"), "table": "predictions"}
+    yield ReleaseCheck.of(
+        len(view.once(predictions_of).models),
+        [Sighting("a locked checkpoint of every seed", "none", {**file, "model": name}) for name in _unlocked(view)],
+    )
