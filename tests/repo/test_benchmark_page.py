@@ -1,4 +1,4 @@
-"""The page on the benchmark shows commands that exist, explains every option, and names files and bounds as they are."""
+"""The page on the benchmark shows commands that exist, explains every option, and names files and bounds."""
 
 from __future__ import annotations
 
@@ -65,19 +65,25 @@ def test_every_option_is_explained_for_its_commands() -> None:
 
 def test_the_columns_of_predictions_are_those_that_are_read() -> None:
     table = PAGE.split("## Predictions of others")[1].split("Every value is there")[0]
-    columns = [name for row in re.findall(r"^\| (`.*?`) \|", table, re.M) for name in re.findall(r"`([a-z_0-9]+)`", row)]
+    columns = [
+        name for row in re.findall(r"^\| (`.*?`) \|", table, re.M) for name in re.findall(r"`([a-z_0-9]+)`", row)
+    ]
     assert columns == ["group_id", "action_key", "seed", *(target.name for target in TARGETS), *TRAJECTORY]
 
 
 def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
     models = default_protocol().models
-    assert re.findall(r"^\| (M[0-9]) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [model.id for model in models]
+    assert re.findall(r"^\| (M[0-9]) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [
+        model.id for model in models
+    ]
     for model in models[1:]:
         assert f"| {', '.join(map(str, model.seeds))} |" in PAGE
     assert f"more than {MAX_MEMBERS} tests in all families, and more than {MAX_OWNERS} seeds" in PAGE
     guard = default_protocol().guard
     assert f"fewer than {guard.min_groups} groups or {guard.min_clusters} route clusters" in PAGE
-    assert f"more than {guard.tolerance_m} m below that of nominal; the rate it promises is at most {guard.alpha}" in PAGE
+    assert (
+        f"more than {guard.tolerance_m} m below that of nominal; the rate it promises is at most {guard.alpha}" in PAGE
+    )
 
 
 def test_the_sentence_on_openings_is_the_one_that_tables_carry() -> None:
@@ -89,7 +95,9 @@ def test_the_sentence_on_openings_is_the_one_that_tables_carry() -> None:
 def test_the_figures_are_named() -> None:
     stated = re.search(r"The figures are (.*?), each as PNG and SVG", PAGE)
     assert stated is not None
-    assert set(re.findall(r"`([a-z_]+)`", stated[1])) == set(re.findall(r'draws\["([a-z_]+)"\]', inspect.getsource(gallery)))
+    assert set(re.findall(r"`([a-z_]+)`", stated[1])) == set(
+        re.findall(r'draws\["([a-z_]+)"\]', inspect.getsource(gallery))
+    )
 
 
 def test_the_rules_need_no_raw_layer() -> None:

@@ -10,10 +10,11 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import PROTOCOL, Workspace
 from branchdrive_reference.learning.configuration import Configuration
 
-__all__ = ["choose_protocol", "read_protocol_file", "stored_document"]
+__all__ = ["choose_protocol", "published_protocol", "read_protocol_file", "stored_document"]
 
 
 def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> BenchmarkProtocol:
@@ -28,7 +29,9 @@ def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> B
         UsageError: The file holds no protocol, or one with a model that this software cannot train.
         DatasetError: The stored one cannot be read.
     """
-    protocol = _stored_protocol(workspace) if file is None else read_protocol_file(file)
+    protocol = (
+        _protocol(workspace.release, stored_document(workspace, PROTOCOL)) if file is None else read_protocol_file(file)
+    )
     if file is not None and workspace.read(PROTOCOL) != dump_json(protocol.document):
         _check_models(file, protocol)
     if keep and workspace.read(PROTOCOL) != dump_json(protocol.document):
@@ -36,12 +39,20 @@ def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> B
     return protocol
 
 
-def _stored_protocol(workspace: Workspace) -> BenchmarkProtocol:
-    stored = stored_document(workspace, PROTOCOL)
+def published_protocol(release: Release) -> BenchmarkProtocol:
+    """The published protocol, else the default one.
+
+    Raises:
+        DatasetError: It cannot be read.
+    """
+    return _protocol(release, release.document(PROTOCOL))
+
+
+def _protocol(release: Release, stored: Any | None) -> BenchmarkProtocol:
     try:
         return default_protocol() if stored is None else read_protocol(stored)
     except DatasetError as error:
-        raise DatasetError(f"{workspace.release.root}: {PROTOCOL!r}: {error}") from error
+        raise DatasetError(f"{release.root}: {PROTOCOL!r}: {error}") from error
 
 
 def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:

@@ -33,7 +33,6 @@ from branchdrive.derive.benchmark.results import results_document
 from branchdrive.derive.benchmark.tables import render_tables
 from branchdrive.derive.guard.outcome_noise import OutcomeNoise
 from branchdrive.derive.guard.risk_fit import RiskFit
-from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
@@ -68,7 +67,7 @@ def evaluate_published(
     """Evaluate the published predictions, and publish results, tables and figures beside them.
 
     Raises:
-        UsageError: Nothing is predicted, or the extra for figures is not installed.
+        UsageError: Nothing is predicted.
         DatasetError: Predictions or locks cannot be read, or are not those of this release and protocol.
     """
     release = workspace.release
@@ -129,7 +128,8 @@ def evaluate_foreign(
     if unopened is None:
         predictions = published_predictions(release, protocol, data).joined(found)
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    unlocked = predictions.models if lock is None else unlocked_models(lock, predictions)
+    published = () if lock is None or unopened is not None else unlocked_models(lock, predictions)
+    unlocked = sorted({*found.models, *published})
     said = warnings(openings, unlocked=unlocked, changed=changed, ledger=release.document(LEDGER_FILE))
     said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
@@ -151,20 +151,12 @@ def _unopened(
 def presented(
     release: Release, protocol: BenchmarkProtocol, results: dict[str, Any], *, with_figures: bool
 ) -> dict[str, bytes]:
-    """Results as files by path in the benchmark layer.
-
-    Raises:
-        UsageError: The extra for figures is not installed.
-    """
+    """Results as files by path in the benchmark layer; figures take the extra `plots`."""
     files = {"results.json": dump_json(results), "TABLES.md": render_tables(results).encode()}
     if not with_figures:
         return files
-    try:
-        from branchdrive_reference.benchmark.figure.gallery import figures
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"figures need the package {error.name!r}: pip install 'branchdrive[plots]', or use `--no-figures`"
-        ) from error
+    from branchdrive_reference.benchmark.figure.gallery import figures
+
     drawn = figures(
         results,
         alpha=protocol.guard.alpha,

@@ -60,17 +60,17 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
     except (DatasetError, DecodeError) as error:
         raise DatasetError(f"{path}: {error}") from error
     for problem in prediction_problems(frames, data, protocol):
-        if problem.place.get("model") == name and (problem.kind != "seed"):
+        if problem.kind == "owners" or (problem.place.get("model") == name and problem.kind != "seed"):
             raise DatasetError(f"{path}: {problem}")
     return PredictionSet.from_frames(frames, data)
 
 
 def _frames(table: pa.Table, name: str) -> dict[str, dict[str, Values]]:
     wanted = (*_TEXT, *_SCALARS, *TRAJECTORY)
-    for name in (name for name in wanted if name not in table.column_names):
-        raise DatasetError(f"has no column {name!r}")
-    for name in (name for name in table.column_names if name not in (*wanted, _SEED)):
-        raise DatasetError(f"has an unknown column {name!r}; leave it out")
+    for column in (column for column in wanted if column not in table.column_names):
+        raise DatasetError(f"has no column {column!r}")
+    for column in (column for column in table.column_names if column not in (*wanted, _SEED)):
+        raise DatasetError(f"has an unknown column {column!r}; leave it out")
     if not table.num_rows:
         raise DatasetError("holds no row")
     keys: dict[str, Values] = {"model": np.full(table.num_rows, name, object), _SEED: _seeds(table)}
@@ -119,6 +119,8 @@ def _lists(table: pa.Table, column: str) -> Values:
     import pyarrow.compute as pc
 
     values = table.column(column).combine_chunks()
+    if pa.types.is_fixed_size_list(values.type):
+        values = values.cast(pa.list_(values.type.value_type))
     if not pa.types.is_list(values.type) or values.null_count:
         raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected lists")
     if not pc.all(pc.equal(pc.list_value_length(values), FUTURE_OBSERVATIONS)).as_py():

@@ -152,6 +152,17 @@ def test_neither_torch_nor_cvxpy_is_needed(benchmarked: Path, columns: Columns, 
     assert (tmp_path / "a/b/figures/prediction.png").is_file()
 
 
+def test_figures_that_cannot_be_drawn_open_nothing(benchmarked: Path) -> None:
+    before = contents(benchmarked)
+    code = "import sys; sys.modules['matplotlib'] = None; from branchdrive.cli.main import main; sys.exit(main())"
+    for command in ("evaluate", "benchmark"):
+        words = [sys.executable, "-c", code, command, str(benchmarked)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "figures need the package 'matplotlib': pip install 'branchdrive[plots]', or use" in done.stderr
+    assert contents(benchmarked) == before
+
+
 def test_options_go_together(done: Path, tmp_path: Path) -> None:
     file = tmp_path / "mine.parquet"
     for arguments, message in (

@@ -7,7 +7,14 @@ from typing import TextIO
 
 from branchdrive.audit.finding import printable
 from branchdrive_reference.benchmark.command.evaluate import add_format, shown
-from branchdrive_reference.benchmark.command.option import add_no_figures, add_release, at_work, bars, need_models
+from branchdrive_reference.benchmark.command.option import (
+    add_no_figures,
+    add_release,
+    at_work,
+    bars,
+    need_models,
+    need_plots,
+)
 from branchdrive_reference.benchmark.command.train import add_training, sentence
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
@@ -31,6 +38,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: As the single commands.
     """
     need_models("benchmark")
+    if not args.no_figures:
+        need_plots()
     from branchdrive_reference.benchmark.evaluation import evaluate_published
     from branchdrive_reference.benchmark.release import LAYER
     from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step

@@ -14,6 +14,7 @@ from branchdrive_reference.benchmark.command.option import (
     add_release,
     at_work,
     bars,
+    need_plots,
 )
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         raise UsageError("`--predictions` and `--name` go together")
     if args.predictions is None and args.output is not None:
         raise UsageError("`--output` goes with `--predictions`; results of the release are published in it")
+    if not args.no_figures and (args.predictions is None or args.output is not None):
+        need_plots()
     if args.predictions is None:
         from branchdrive_reference.benchmark.evaluation import evaluate_published
 
@@ -81,20 +84,14 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 def _foreign(args: argparse.Namespace) -> Evaluation:
     from branchdrive.dataset.durable import replace_file
-    from branchdrive.derive.benchmark.protocol import default_protocol, read_protocol
-    from branchdrive_reference.benchmark.document import read_protocol_file
+    from branchdrive_reference.benchmark.document import published_protocol, read_protocol_file
     from branchdrive_reference.benchmark.evaluation import evaluate_foreign
     from branchdrive_reference.benchmark.foreign import read_predictions
     from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
-    from branchdrive_reference.benchmark.workspace import PROTOCOL
 
     release = open_release(args.release)
-    stored = release.document(PROTOCOL)
-    if args.protocol is not None:
-        protocol = read_protocol_file(args.protocol)
-    else:
-        protocol = default_protocol() if stored is None else read_protocol(stored)
+    protocol = published_protocol(release) if args.protocol is None else read_protocol_file(args.protocol)
     data = benchmark_data(release)
     predictions = read_predictions(args.predictions, args.name, data, protocol)
     with_figures = args.output is not None and not args.no_figures

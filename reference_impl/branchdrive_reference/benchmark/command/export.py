@@ -33,17 +33,18 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_output(args.output, outside=args.release)
     need_models("export")
     from branchdrive.dataset.durable import replace_file
-    from branchdrive.derive.benchmark.protocol import default_protocol, protocol_digest, read_protocol
+    from branchdrive.derive.benchmark.protocol import protocol_digest
     from branchdrive.derive.benchmark.ranking_result import utility_scale
+    from branchdrive_reference.benchmark.document import published_protocol
     from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
     from branchdrive_reference.benchmark.selector import check_equal, export_selector
-    from branchdrive_reference.benchmark.workspace import LOCK, PROTOCOL
+    from branchdrive_reference.benchmark.workspace import LOCK
     from branchdrive_reference.learning.checkpoint import read_checkpoint
 
     release = open_release(args.release)
     lock = release.document(LOCK)
-    protocol = read_protocol(release.document(PROTOCOL) or default_protocol().document)
+    protocol = published_protocol(release)
     if protocol.model(args.model) is None:
         raise UsageError(f"no model {args.model!r}; the protocol declares {', '.join(m.id for m in protocol.models)}")
     entries = [entry for entry in lock["checkpoints"] if entry["model"] == args.model] if lock is not None else []

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from branchdrive_reference.benchmark.step import Progress
     from branchdrive_reference.benchmark.workspace import Workspace
 
-__all__ = ["add_device", "add_jobs", "add_no_figures", "add_protocol", "add_release", "at_work", "bars", "need_models"]
+__all__ = [
+    "add_device", "add_jobs", "add_no_figures", "add_protocol", "add_release", "at_work", "bars", "need_models",
+    "need_plots",
+]  # fmt: skip
 
 _DEVICES = ("cpu", "cuda", "auto")
 
@@ -63,6 +66,20 @@ def need_models(command: str) -> None:
         import branchdrive_reference.learning.tensor_file  # noqa: F401
     except ModuleNotFoundError as error:
         raise UsageError(f"`{command}` needs the package {error.name!r}: pip install 'branchdrive[models]'") from error
+
+
+def need_plots() -> None:
+    """Make sure that figures can be drawn, before anything is opened for them.
+
+    Raises:
+        UsageError: They cannot; the message says what to install.
+    """
+    try:
+        import branchdrive_reference.benchmark.figure.gallery  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"figures need the package {error.name!r}: pip install 'branchdrive[plots]', or use `--no-figures`"
+        ) from error
 
 
 @contextmanager

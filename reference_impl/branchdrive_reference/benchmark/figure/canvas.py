@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive_reference.drawing.palette import BACKDROP, Rgb
+from branchdrive_reference.drawing.palette import BACKDROP
 
 __all__ = ["FORMATS", "HUES", "INK", "QUIET", "WARNING", "axes_of", "new_figure", "render"]
 
@@ -93,10 +93,3 @@ def _settle(figure: Figure) -> None:
     for axes in figure.axes:
         left, bottom, width, height = axes.get_position(original=True).bounds
         axes.set_position((round(left, 5), round(bottom, 5), round(width, 5), round(height, 5)))
-
-
-def shade(colour: str, share: float) -> Rgb:
-    """A colour mixed with white."""
-    channels = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
-    red, green, blue = (channel + share * (1 - channel) for channel in channels)
-    return red, green, blue

@@ -46,7 +46,7 @@ def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
     )  # fmt: skip
     panels = axes_of(figure, 1, len(profiles), sharex=True)
     for axes, profile in zip(panels, profiles, strict=True):
-        _panel(axes, profile, alpha, repeated)
+        _panel(axes, profile, alpha, repeated, guard["tolerance_m"])
     panels[0].set(ylabel="utility gained over nominal")
     handles = [
         panels[0].plot([], [], mark, color=colour, markersize=7, label=name)[0]
@@ -56,7 +56,7 @@ def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
     return figure
 
 
-def _panel(axes: Axes, profile: Mapping[str, Any], alpha: float, repeated: float | None) -> None:
+def _panel(axes: Axes, profile: Mapping[str, Any], alpha: float, repeated: float | None, tolerance_m: float) -> None:
     path = profile["trade_off"]
     violation = [100 * share for share in path["violation_of_clusters"]]
     axes.plot(violation, path["gain"], color=QUIET, linewidth=1.6, zorder=1)
@@ -79,5 +79,5 @@ def _panel(axes: Axes, profile: Mapping[str, Any], alpha: float, repeated: float
     if vacuous:
         axes.text(0.97, 0.04, "global margin: vacuous,\naccepts nothing", transform=axes.transAxes, ha="right",
                   va="bottom", fontsize=7.8, color=HUES[1])  # fmt: skip
-    axes.set(title=profile["profile"], xlabel="lose > 0.25 m, mean of clusters, %")
+    axes.set(title=profile["profile"], xlabel=f"lose > {tolerance_m:g} m, mean of clusters, %")
     axes.grid()

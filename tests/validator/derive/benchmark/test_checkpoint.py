@@ -62,8 +62,9 @@ def test_what_is_no_checkpoint_is_refused(content: bytes, words: str) -> None:
     [
         ({}, 4, "has no type, shape and place"),
         ("text", 4, "has no type, shape and place"),
-        ({"dtype": "F31"}, 4, "has no type, shape and place"),
-        ({"dtype": ["F32"]}, 4, "has no type, shape and place"),
+        ({"dtype": "F31"}, 4, "has the type 'F31'; known are BOOL"),
+        ({"dtype": ["F32"]}, 4, "has the type"),
+        ({"shape": [10**17] * 200_000}, 4, "has 200000 axes; the limit is 64"),
         ({"data_offsets": [0, 4, 4]}, 4, "has no type, shape and place"),
         ({"shape": [1.0]}, 4, "is no list of numbers"),
         ({"shape": [-1, -1]}, 4, "is no list of numbers"),

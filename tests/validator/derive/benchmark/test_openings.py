@@ -61,6 +61,13 @@ def test_openings_on_the_ledger_are_counted_unless_they_are_the_same() -> None:
     assert warnings({"entries": []}, ledger=with_benchmark(None, once())) == []
 
 
+def test_selections_on_the_ledger_take_from_the_guarantees() -> None:
+    ledger = with_benchmark(None, opened(opened(None, PREDICTION, C), RANKING, C))
+    sentence, other, read = warnings(once(), ledger=ledger)
+    assert "2 times for predictions" in sentence and "2 times for selections" in other
+    assert read == CALIBRATION_READ
+
+
 def test_selections_come_after_predictions() -> None:
     with pytest.raises(ValueError, match="comes after"):
         opened(None, RANKING, B)

@@ -144,6 +144,10 @@ def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -
     other["statistics"]["seed"] += 1
     with pytest.raises(DatasetError, match=r"is not the protocol of that name and version; give it a name of its own"):
         read_protocol(other)
+    equal = document()
+    equal["models"][3]["configuration"]["training"]["max_epochs"] = 150.0
+    with pytest.raises(DatasetError, match="is not the protocol of that name and version"):
+        read_protocol(equal)
     for about in ({"name": "other"}, {"version": "0.2.0"}):
         assert protocol_problem(other | about) is None
 

@@ -24,9 +24,11 @@ LENGTH_BYTES = 8
 _METADATA, _KEY = "__metadata__", "branchdrive"
 _ITEM_BYTES = {
     "BOOL": 1, "U8": 1, "I8": 1, "U16": 2, "I16": 2, "F16": 2, "BF16": 2, "U32": 4, "I32": 4, "F32": 4, "U64": 8,
-    "I64": 8, "F64": 8,
+    "I64": 8, "F64": 8, "C64": 8, "F8_E4M3": 1, "F8_E5M2": 1,
 }  # fmt: skip
 """Types of tensors and the size of their items."""
+_MAX_RANK = 64
+"""Axes of a tensor; the product of thousands of large numbers would take minutes."""
 
 
 class CheckpointFacts(NamedTuple):
@@ -106,13 +108,17 @@ def _check_tensors(entries: Mapping[str, Any], num_bytes: int) -> None:
     places = []
     for name, entry in entries.items():
         try:
-            shape, (begin, end) = entry["shape"], entry["data_offsets"]
-            numbers, item_bytes = (*shape, begin, end), _ITEM_BYTES[entry["dtype"]]
+            kind, shape, (begin, end) = entry["dtype"], entry["shape"], entry["data_offsets"]
+            numbers = (*shape, begin, end)
         except (LookupError, TypeError, ValueError):
             raise ValueError(f"the tensor {name!r} has no type, shape and place") from None
+        if not isinstance(kind, str) or kind not in _ITEM_BYTES:
+            raise ValueError(f"the tensor {name!r} has the type {str(kind)[:20]!r}; known are {', '.join(_ITEM_BYTES)}")
+        if len(shape) > _MAX_RANK:
+            raise ValueError(f"the tensor {name!r} has {len(shape)} axes; the limit is {_MAX_RANK}")
         if not all(type(number) is int and number >= 0 for number in numbers):
             raise ValueError(f"the shape or place of the tensor {name!r} is no list of numbers")
-        if end - begin != math.prod(shape) * item_bytes:
+        if end - begin != math.prod(shape) * _ITEM_BYTES[kind]:
             raise ValueError(f"the tensor {name!r} does not have the bytes of its shape")
         places.append((begin, end))
     filled = 0

@@ -126,7 +126,7 @@ def warnings(
                 f"The test partition was opened {count} times for {subject}, under different locks: it is no longer an "
                 "untouched test set, and results on it are optimistic."
             )
-    if num_openings(document, RANKING) > 1:
+    if num_openings(document, RANKING, ledger) > 1:
         found.append(CALIBRATION_READ)
     if ledger is not None and num_test_openings(ledger) > 1:
         found.append(opening_sentence(ledger))

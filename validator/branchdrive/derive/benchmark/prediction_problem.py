@@ -38,7 +38,8 @@ class PredictionProblem(NamedTuple):
 
     def __str__(self) -> str:
         where = ", ".join(f"{name} {value!r}" for name, value in self.place.items())
-        return f"table `{self.table}`: {where}: expected {self.expected}, found {self.found}"
+        places = "".join(f"{place}: " for place in (f"table `{self.table}`", where) if place)
+        return f"{places}expected {self.expected}, found {self.found}"
 
 
 def prediction_problems(

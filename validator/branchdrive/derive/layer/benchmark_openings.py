@@ -1,6 +1,6 @@
 """Openings of the test partition for a benchmark that is gone, in the ledger of the release that was built after it.
 
-A benchmark belongs to the identity of its release and goes with it; that it opened the test partition does not. The
+A benchmark is of one identity of its release and goes with it; that it opened the test partition does not. The
 ledger is part of the identity, and a lock names the identity: no lock of a release can be one that its ledger holds,
 and without an entry of its ledger a release is no longer the one that was locked.
 
