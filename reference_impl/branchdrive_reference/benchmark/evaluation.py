@@ -91,6 +91,7 @@ def evaluate_published(
         unlocked=unlocked_models(lock, predictions),
         changed=_changed(release, lock),
         ledger=release.document(LEDGER_FILE),
+        has_calibration=protocol.partitions.calibrate in data.parts,
     )
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
@@ -130,7 +131,13 @@ def evaluate_foreign(
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     published = () if lock is None or unopened is not None else unlocked_models(lock, predictions)
     unlocked = sorted({*found.models, *published})
-    said = warnings(openings, unlocked=unlocked, changed=changed, ledger=release.document(LEDGER_FILE))
+    said = warnings(
+        openings,
+        unlocked=unlocked,
+        changed=changed,
+        ledger=release.document(LEDGER_FILE),
+        has_calibration=protocol.partitions.calibrate in data.parts,
+    )
     said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 
 from branchdrive.dataset.model_layer import ModelLayer
+from branchdrive.derive.layer.features import HISTORIES
 from branchdrive.derive.target import TARGETS
 from branchdrive.derive.utility import REVERSED, WEIGHED, Profile, Scale
 from branchdrive.errors import BranchDriveError, UsageError
@@ -170,6 +171,10 @@ def _about(
 ) -> dict[str, Any]:
     return {
         "branchdrive.candidates": list(release.candidate_order),
+        **{
+            f"branchdrive.{name}": [{"name": one.name, "unit": one.unit} for one in HISTORIES[name].features]
+            for name in ("state", "past_controls")
+        },
         "branchdrive.targets": [{"name": target.name, "unit": target.unit} for target in TARGETS],
         "branchdrive.checkpoints": [
             {"model": one.provenance.model, "seed": one.provenance.seed, "sha256": one.sha256} for one in checkpoints

@@ -17,7 +17,7 @@ from branchdrive.derive.metric.sign_flip import p_text
 
 __all__ = ["render_results"]
 
-_PLAIN_WIDTH = 120
+_PLAIN_WIDTH, _GAP = 120, 2
 _METRICS = (("macro_nmae", "macro NMAE"), ("ade_m", "ADE m"), ("fde_m", "FDE m"), ("heading_mae_deg", "heading deg"),
             ("speed_mae_mps", "speed m/s"))  # fmt: skip
 _SHARES = (
@@ -37,7 +37,8 @@ def render_results(results: Mapping[str, Any], stdout: TextIO) -> str:
     console = Console(file=buffer, force_terminal=terminal, width=width, highlight=False, emoji=False)
     said = results["warnings"]
     _print(console, "Prediction, test partition", said, *_prediction(results))
-    _print(console, "Comparisons of models", said, *_comparisons(results["prediction"]))
+    if results["prediction"]["comparisons"]:
+        _print(console, "Comparisons of models", said, *_comparisons(results["prediction"]))
     for profile in results["ranking"]["profiles"]:
         _print(console, f"Ranking, profile {profile['profile']}", said, *_ranking(profile))
     if results["ranking"]["comparisons"]:
@@ -64,15 +65,44 @@ def _print(
     console.print(Text(title, style="bold"))
     for sentence in said:
         console.print(Text(f"Warning: {printable(sentence)}", style="yellow"))
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for place, name in enumerate(header):
-        table.add_column(name, justify="right" if place else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
-    console.print(table)
+    console.print(_table(header, [*rows], console.width))
     if note:
         console.print(Text(note, style="dim"))
     console.print()
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Table:
+    """A table whose words stay whole; where they do not fit side by side, one line for each cell."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    widths = _widths(list(zip(header, *rows, strict=True)), width)
+    if widths is None:
+        table.show_header = False
+        for _ in range(2):
+            table.add_column(overflow="fold")
+        for row in rows:
+            for name, cell in zip(header, row, strict=True):
+                if cell:
+                    table.add_row(Text(name, style="dim"), Text(cell))
+            table.add_row("", "")
+        return table
+    for place, (name, found) in enumerate(zip(header, widths, strict=True)):
+        table.add_column(name, justify="right" if place else "left", width=found)
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+def _widths(columns: Sequence[Sequence[str]], width: int) -> list[int] | None:
+    """Widths of columns, the widest narrowed first and none below its longest word; ``None`` where that is too wide."""
+    words = [max(len(word) for cell in column for word in cell.split() or [""]) for column in columns]
+    widths = [max(map(len, column)) for column in columns]
+    room = width - _GAP * (len(columns) - 1)
+    if sum(words) > room:
+        return None
+    while sum(widths) > room:
+        place = max((i for i in range(len(widths)) if widths[i] > words[i]), key=widths.__getitem__)
+        widths[place] -= 1
+    return widths
 
 
 def _spread(value: float | None, sd: float | None, digits: int = 3) -> str:
@@ -190,7 +220,7 @@ def _share(found: Mapping[str, Any]) -> str:
 
 def _noise(results: Mapping[str, Any]) -> str:
     if results["noise"] is None:
-        return "Noise of outcomes: unknown, no nominal replay of a training group was at hand."
+        return "Noise of outcomes: unknown; the ranking lock holds none, which takes nominal replays in the raw layer."
     counts = max(results["noise"]["num_groups"], default=0)
     floor = noise_floor(results)
     return (

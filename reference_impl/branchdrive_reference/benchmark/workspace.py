@@ -105,9 +105,11 @@ def opened_workspace(release: Release) -> Iterator[Workspace]:
         if area.name.removeprefix("benchmark-") != release.manifest.identity[:16]:
             raise DatasetError(f"{release.root}: was built anew meanwhile; run the command again")
         make_private(area)
+        workspace = Workspace(release, area)
         try:
-            yield Workspace(release, area)
+            yield workspace
         finally:
+            workspace.tidy()
             _drop_empty(area)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,23 @@ def test_lines_fit_a_page_and_no_cell_is_cut(page: str) -> None:
     assert max(map(len, page.split("\n"))) <= 120
     assert "…" not in page
     assert "O-M3-action_prior.regret.balanced" in page
+
+
+@pytest.mark.parametrize("columns", [40, 60, 80, 100])
+def test_narrow_terminals_cut_no_number(
+    invented: dict[str, object], page: str, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("NO_COLOR", "1")
+    found = re.sub(r"\x1b\[[0-9;]*m", "", render_results(invented, Terminal()))
+    assert max(map(len, found.split("\n"))) <= columns
+    numbers = re.compile(r"[-+]?[0-9]+\.[0-9]+")
+    assert sorted(numbers.findall(found)) == sorted(numbers.findall(page))
 
 
 def test_a_comparison_is_shown_by_clusters_and_by_groups(invented: dict, page: str) -> None:  # type: ignore[type-arg]

@@ -12,6 +12,7 @@ from branchdrive_reference.benchmark.command.option import (
     add_release,
     at_work,
     bars,
+    check_device,
     need_models,
     need_plots,
 )
@@ -38,6 +39,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: As the single commands.
     """
     need_models("benchmark")
+    check_device(args.device)
     if not args.no_figures:
         need_plots()
     from branchdrive_reference.benchmark.evaluation import evaluate_published
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     progress = bars(stderr)
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
         trained = train_step(
-            workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
+            workspace, protocol, models=None, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=progress,
         )  # fmt: skip
         stderr.write(sentence(trained))

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import (
@@ -78,6 +79,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         if args.output is not None and args.output.is_dir() and any(args.output.iterdir()):
             raise UsageError(f"--output: {str(args.output)!r} holds files; name a new folder, or an empty one")
         found = _foreign(args)
+        if args.output is not None:
+            stderr.write(f"results, tables and figures are in {printable(str(args.output))}\n")
     stdout.write(shown(found, args.format, stdout))
     return 0
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = [
-    "add_device", "add_jobs", "add_no_figures", "add_protocol", "add_release", "at_work", "bars", "need_models",
-    "need_plots",
+    "add_device", "add_jobs", "add_no_figures", "add_protocol", "add_release", "at_work", "bars", "check_device",
+    "need_models", "need_plots",
 ]  # fmt: skip
 
 _DEVICES = ("cpu", "cuda", "auto")
@@ -66,6 +66,17 @@ def need_models(command: str) -> None:
         import branchdrive_reference.learning.tensor_file  # noqa: F401
     except ModuleNotFoundError as error:
         raise UsageError(f"`{command}` needs the package {error.name!r}: pip install 'branchdrive[models]'") from error
+
+
+def check_device(name: str) -> None:
+    """Make sure that the device is there, before anything is begun.
+
+    Raises:
+        UsageError: It is not.
+    """
+    from branchdrive_reference.learning.execution import open_device
+
+    open_device(name)
 
 
 def need_plots() -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import TextIO
 
-from branchdrive_reference.benchmark.command.option import add_device, add_release, at_work, bars, need_models
+from branchdrive_reference.benchmark.command.option import (
+    add_device,
+    add_release,
+    at_work,
+    bars,
+    check_device,
+    need_models,
+)
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -26,6 +33,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("predict")
+    check_device(args.device)
     from branchdrive_reference.benchmark.step import predict_step
 
     with at_work(args.release) as (workspace, protocol):

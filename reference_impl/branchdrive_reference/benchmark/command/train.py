@@ -12,6 +12,7 @@ from branchdrive_reference.benchmark.command.option import (
     add_release,
     at_work,
     bars,
+    check_device,
     need_models,
 )
 
@@ -26,12 +27,12 @@ SUMMARY = "train the models of the benchmark; the same command goes on where it 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_release(parser)
+    parser.add_argument("--models", metavar="MODEL", nargs="+", help="models to train (default: all of the protocol)")
     add_training(parser)
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:
-    """Declare what training can be told."""
-    parser.add_argument("--models", metavar="MODEL", nargs="+", help="models to train (default: all of the protocol)")
+    """Declare what training can be told, here and in one go with the steps after it."""
     parser.add_argument(
         "--no-guard", action="store_true", help="train no folds for the guard, whose results will be missing"
     )
@@ -48,6 +49,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("train")
+    check_device(args.device)
     from branchdrive_reference.benchmark.step import train_step
 
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):

@@ -45,7 +45,7 @@ def test_another_lock_is_another_opening_and_every_table_says_so() -> None:
     twice = opened(once(), PREDICTION, C)
     assert num_openings(twice, PREDICTION) == 2
     (sentence,) = warnings(twice)
-    assert "opened 2 times for predictions, under different locks" in sentence
+    assert "opened 2 times for predictions, each time under another lock than before" in sentence
     sentence, premise = warnings(opened(once(), RANKING, C))
     assert premise == CALIBRATION_READ
     assert "opened 2 times for selections" in sentence
@@ -57,7 +57,7 @@ def test_openings_on_the_ledger_are_counted_unless_they_are_the_same() -> None:
     assert num_openings(once(), PREDICTION, ledger) == 2
     assert num_openings(once(), RANKING, ledger) == 1
     (sentence,) = warnings(once(), ledger=ledger)
-    assert "opened 2 times for predictions, under different locks" in sentence
+    assert "opened 2 times for predictions, each time under another lock than before" in sentence
     assert warnings({"entries": []}, ledger=with_benchmark(None, once())) == []
 
 
@@ -66,6 +66,7 @@ def test_selections_on_the_ledger_take_from_the_guarantees() -> None:
     sentence, other, read = warnings(once(), ledger=ledger)
     assert "2 times for predictions" in sentence and "2 times for selections" in other
     assert read == CALIBRATION_READ
+    assert warnings(once(), ledger=ledger, has_calibration=False) == [sentence, other]
 
 
 def test_selections_come_after_predictions() -> None:

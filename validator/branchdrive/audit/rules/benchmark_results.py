@@ -137,8 +137,13 @@ def _unlocked(view: ReleaseView) -> list[str]:
 
 def _warnings(view: ReleaseView) -> list[str]:
     changed = changed_checkpoints(lock_of(view), layer_files(view)) if view.digests else ()
+    has_calibration = view.once(protocol_of).partitions.calibrate in view.once(data_of).parts
     return warnings(
-        view.document(OPENINGS), unlocked=_unlocked(view), changed=changed, ledger=view.document(LEDGER_FILE)
+        view.document(OPENINGS),
+        unlocked=_unlocked(view),
+        changed=changed,
+        ledger=view.document(LEDGER_FILE),
+        has_calibration=has_calibration,
     )
 
 

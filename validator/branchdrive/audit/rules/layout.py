@@ -76,7 +76,8 @@ def existing_files_are_listed(survey: Survey) -> SurveyCheck:
         found.append(
             Sighting(
                 "a finished dataset",
-                "the working area of a command that did not finish, or of a benchmark that waits for `evaluate`",
+                "the working area of a command that did not finish, or of a benchmark that waits for `evaluate`; "
+                "go on with it, or delete the folder",
                 {"file": STAGING_DIR},
             )
         )

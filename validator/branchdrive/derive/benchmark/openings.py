@@ -109,6 +109,7 @@ def warnings(
     unlocked: Sequence[str] = (),
     changed: Sequence[str] = (),
     ledger: Mapping[str, Any] | None = None,
+    has_calibration: bool = True,
 ) -> list[str]:
     """Sentences that every table of results carries; none where all is as it should be.
 
@@ -117,16 +118,17 @@ def warnings(
         unlocked: Models whose predictions come from no locked checkpoint.
         changed: Files of checkpoints that are not those that were locked.
         ledger: The release's ``quality/ledger.json``; None leaves its openings out.
+        has_calibration: Whether there are calibration groups, whose outcomes are read where selections are opened.
     """
     found: list[str] = []
     for event, subject in _SUBJECTS.items():
         count = num_openings(document, event, ledger)
         if count > 1:
             found.append(
-                f"The test partition was opened {count} times for {subject}, under different locks: it is no longer an "
-                "untouched test set, and results on it are optimistic."
+                f"The test partition was opened {count} times for {subject}, each time under another lock than before: "
+                "it is no longer an untouched test set, and results on it are optimistic."
             )
-    if num_openings(document, RANKING, ledger) > 1:
+    if has_calibration and num_openings(document, RANKING, ledger) > 1:
         found.append(CALIBRATION_READ)
     if ledger is not None and num_test_openings(ledger) > 1:
         found.append(opening_sentence(ledger))

@@ -314,7 +314,8 @@ def put_on_the_ledger(d: BenchmarkDraft) -> None:
     d.documents[LEDGER] = with_benchmark(d.documents[LEDGER], gone)
     d.reseal("card")
     d.documents[LOCK]["release_identity"] = identity(d)
-    d.warnings = warnings(d.documents[OPENINGS], ledger=d.documents[LEDGER])
+    has_calibration = "calibration" in d.data.parts
+    d.warnings = warnings(d.documents[OPENINGS], ledger=d.documents[LEDGER], has_calibration=has_calibration)
 
 
 @mutant("BD-BMK-014", at={"file": OPENINGS}, findings=2)
