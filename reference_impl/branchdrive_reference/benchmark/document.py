@@ -7,11 +7,12 @@ from typing import Any
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.limits import spec_limits
+from branchdrive.dataset.layout import PROTOCOL_FILE
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.benchmark.release import Release
-from branchdrive_reference.benchmark.workspace import PROTOCOL, Workspace
+from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.configuration import Configuration
 
 __all__ = ["choose_protocol", "published_protocol", "read_protocol_file", "stored_document"]
@@ -30,12 +31,14 @@ def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> B
         DatasetError: The stored one cannot be read.
     """
     protocol = (
-        _protocol(workspace.release, stored_document(workspace, PROTOCOL)) if file is None else read_protocol_file(file)
+        _protocol(workspace.release, stored_document(workspace, PROTOCOL_FILE))
+        if file is None
+        else read_protocol_file(file)
     )
-    if file is not None and workspace.read(PROTOCOL) != dump_json(protocol.document):
+    if file is not None and workspace.read(PROTOCOL_FILE) != dump_json(protocol.document):
         _check_models(file, protocol)
-    if keep and workspace.read(PROTOCOL) != dump_json(protocol.document):
-        workspace.keep(PROTOCOL, dump_json(protocol.document))
+    if keep and workspace.read(PROTOCOL_FILE) != dump_json(protocol.document):
+        workspace.keep(PROTOCOL_FILE, dump_json(protocol.document))
     return protocol
 
 
@@ -45,14 +48,14 @@ def published_protocol(release: Release) -> BenchmarkProtocol:
     Raises:
         DatasetError: It cannot be read.
     """
-    return _protocol(release, release.document(PROTOCOL))
+    return _protocol(release, release.document(PROTOCOL_FILE))
 
 
 def _protocol(release: Release, stored: Any | None) -> BenchmarkProtocol:
     try:
         return default_protocol() if stored is None else read_protocol(stored)
     except DatasetError as error:
-        raise DatasetError(f"{release.root}: {PROTOCOL!r}: {error}") from error
+        raise DatasetError(f"{release.root}: {PROTOCOL_FILE!r}: {error}") from error
 
 
 def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:

@@ -9,13 +9,13 @@ Source: paper IV-C; spec/14-benchmark.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from branchdrive.cli.progress import Update
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.layout import LEDGER_FILE
+from branchdrive.dataset.layout import BENCHMARK, LEDGER_FILE, LOCK_FILE, OPENINGS_FILE, RANKING_LOCK_FILE, RESULTS_FILE
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.lock import (
     changed_checkpoints,
@@ -37,13 +37,13 @@ from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
 from branchdrive_reference.benchmark.published import benchmark_data, published_predictions
-from branchdrive_reference.benchmark.release import LAYER, Release
+from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.risk import RISK, waiting_risk
-from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, RANKING_LOCK, RESULTS, Workspace
+from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "presented"]
 
-TABLES = f"{LAYER}/TABLES.md"
+TABLES = f"{BENCHMARK}/TABLES.md"
 
 UNRECORDED = "This evaluation looked at outcomes of the test partition, and no record of the release counts it."
 
@@ -77,31 +77,24 @@ def evaluate_published(
     show(0, 4, "locks")
     ranking_lock = _ranking_lock(workspace, protocol, data, predictions, lock_digest(lock))
     files = release.benchmark_files()
-    openings: dict[str, Any] = stored_document(workspace, OPENINGS) or {"entries": []}
+    openings: dict[str, Any] = stored_document(workspace, OPENINGS_FILE) or {"entries": []}
     for event, document in zip(EVENTS, (lock, ranking_lock), strict=True):
         openings = opened(openings, event, lock_digest(document))
-    if files.get(OPENINGS) != dump_json(openings) or files.get(RANKING_LOCK) != dump_json(ranking_lock):
+    if files.get(OPENINGS_FILE) != dump_json(openings) or files.get(RANKING_LOCK_FILE) != dump_json(ranking_lock):
         # On the record before anything is looked at; results of another lock do not stay beside it.
         files = {path: content for path, content in files.items() if not _is_presented(path)}
-        files |= {OPENINGS: dump_json(openings), RANKING_LOCK: dump_json(ranking_lock)}
+        files |= {OPENINGS_FILE: dump_json(openings), RANKING_LOCK_FILE: dump_json(ranking_lock)}
         workspace.publish(files)
     show(1, 4, "statistics")
-    said = warnings(
-        openings,
-        unlocked=unlocked_models(lock, predictions),
-        changed=_changed(release, lock),
-        ledger=release.document(LEDGER_FILE),
-        has_calibration=protocol.partitions.calibrate in data.parts,
-    )
+    said = _said(release, openings, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     show(2, 4, "figures")
     shown = presented(release, protocol, results, with_figures=with_figures)
     show(3, 4, "publication")
     kept = {path: content for path, content in files.items() if not _is_presented(path)}
-    workspace.publish(kept | {f"{LAYER}/{name}": content for name, content in shown.items()})
+    workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in shown.items()})
     workspace.drop(RISK)  # the ranking lock holds it
-    workspace.reopened().tidy()
     show(4, 4)
     return Evaluation(results, shown)
 
@@ -122,8 +115,8 @@ def evaluate_foreign(
     Raises:
         DatasetError: Published predictions cannot be read.
     """
-    openings: Any = release.document(OPENINGS) or {"entries": []}
-    lock, ranking_lock = release.document(LOCK), release.document(RANKING_LOCK)
+    openings: Any = release.document(OPENINGS_FILE) or {"entries": []}
+    lock, ranking_lock = release.document(LOCK_FILE), release.document(RANKING_LOCK_FILE)
     predictions, changed, risk, noise = found, tuple[str, ...](), None, None
     unopened = _unopened(openings, protocol, lock, ranking_lock)
     if unopened is None:
@@ -131,16 +124,28 @@ def evaluate_foreign(
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     published = () if lock is None or unopened is not None else unlocked_models(lock, predictions)
     unlocked = sorted({*found.models, *published})
-    said = warnings(
+    said = _said(release, openings, data, protocol, unlocked, changed)
+    said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
+    results = results_document(protocol, data, predictions, risk, noise, warnings=said)
+    return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
+
+
+def _said(
+    release: Release,
+    openings: Mapping[str, Any],
+    data: BenchmarkData,
+    protocol: BenchmarkProtocol,
+    unlocked: Sequence[str],
+    changed: Sequence[str],
+) -> list[str]:
+    """What every table warns of; see `branchdrive.derive.benchmark.openings.warnings`."""
+    return warnings(
         openings,
         unlocked=unlocked,
         changed=changed,
         ledger=release.document(LEDGER_FILE),
         has_calibration=protocol.partitions.calibrate in data.parts,
     )
-    said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
-    results = results_document(protocol, data, predictions, risk, noise, warnings=said)
-    return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
 
 
 def _unopened(
@@ -174,14 +179,14 @@ def presented(
 
 
 def _is_presented(path: str) -> bool:
-    return path in (RESULTS, TABLES) or path.startswith(f"{LAYER}/figures/")
+    return path in (RESULTS_FILE, TABLES) or path.startswith(f"{BENCHMARK}/figures/")
 
 
 def _ranking_lock(
     workspace: Workspace, protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, lock: str
 ) -> dict[str, Any]:
     """The ranking lock; risk and noise of the published one stay, unless a new risk waits."""
-    published = workspace.release.document(RANKING_LOCK)
+    published = workspace.release.document(RANKING_LOCK_FILE)
     if published is not None and published["prediction_lock_digest"] != lock:
         published = None
     risk: RiskFit | None = waiting_risk(workspace, protocol) or risk_fit_of(published)
@@ -202,5 +207,5 @@ def _stored_noise(ranking_lock: Any | None) -> OutcomeNoise | None:
 
 
 def _changed(release: Release, lock: Any) -> tuple[str, ...]:
-    prefix = f"{LAYER}/"
+    prefix = f"{BENCHMARK}/"
     return changed_checkpoints(lock, {path.removeprefix(prefix): d for path, d in release.manifest.files.items()})

@@ -6,13 +6,14 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
+from branchdrive.dataset.layout import LOCK_FILE
 from branchdrive.dataset.manifest import derived_identity
 from branchdrive.derive.benchmark.lock import LockFacts, changed_checkpoints, lock_problems
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.release import Release
-from branchdrive_reference.benchmark.workspace import LOCK, Workspace
+from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["changed_checkpoints_of", "lock_facts", "read_lock"]
 
@@ -35,7 +36,7 @@ def read_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     Raises:
         UsageError: There is none, or it is of another release or protocol.
     """
-    document = stored_document(workspace, LOCK)
+    document = stored_document(workspace, LOCK_FILE)
     if document is None:
         raise UsageError(f"{workspace.release.root}: nothing is locked; run `branchdrive lock` first")
     for problem in lock_problems(document, lock_facts(workspace.release, protocol)):

@@ -6,13 +6,14 @@ from importlib.metadata import version
 from typing import Any
 
 from branchdrive.contract.document import dump_json
+from branchdrive.dataset.layout import LOCK_FILE
 from branchdrive.derive.benchmark.lock import LockedCheckpoint, lock_document
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.lock import lock_facts
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.training import model_tasks
-from branchdrive_reference.benchmark.workspace import LOCK, Workspace
+from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 from branchdrive_reference.learning.configuration import MODEL_VERSION
 from branchdrive_reference.learning.pool import Task
@@ -47,8 +48,8 @@ def make_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
         )
     code = f"{version('branchdrive')}+models.{MODEL_VERSION}"
     document = lock_document(protocol, lock_facts(release, protocol), locked, package=PACKAGE, version=code)
-    if workspace.read(LOCK) != dump_json(document):
-        workspace.keep(LOCK, dump_json(document))
+    if workspace.read(LOCK_FILE) != dump_json(document):
+        workspace.keep(LOCK_FILE, dump_json(document))
     return document
 
 

@@ -9,6 +9,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import table_path
 from branchdrive.dataset.frame import to_arrow
+from branchdrive.dataset.layout import BENCHMARK, LOCK_FILE, OPENINGS_FILE, PROTOCOL_FILE
 from branchdrive.dataset.parquet import encode_table
 from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.prediction_set import PredictionSet
@@ -18,8 +19,7 @@ from branchdrive.derive.metric.outcome import Predictions
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
 from branchdrive_reference.benchmark.published import benchmark_data
-from branchdrive_reference.benchmark.release import LAYER
-from branchdrive_reference.benchmark.workspace import LOCK, OPENINGS, PROTOCOL, Workspace
+from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.prediction import predict
 
 __all__ = ["predict_all"]
@@ -53,13 +53,13 @@ def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: st
 
 
 def _publish(workspace: Workspace, lock: dict[str, Any], predictions: PredictionSet, data: BenchmarkData) -> None:
-    files = {path: _there(workspace, path) for path in (PROTOCOL, LOCK)}
-    files[OPENINGS] = workspace.read(OPENINGS) or dump_json({"entries": []})
+    files = {path: _there(workspace, path) for path in (PROTOCOL_FILE, LOCK_FILE)}
+    files[OPENINGS_FILE] = workspace.read(OPENINGS_FILE) or dump_json({"entries": []})
     for name, frame in predictions.to_frames(data).items():
         rows = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": data.candidates})
         files[table_path(name)] = encode_table(to_arrow(name, rows))
     for entry in lock["checkpoints"]:
-        files[f"{LAYER}/{entry['file']}"] = (workspace.area / entry["file"]).read_bytes()
+        files[f"{BENCHMARK}/{entry['file']}"] = (workspace.area / entry["file"]).read_bytes()
     before = workspace.release.benchmark_files()
     if all(before.get(path) == content for path, content in files.items()):
         return  # results that follow from the same predictions stay

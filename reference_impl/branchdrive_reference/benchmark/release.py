@@ -16,7 +16,7 @@ from branchdrive.contract.document import parse_json, schema_violations
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.frame import from_arrow
-from branchdrive.dataset.layout import MANIFEST_FILE, RAW_DIR, layer_of
+from branchdrive.dataset.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.dataset.manifest import Manifest, parse_manifest
 from branchdrive.dataset.model_layer import ModelLayer, open_model
 from branchdrive.dataset.table_file import read_table
@@ -25,8 +25,7 @@ from branchdrive.errors import DatasetError
 
 __all__ = ["Release", "open_release"]
 
-LAYER = "benchmark"
-_READ = ("quality", "model", LAYER)
+_READ = ("quality", "model", BENCHMARK)
 _REMEDY = "restore it, or run `branchdrive build` to make the derived layers anew"
 
 
@@ -52,7 +51,7 @@ class Release:
     @property
     def has_benchmark(self) -> bool:
         """Whether a benchmark layer is published."""
-        return LAYER in self.layer.descriptor.layers
+        return BENCHMARK in self.layer.descriptor.layers
 
     @cached_property
     def clusters(self) -> dict[str, int]:
@@ -98,7 +97,7 @@ class Release:
 
     def benchmark_files(self) -> dict[str, bytes]:
         """Bytes of every file of the published benchmark layer, by path; none where none is published."""
-        paths = [path for path in self.manifest.files if layer_of(path) == LAYER] if self.has_benchmark else []
+        paths = [path for path in self.manifest.files if layer_of(path) == BENCHMARK] if self.has_benchmark else []
         return {path: self.content(path) for path in paths}
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from branchdrive.cli.progress import Update
 from branchdrive.dataset.durable import delete
+from branchdrive.dataset.layout import LOCK_FILE, RANKING_LOCK_FILE
 from branchdrive.derive.benchmark.lock import lock_digest
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
@@ -18,7 +19,7 @@ from branchdrive_reference.benchmark.prediction import predict_all
 from branchdrive_reference.benchmark.published import benchmark_data
 from branchdrive_reference.benchmark.risk import waiting_risk
 from branchdrive_reference.benchmark.training import drop_stale, model_tasks, train
-from branchdrive_reference.benchmark.workspace import LOCK, RANKING_LOCK, Workspace
+from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["Progress", "Trained", "lock_step", "predict_step", "train_step"]
 
@@ -78,7 +79,6 @@ def train_step(
             train(release, workspace.folds, folds, jobs=jobs, device=device, show=show)
         fit_guard(workspace, protocol, benchmark_data(release), device=device)
     delete(workspace.folds)
-    workspace.tidy()
     return Trained(len(tasks), num_there, num_anew, models_s, len(folds), time.monotonic() - begin)
 
 
@@ -86,7 +86,7 @@ def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
     """Whether a risk waits, or the published one is of this protocol and of the checkpoints that are there."""
     if waiting_risk(workspace, protocol) is not None:
         return True
-    lock, published = (workspace.release.document(path) for path in (LOCK, RANKING_LOCK))
+    lock, published = (workspace.release.document(path) for path in (LOCK_FILE, RANKING_LOCK_FILE))
     if lock is None or published is None or published["risk_fit"] is None:
         return False
     is_of_lock = published["prediction_lock_digest"] == lock_digest(lock)
@@ -97,9 +97,7 @@ def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
 def lock_step(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, Any]:
     """Lock the trained checkpoints; see `make_lock`."""
     workspace.restore()
-    document = make_lock(workspace, protocol)
-    workspace.tidy()
-    return document
+    return make_lock(workspace, protocol)
 
 
 def predict_step(workspace: Workspace, protocol: BenchmarkProtocol, *, device: str, progress: Progress) -> Workspace:
@@ -107,6 +105,4 @@ def predict_step(workspace: Workspace, protocol: BenchmarkProtocol, *, device: s
     workspace.restore()
     with progress("predicting") as show:
         predict_all(workspace, protocol, device=device, show=show)
-    workspace = workspace.reopened()
-    workspace.tidy()
-    return workspace
+    return workspace.reopened()

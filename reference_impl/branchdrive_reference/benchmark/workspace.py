@@ -13,13 +13,11 @@ from pathlib import Path
 
 from branchdrive.build.publish import benchmark_area, held, make_private, publish_layer
 from branchdrive.dataset.durable import delete, make_dir, replace_file
+from branchdrive.dataset.layout import BENCHMARK
 from branchdrive.errors import DatasetError
-from branchdrive_reference.benchmark.release import LAYER, Release, open_release
+from branchdrive_reference.benchmark.release import Release, open_release
 
 __all__ = ["Workspace", "opened_workspace"]
-
-LOCK, PROTOCOL, OPENINGS = (f"{LAYER}/{name}.json" for name in ("lock", "protocol", "openings"))
-RANKING_LOCK, RESULTS = (f"{LAYER}/{name}.json" for name in ("ranking_lock", "results"))
 
 
 @dataclass(frozen=True)
@@ -46,25 +44,25 @@ class Workspace:
 
     def read(self, path: str) -> bytes | None:
         """A file of the benchmark layer: the one that waits here, else the published one, else ``None``."""
-        waiting = self.area / path.removeprefix(f"{LAYER}/")
+        waiting = self.area / path.removeprefix(f"{BENCHMARK}/")
         if waiting.is_file():
             return waiting.read_bytes()
         return self.release.content(path) if path in self.release.manifest.files else None
 
     def keep(self, path: str, content: bytes) -> None:
         """Let a file of the benchmark layer wait here until it is published."""
-        waiting = self.area / path.removeprefix(f"{LAYER}/")
+        waiting = self.area / path.removeprefix(f"{BENCHMARK}/")
         make_dir(waiting.parent)
         replace_file(waiting, content)
 
     def drop(self, path: str) -> None:
         """Let a file wait no longer; nothing happens if it does not."""
-        delete(self.area / path.removeprefix(f"{LAYER}/"))
+        delete(self.area / path.removeprefix(f"{BENCHMARK}/"))
 
     def restore(self) -> None:
         """Bring published checkpoints here, so that what is trained is not trained again."""
         make_dir(self.checkpoints)
-        prefix = f"{LAYER}/checkpoints/"
+        prefix = f"{BENCHMARK}/checkpoints/"
         for path in self.release.manifest.files if self.release.has_benchmark else ():
             name = path.removeprefix(prefix)
             if path == f"{prefix}{name}" and "/" not in name and not (self.checkpoints / name).exists():
@@ -72,7 +70,7 @@ class Workspace:
 
     def publish(self, files: dict[str, bytes]) -> None:
         """Make `files` the benchmark layer of the release, and remove those that waited."""
-        manifest = publish_layer(self.release.root, LAYER, files)
+        manifest = publish_layer(self.release.root, BENCHMARK, files)
         self.tidy(manifest.files)
 
     def tidy(self, published: Mapping[str, str] | None = None) -> None:
@@ -83,7 +81,7 @@ class Workspace:
         """
         stated = self.release.manifest.files if published is None else published
         for file in [entry for entry in sorted(self.area.rglob("*")) if entry.is_file()]:
-            path = f"{LAYER}/{file.relative_to(self.area).as_posix()}"
+            path = f"{BENCHMARK}/{file.relative_to(self.area).as_posix()}"
             if stated.get(path) == hashlib.sha256(file.read_bytes()).hexdigest():
                 delete(file)
 

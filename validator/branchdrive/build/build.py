@@ -27,6 +27,7 @@ from branchdrive.build.stage import (
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.descriptor_file import read_descriptor
 from branchdrive.dataset.layout import (
+    BENCHMARK,
     CARD_FILE,
     DESCRIPTOR_FILE,
     LEAKAGE_FILE,
@@ -237,9 +238,9 @@ class _Job:
         """Put everything in its place; the manifest of the release."""
         scan, layers = self.scan, self.layers
         kept_files = scan.files if self.is_in_place else {}
-        if "benchmark" in layers.names and _identity(kept_files, layers) != stated_identity(self.target):
+        if BENCHMARK in layers.names and _identity(kept_files, layers) != stated_identity(self.target):
             layers.drop_after("model")  # it belongs to another release
-        if "benchmark" not in layers.names:
+        if BENCHMARK not in layers.names:
             self._record_openings()
         claimed = (("raw",) if self.is_in_place else ()) + layers.names
         descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})

@@ -14,6 +14,7 @@ from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.errors import UsageError
 
 __all__ = [
+    "BENCHMARK",
     "CARD_FILE",
     "DESCRIPTOR_FILE",
     "IDENTITY_LAYERS",
@@ -21,12 +22,17 @@ __all__ = [
     "LEAKAGE_FILE",
     "LEDGER_FILE",
     "LICENCE_FILE",
+    "LOCK_FILE",
     "MANIFEST_FILE",
     "MAX_SHARD_INDEX",
     "OPENINGS_FILE",
+    "PROTOCOL_FILE",
+    "RANKING_LOCK_FILE",
     "RAW_DIR",
+    "RESULTS_FILE",
     "SOURCE_FILE",
     "STAGING_DIR",
+    "TABLES_FILE",
     "WRITER_LOCK",
     "is_safe_path",
     "layer_of",
@@ -47,8 +53,16 @@ CARD_FILE = "CARD.md"
 LEDGER_FILE = "quality/ledger.json"
 """Every opening of a partition for evaluation."""
 
-OPENINGS_FILE = "benchmark/openings.json"
-"""Every opening of the test partition for the benchmark."""
+BENCHMARK = "benchmark"
+"""The layer that comes last, with its folder."""
+
+PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, OPENINGS_FILE, RESULTS_FILE = (
+    f"{BENCHMARK}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
+)
+"""What is compared and how, what is fixed before predictions and before selections, openings, results."""
+
+TABLES_FILE = f"{BENCHMARK}/TABLES.md"
+"""Results of the benchmark to read."""
 
 SOURCE_FILE = "canonical/source.json"
 """The raw layer that the derived layers come from."""
@@ -71,7 +85,7 @@ WRITER_LOCK = "writer.lock"
 IDENTITY_LAYERS = ("raw", "canonical", "quality", "model")
 """Layers whose digests make up the identity of the dataset, in digest order."""
 
-LAYERS = (*IDENTITY_LAYERS, "benchmark", "media")
+LAYERS = (*IDENTITY_LAYERS, BENCHMARK, "media")
 """Every layer, in manifest order."""
 
 MAX_SHARD_INDEX = 999_999_999

@@ -6,6 +6,7 @@ import argparse
 from typing import TextIO
 
 from branchdrive.audit.finding import printable
+from branchdrive.dataset.layout import BENCHMARK
 from branchdrive_reference.benchmark.command.evaluate import add_format, shown
 from branchdrive_reference.benchmark.command.option import (
     add_no_figures,
@@ -43,7 +44,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if not args.no_figures:
         need_plots()
     from branchdrive_reference.benchmark.evaluation import evaluate_published
-    from branchdrive_reference.benchmark.release import LAYER
     from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step
 
     progress = bars(stderr)
@@ -58,5 +58,5 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         with progress("evaluating") as show:
             found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
     stdout.write(shown(found, args.format, stdout))
-    stderr.write(f"tables and figures are in {printable(str(args.release / LAYER))}\n")
+    stderr.write(f"tables and figures are in {printable(str(args.release / BENCHMARK))}\n")
     return 0

@@ -33,17 +33,17 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_output(args.output, outside=args.release)
     need_models("export")
     from branchdrive.dataset.durable import replace_file
+    from branchdrive.dataset.layout import BENCHMARK, LOCK_FILE
     from branchdrive.derive.benchmark.protocol import protocol_digest
     from branchdrive.derive.benchmark.ranking_result import utility_scale
     from branchdrive_reference.benchmark.document import published_protocol
     from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
     from branchdrive_reference.benchmark.selector import check_equal, export_selector
-    from branchdrive_reference.benchmark.workspace import LOCK
     from branchdrive_reference.learning.checkpoint import read_checkpoint
 
     release = open_release(args.release)
-    lock = release.document(LOCK)
+    lock = release.document(LOCK_FILE)
     protocol = published_protocol(release)
     if protocol.model(args.model) is None:
         raise UsageError(f"no model {args.model!r}; the protocol declares {', '.join(m.id for m in protocol.models)}")
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if not entries:
         raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
     checkpoints = [
-        read_checkpoint(release.root / "benchmark" / entry["file"], sha256=entry["sha256"]) for entry in entries
+        read_checkpoint(release.root / BENCHMARK / entry["file"], sha256=entry["sha256"]) for entry in entries
     ]
     content = export_selector(
         checkpoints,

@@ -12,6 +12,7 @@ from typing import Any
 from branchdrive.audit.check import ReleaseCheck
 from branchdrive.audit.release.compare import problems_found
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.dataset.layout import BENCHMARK, LOCK_FILE, PROTOCOL_FILE, RANKING_LOCK_FILE
 from branchdrive.derive.benchmark.data import TABLES, BenchmarkData
 from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
 from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
@@ -20,17 +21,11 @@ from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, read_protoc
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "CHECKPOINTS", "FOLDER", "LOCK", "OPENINGS", "PROTOCOL", "RANKING_LOCK", "RESULTS", "TABLES_FILE", "data_of",
-    "digest_of", "layer_files", "lock_of", "lock_of_kind", "other_kind", "predictions_of", "problems_of", "protocol_of",
-    "ranking_lock_of",
+    "CHECKPOINTS", "data_of", "digest_of", "layer_files", "lock_of", "lock_of_kind", "other_kind", "predictions_of",
+    "problems_of", "protocol_of", "ranking_lock_of",
 ]  # fmt: skip
 
-FOLDER = "benchmark"
-PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
-    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
-)
-TABLES_FILE = f"{FOLDER}/TABLES.md"
-_KINDS = {LOCK: "prediction", RANKING_LOCK: "ranking"}
+_KINDS = {LOCK_FILE: "prediction", RANKING_LOCK_FILE: "ranking"}
 CHECKPOINTS = "checkpoints/"
 
 
@@ -41,9 +36,9 @@ def protocol_of(view: ReleaseView) -> BenchmarkProtocol:
         NotAtHandError: It cannot be read.
     """
     try:
-        return read_protocol(view.document(PROTOCOL))
+        return read_protocol(view.document(PROTOCOL_FILE))
     except DatasetError as error:
-        raise NotAtHandError(f"{PROTOCOL}: {error}") from error
+        raise NotAtHandError(f"{PROTOCOL_FILE}: {error}") from error
 
 
 def data_of(view: ReleaseView) -> BenchmarkData:
@@ -64,12 +59,12 @@ def lock_of(view: ReleaseView) -> Mapping[str, Any]:
     Raises:
         NotAtHandError: It is a lock of another kind.
     """
-    return lock_of_kind(view, LOCK)
+    return lock_of_kind(view, LOCK_FILE)
 
 
 def ranking_lock_of(view: ReleaseView) -> Mapping[str, Any] | None:
     """The ranking lock; ``None`` where the layer has none and claims nothing."""
-    return lock_of_kind(view, RANKING_LOCK) if RANKING_LOCK in view.files else None
+    return lock_of_kind(view, RANKING_LOCK_FILE) if RANKING_LOCK_FILE in view.files else None
 
 
 def lock_of_kind(view: ReleaseView, path: str) -> Mapping[str, Any]:
@@ -119,5 +114,5 @@ def predictions_of(view: ReleaseView) -> PredictionSet:
 
 def layer_files(view: ReleaseView) -> dict[str, str]:
     """Digests of the checkpoints that are there, by their name in the lock."""
-    prefix = f"{FOLDER}/"
+    prefix = f"{BENCHMARK}/"
     return {path.removeprefix(prefix): d for path, d in view.digests.items() if path.startswith(prefix)}

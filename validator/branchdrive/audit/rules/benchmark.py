@@ -11,12 +11,6 @@ from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.benchmark_view import (
     CHECKPOINTS,
-    FOLDER,
-    LOCK,
-    OPENINGS,
-    PROTOCOL,
-    RANKING_LOCK,
-    RESULTS,
     data_of,
     digest_of,
     layer_files,
@@ -28,7 +22,15 @@ from branchdrive.audit.release.compare import problems_found
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
 from branchdrive.audit.rules.model import FEATURES, NORMALISATION
 from branchdrive.audit.rules.split import SPLIT
-from branchdrive.dataset.layout import LEDGER_FILE
+from branchdrive.dataset.layout import (
+    BENCHMARK,
+    LEDGER_FILE,
+    LOCK_FILE,
+    OPENINGS_FILE,
+    PROTOCOL_FILE,
+    RANKING_LOCK_FILE,
+    RESULTS_FILE,
+)
 from branchdrive.dataset.manifest import derived_identity
 from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.derive.benchmark.data import groups_digest
@@ -44,33 +46,35 @@ from branchdrive.derive.benchmark.protocol import protocol_problem
 @release_rule("BD-BMK-001")
 def protocol_is_consistent(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Names differ, profiles are weighed to 1, and families and guard name what is declared."""
-    problem = protocol_problem(view.document(PROTOCOL))
-    yield problems_found(PROTOCOL, 1, [] if problem is None else [("", "a protocol without contradiction", problem)])
+    problem = protocol_problem(view.document(PROTOCOL_FILE))
+    yield problems_found(
+        PROTOCOL_FILE, 1, [] if problem is None else [("", "a protocol without contradiction", problem)]
+    )
 
 
 @release_rule("BD-BMK-002")
 def lock_is_of_this_release(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Protocol, identity, split, normalisation, features and candidates are those of the release."""
-    if (other := other_kind(view, LOCK)) is not None:
+    if (other := other_kind(view, LOCK_FILE)) is not None:
         yield other
         return
     document = lock_of(view)
     facts = LockFacts(
-        digest_of(view, PROTOCOL),
+        digest_of(view, PROTOCOL_FILE),
         derived_identity(view.digests) if view.digests else None,
         view.document(SPLIT)["digest"],
         digest_of(view, NORMALISATION),
         digest_of(view, FEATURES),
         view.descriptor.action_bank.keys,
     )
-    yield problems_found(LOCK, len(facts), lock_problems(document, facts))
+    yield problems_found(LOCK_FILE, len(facts), lock_problems(document, facts))
 
 
 @release_rule("BD-BMK-003")
 def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """One checkpoint for each declared model and seed, each in a file of its own."""
     document = lock_of(view)
-    yield problems_found(LOCK, len(document["checkpoints"]), checkpoint_problems(document, view.once(protocol_of)))
+    yield problems_found(LOCK_FILE, len(document["checkpoints"]), checkpoint_problems(document, view.once(protocol_of)))
 
 
 @release_rule("BD-BMK-004")
@@ -84,13 +88,13 @@ def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[ReleaseCheck]
         Sighting(
             f"sha256 {entry['sha256']}",
             f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
-            {"file": f"{FOLDER}/{entry['file']}"},
+            {"file": f"{BENCHMARK}/{entry['file']}"},
         )
         for entry in entries
         if found.get(entry["file"]) != entry["sha256"]
     ]
     stray = sorted(name for name in found.keys() - {entry["file"] for entry in entries} if name.startswith(CHECKPOINTS))
-    sightings += [Sighting("a checkpoint that the lock names", "another", {"file": f"{FOLDER}/{n}"}) for n in stray]
+    sightings += [Sighting("a checkpoint that the lock names", "another", {"file": f"{BENCHMARK}/{n}"}) for n in stray]
     yield ReleaseCheck.of(len(entries) + len(stray), sightings)
 
 
@@ -105,7 +109,7 @@ def locks_name_the_training_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
         for i, entry in enumerate(entries)
         if entry["training_groups_digest"] != expected
     ]
-    yield problems_found(LOCK, len(entries), problems)
+    yield problems_found(LOCK_FILE, len(entries), problems)
 
 
 @release_rule("BD-BMK-006")
@@ -115,7 +119,7 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[ReleaseChe
     configurations = {model.id: model.config_digest for model in protocol.models}
     sightings, examined = [], 0
     for entry in lock["checkpoints"]:
-        path = f"{FOLDER}/{entry['file']}"
+        path = f"{BENCHMARK}/{entry['file']}"
         if path not in view.contents:
             continue
         examined += 1
@@ -143,24 +147,24 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[ReleaseChe
 @release_rule("BD-BMK-011")
 def openings_are_under_the_locks(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Openings count up, predictions before selections, the last of each kind under the lock of the layer."""
-    document = view.document(OPENINGS)
+    document = view.document(OPENINGS_FILE)
     problems = openings_problems(
         document,
-        lock_digest=digest_of(view, LOCK),
-        ranking_lock_digest=digest_of(view, RANKING_LOCK) if RANKING_LOCK in view.files else None,
-        has_results=RESULTS in view.files,
+        lock_digest=digest_of(view, LOCK_FILE),
+        ranking_lock_digest=digest_of(view, RANKING_LOCK_FILE) if RANKING_LOCK_FILE in view.files else None,
+        has_results=RESULTS_FILE in view.files,
     )
-    yield problems_found(OPENINGS, max(1, len(document["entries"])), problems)
+    yield problems_found(OPENINGS_FILE, max(1, len(document["entries"])), problems)
 
 
 @release_rule("BD-BMK-014")
 def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """One opening for predictions and one for selections, those on the ledger of the release among them."""
-    document, ledger = view.document(OPENINGS), view.document(LEDGER_FILE)
+    document, ledger = view.document(OPENINGS_FILE), view.document(LEDGER_FILE)
     counts = {event: num_openings(document, event, ledger) for event in EVENTS}
     problems = [
         ("/entries", f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
         for event, count in counts.items()
         if count > 1
     ]
-    yield problems_found(OPENINGS, len(counts), problems)
+    yield problems_found(OPENINGS_FILE, len(counts), problems)

@@ -10,11 +10,6 @@ from collections.abc import Iterator
 from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.benchmark_view import (
-    LOCK,
-    OPENINGS,
-    RANKING_LOCK,
-    RESULTS,
-    TABLES_FILE,
     data_of,
     digest_of,
     layer_files,
@@ -30,7 +25,14 @@ from branchdrive.audit.release.compare import problems_found
 from branchdrive.audit.release.view import NotAtHandError, ReleaseView
 from branchdrive.audit.rules.release import text_agrees
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.layout import LEDGER_FILE
+from branchdrive.dataset.layout import (
+    LEDGER_FILE,
+    LOCK_FILE,
+    OPENINGS_FILE,
+    RANKING_LOCK_FILE,
+    RESULTS_FILE,
+    TABLES_FILE,
+)
 from branchdrive.derive.benchmark.lock import (
     changed_checkpoints,
     ranking_lock_problems,
@@ -71,22 +73,22 @@ def _sighting(problem: PredictionProblem) -> Sighting:
 @release_rule("BD-BMK-009")
 def ranking_lock_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """The ranking lock names the prediction lock, the predictions, and the scale of utility of training."""
-    if RANKING_LOCK not in view.files:
+    if RANKING_LOCK_FILE not in view.files:
         return
-    if (other := other_kind(view, RANKING_LOCK)) is not None:
+    if (other := other_kind(view, RANKING_LOCK_FILE)) is not None:
         yield other
         return
-    document, data = lock_of_kind(view, RANKING_LOCK), view.once(data_of)
+    document, data = lock_of_kind(view, RANKING_LOCK_FILE), view.once(data_of)
     try:
         problems = ranking_lock_problems(
             document,
-            prediction_lock_digest=digest_of(view, LOCK),
+            prediction_lock_digest=digest_of(view, LOCK_FILE),
             predictions_digest=view.once(predictions_of).digest(data),
             scale=utility_scale(view.once(protocol_of), data),
         )
     except DatasetError as error:
         raise NotAtHandError(str(error)) from error
-    yield problems_found(RANKING_LOCK, 3, problems)
+    yield problems_found(RANKING_LOCK_FILE, 3, problems)
 
 
 @release_rule("BD-BMK-010")
@@ -97,11 +99,11 @@ def learned_risk_is_sound(view: ReleaseView) -> Iterator[ReleaseCheck]:
     try:
         risk_fit = risk_fit_of(document)
     except DatasetError as error:
-        yield problems_found(RANKING_LOCK, 1, [("/risk_fit", "a learned risk", str(error))])
+        yield problems_found(RANKING_LOCK_FILE, 1, [("/risk_fit", "a learned risk", str(error))])
         return
     expected = {"tolerance_m": view.once(protocol_of).guard.tolerance_m}
     yield problems_found(
-        RANKING_LOCK,
+        RANKING_LOCK_FILE,
         1,
         [
             (f"/risk_fit/{name}", f"{value:g}, as the protocol has it", f"{getattr(risk_fit, name):g}")
@@ -114,9 +116,9 @@ def learned_risk_is_sound(view: ReleaseView) -> Iterator[ReleaseCheck]:
 @release_rule("BD-BMK-012")
 def results_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """Metrics, tests, rankings, guards and warnings follow from predictions, the model layer and the locks."""
-    if RESULTS not in view.files:
+    if RESULTS_FILE not in view.files:
         return
-    found, ranking = view.document(RESULTS), ranking_lock_of(view)
+    found, ranking = view.document(RESULTS_FILE), ranking_lock_of(view)
     try:
         risk_fit = risk_fit_of(ranking)
     except DatasetError as error:
@@ -126,9 +128,9 @@ def results_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     try:
         expected = results_document(protocol, data, predictions, risk_fit, noise, warnings=_warnings(view))
     except (DatasetError, ValueError) as error:
-        yield problems_found(RESULTS, 1, [("", "results that can be computed", f"none: {error}")])
+        yield problems_found(RESULTS_FILE, 1, [("", "results that can be computed", f"none: {error}")])
         return
-    yield problems_found(RESULTS, 1, document_problems(expected, found, tolerance=TOLERANCE))
+    yield problems_found(RESULTS_FILE, 1, document_problems(expected, found, tolerance=TOLERANCE))
 
 
 def _unlocked(view: ReleaseView) -> list[str]:
@@ -139,7 +141,7 @@ def _warnings(view: ReleaseView) -> list[str]:
     changed = changed_checkpoints(lock_of(view), layer_files(view)) if view.digests else ()
     has_calibration = view.once(protocol_of).partitions.calibrate in view.once(data_of).parts
     return warnings(
-        view.document(OPENINGS),
+        view.document(OPENINGS_FILE),
         unlocked=_unlocked(view),
         changed=changed,
         ledger=view.document(LEDGER_FILE),
@@ -152,13 +154,13 @@ def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     """`TABLES.md` is the one that the results give."""
     if TABLES_FILE not in view.files:
         return
-    if RESULTS not in view.files:
-        yield problems_found(TABLES_FILE, 1, [("", f"tables of `{RESULTS}`", "no such file")])
+    if RESULTS_FILE not in view.files:
+        yield problems_found(TABLES_FILE, 1, [("", f"tables of `{RESULTS_FILE}`", "no such file")])
         return
     try:
-        text = render_tables(view.document(RESULTS))
+        text = render_tables(view.document(RESULTS_FILE))
     except KeyError as error:
-        raise NotAtHandError(f"{RESULTS} has nothing for {error}, which the tables show") from error
+        raise NotAtHandError(f"{RESULTS_FILE} has nothing for {error}, which the tables show") from error
     yield text_agrees(view, TABLES_FILE, text)
 
 

@@ -106,11 +106,6 @@ class BenchmarkData:
             tuple(i for i, policy in enumerate(bank.policies) if policy.family == BRAKE),
         )
 
-    @property
-    def partition_of(self) -> dict[str, str]:
-        """Partition of every group."""
-        return {group: name for name, part in self.parts.items() for group in part.groups}
-
     def part(self, partition: str) -> Part:
         """A partition.
 

@@ -247,10 +247,26 @@ def _check_distinct(what: str, names: Iterable[str]) -> None:
 
 def protocol_problem(document: Any) -> str | None:
     """What is wrong with a document beyond its schema, or against it; ``None`` for a protocol."""
-    violations = schema_violations(document, PROTOCOL_SCHEMA)
-    if violations:
-        first = violations[0]
-        return f"{first.pointer or '/'}: expected {first.expected}, found {first.found}"
+    found = _judged(document)
+    return found if isinstance(found, str) else None
+
+
+def read_protocol(document: Any) -> BenchmarkProtocol:
+    """The protocol of a document.
+
+    Raises:
+        DatasetError: It is no protocol.
+    """
+    found = _judged(document)
+    if isinstance(found, str):
+        raise DatasetError(f"no benchmark protocol: {found}")
+    return found
+
+
+def _judged(document: Any) -> BenchmarkProtocol | str:
+    """The protocol of a document, or what is wrong with it."""
+    for violation in schema_violations(document, PROTOCOL_SCHEMA):
+        return f"{violation.pointer or '/'}: expected {violation.expected}, found {violation.found}"
     try:
         found = BenchmarkProtocol.model_validate(document)
     except ValidationError as error:
@@ -262,19 +278,7 @@ def protocol_problem(document: Any) -> str | None:
             f"it is called {found.name!r} {found.version} and is not the protocol of that name and version; "
             "give it a name of its own"
         )
-    return None
-
-
-def read_protocol(document: Any) -> BenchmarkProtocol:
-    """The protocol of a document.
-
-    Raises:
-        DatasetError: It is no protocol.
-    """
-    problem = protocol_problem(document)
-    if problem is not None:
-        raise DatasetError(f"no benchmark protocol: {problem}")
-    return BenchmarkProtocol.model_validate(document)
+    return found
 
 
 @cache
