@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from branchdrive.audit.finding import Finding
 
-__all__ = ["BranchDriveError", "ContractError", "DatasetError", "DecodeError", "LimitError", "UsageError"]
+__all__ = [
+    "BranchDriveError",
+    "ContractError",
+    "DatasetError",
+    "DecodeError",
+    "LimitError",
+    "PlatformError",
+    "ToolError",
+    "UsageError",
+]
 
 
 class BranchDriveError(Exception):
@@ -25,6 +34,14 @@ class UsageError(BranchDriveError):
 
 class DatasetError(BranchDriveError):
     """A dataset that a reader or writer cannot open."""
+
+
+class ToolError(BranchDriveError):
+    """A command that could not finish for no reason in its input: exit code 4, never a finding about data."""
+
+
+class PlatformError(ToolError):
+    """What the machine lacks: a library that is too old or missing, a system call, space on a disk."""
 
 
 class DecodeError(BranchDriveError):

@@ -16,7 +16,7 @@ from importlib import import_module
 from importlib.metadata import entry_points, version
 from typing import NoReturn, Protocol, TextIO
 
-from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.errors import BranchDriveError, ToolError, UsageError
 
 __all__ = ["main", "run", "validate_main"]
 
@@ -72,6 +72,9 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
     except BrokenPipeError:
         _discard_output(stdout)
         return EXIT_INTERRUPTED
+    except ToolError as error:
+        stderr.write(f"{prog}: {_on_one_line(str(error))}\n")
+        return EXIT_FAILED
     except BranchDriveError as error:
         stderr.write(f"{prog}: {_on_one_line(str(error))}\n")
         return EXIT_USAGE

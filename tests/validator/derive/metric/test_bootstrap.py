@@ -10,7 +10,7 @@ from scipy.stats import chisquare
 from tests.validator.derive.metric.samples import alone, pairs
 
 from branchdrive.derive.metric.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
-from branchdrive.derive.metric.stream import below, words
+from branchdrive.derive.stream import below, words
 
 
 def test_a_design_holds_estimate_resamples_and_jackknife() -> None:

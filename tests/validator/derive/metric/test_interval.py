@@ -11,7 +11,7 @@ from tests.validator.derive.metric.samples import alone, pairs, same
 
 from branchdrive.derive.metric.bootstrap import Design, counted_mean, design
 from branchdrive.derive.metric.interval import Intervals, intervals
-from branchdrive.derive.metric.stream import below, words
+from branchdrive.derive.stream import below, words
 
 
 def of_values(values: np.ndarray, resampling: Design) -> Intervals:

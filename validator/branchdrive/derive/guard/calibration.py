@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.guard.binomial import binomial_cdf, exact_fraction
 from branchdrive.derive.guard.path import envelope
-from branchdrive.derive.metric.stream import words
+from branchdrive.derive.stream import words
 
 __all__ = ["ALPHA", "DELTA", "MIN_CLUSTERS", "MIN_GROUPS", "Calibration", "conformal", "learn_then_test"]
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.metric.cluster import Clusters
-from branchdrive.derive.metric.stream import below, words
+from branchdrive.derive.stream import below, words
 
 __all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums", "resampled_counts"]
 

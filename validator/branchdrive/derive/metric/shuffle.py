@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.metric.outcome import Predictions
-from branchdrive.derive.metric.stream import orders, words
+from branchdrive.derive.stream import orders, words
 
 __all__ = ["KINDS", "SEEDS", "Kind", "Shuffle", "derangements", "shuffles"]
 

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.metric.cluster import Clusters
-from branchdrive.derive.metric.stream import bits, words
+from branchdrive.derive.stream import bits, words
 
 __all__ = ["CLUSTER_STREAM", "NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "sign_flip", "studentised_p"]
 
