@@ -7,8 +7,10 @@ BIN := .venv/bin
 DEMO := build/demo
 # Training groups stay in a release, about 70 % of all; a near duplicate in another partition does not.
 FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
+# What pip is doing, a line for each package; its errors go to the terminal by themselves.
+PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo test check bench bench-paper bench-release
+.PHONY: setup help demo test check compat compat-quick bench bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export and dev
 setup: .venv/.installed
@@ -16,8 +18,12 @@ setup: .venv/.installed
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
+	@echo "setup: installs about 90 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[sim,plots,models,guard,export,dev]"
+	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
+		-e ".[sim,plots,models,guard,export,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
+	@read status < .venv/status; [ $$status -eq 0 ] || \
+		{ echo "setup: pip ended with $$status; what it said is above. To go on, run: make setup" >&2; exit 1; }
 	@touch $@
 
 ## list the verbs
@@ -40,6 +46,14 @@ demo: setup
 ## the whole test suite
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
+
+## the tests with lowest and newest versions of libraries, on every Python from 3.11 to 3.13 that is found, and as three processors calculate
+compat: setup
+	$(BIN)/python -m tests.compatibility --jobs $(JOBS)
+
+## the part of compat that continuous integration runs
+compat-quick: setup
+	$(BIN)/python -m tests.compatibility --quick --jobs $(JOBS)
 
 ## style, types, import contracts, generated files
 check: setup
