@@ -12,7 +12,6 @@ import threading
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import ClassVar
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
 from branchdrive.errors import BranchDriveError
+from branchdrive.process import spawn_context
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 from branchdrive_reference.collect.plan import GroupPlan
@@ -64,7 +64,7 @@ def _in_workers(
     waiting = list(reversed(plans))
     running: set[Future[GroupReport]] = set()
     with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
-        context = get_context("spawn")
+        context = spawn_context()
         stop = context.Event()
         watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
         pool = ProcessPoolExecutor(

@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.queues import SimpleQueue
 from multiprocessing.synchronize import Event
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.process import spawn_context
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
@@ -119,7 +119,7 @@ def _in_workers(
     release: str, folder: str, tasks: Sequence[Task], jobs: int, device: str, watch: Callable[[EpochReport], None]
 ) -> None:
     with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
-        context = get_context("spawn")
+        context = spawn_context()
         stop, reports = context.Event(), context.SimpleQueue()
         watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
         pool = ProcessPoolExecutor(

@@ -20,6 +20,7 @@ from typing import Protocol, TypeVar
 
 from branchdrive.audit.tally import failure_text
 from branchdrive.contract.limits import spec_limits
+from branchdrive.process import spawn_context
 
 __all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
 
@@ -112,8 +113,7 @@ def _quiet_start() -> Iterator[None]:
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, context, _prepare_process, (spec_limits().max_worker_bytes,))
+    return ProcessPoolExecutor(jobs, spawn_context(), _prepare_process, (spec_limits().max_worker_bytes,))
 
 
 def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:

@@ -9,7 +9,6 @@ Source: spec/10-layers.md#layers.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from branchdrive.derive.leakage.audit import AuditProtocol, Progress, audit_leak
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable
 from branchdrive.errors import DatasetError
+from branchdrive.process import child_environment, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
 
@@ -97,8 +97,8 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
     with here:
         with there:
             process = subprocess.Popen(  # noqa: S603  (this interpreter and this module)
-                [sys.executable, "-P", "-m", __name__, str(there.fileno())],
-                env={**os.environ, **_ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                python_command("-m", __name__, str(there.fileno())),
+                env={**child_environment(), **_ONE_THREAD},
                 pass_fds=(there.fileno(),),
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of
