@@ -24,10 +24,10 @@ _Result = TypeVar("_Result")
 Records = Any
 """A structured array or one of its rows; its fields are declared by the dtype that the docstring names."""
 
-# numba reads `.numba_config.yaml` of the current folder whenever it compiles, and what that may name, such as a folder of
-# cached kernels, is unpickled. No such file is wanted, least of all one of a dataset.
+# numba reads `.numba_config.yaml` of the current folder whenever it compiles, and unpickles cached kernels from a
+# folder that this file may name. No such file is wanted, least of all one of a dataset.
 config._config_fname = os.devnull
-config.reload_config()
+config.reload_config()  # type: ignore[no-untyped-call]
 
 drop_stale_kernels(Path(__file__).resolve().parent)
 

@@ -59,7 +59,7 @@ class _Process(SpawnProcess):
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802  (the name is multiprocessing's)
         with _safe_start():
-            return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
+            return SpawnProcess._Popen(process_obj)
 
 
 class _Context(SpawnContext):
@@ -75,8 +75,7 @@ def _safe_start() -> Iterator[None]:
     with _starting:
         before = {name: os.environ.get(name) for name in (_SAFE, _PATH)}
         _set_environment(_SAFE, "1")
-        if before[_PATH] is not None:
-            _set_environment(_PATH, os.pathsep.join(filter(os.path.isabs, before[_PATH].split(os.pathsep))))
+        _set_environment(_PATH, os.pathsep.join(filter(os.path.isabs, (before[_PATH] or "").split(os.pathsep))))
         try:
             yield
         finally:

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.errors import BranchDriveError
+from branchdrive.errors import ToolError
 from branchdrive.process import spawn_context
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
@@ -39,7 +39,7 @@ def execute_groups(
     Closing the generator stops the workers and waits for them.
 
     Raises:
-        BranchDriveError: A worker process died.
+        ToolError: A worker process died.
         KeyboardInterrupt: The user interrupted; all finished rollouts are kept.
     """
     if num_workers(len(plans), jobs=jobs) == 1:
@@ -84,7 +84,9 @@ def _in_workers(
                 yield future.result()
     except BrokenProcessPool as error:
         lifeline.close()  # the other workers do not hear the pool's request to terminate
-        raise BranchDriveError("a worker process died; run the same command again to go on from here") from error
+        raise ToolError(
+            "a worker process died; make room in memory or use fewer `--jobs`, and run the same command again to go on"
+        ) from error
     finally:
         stop.set()
         with deferred_interrupt(then=lifeline.close) as raise_if_noted:  # who insists does not wait for rollouts

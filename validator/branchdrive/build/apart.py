@@ -19,7 +19,7 @@ from typing import Any, Protocol
 from branchdrive.derive.leakage.audit import AuditProtocol, Progress, audit_leakage
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable
-from branchdrive.errors import DatasetError
+from branchdrive.errors import ToolError
 from branchdrive.process import child_environment, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
@@ -91,7 +91,7 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
     """The audit as JSON, from a process of its own; the process ends when this call does, however it ends.
 
     Raises:
-        DatasetError: The process died, of a lack of memory for example.
+        ToolError: The process died, of a lack of memory for example.
     """
     here, there = Pipe()
     with here:
@@ -107,7 +107,7 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
             here.send(task)
             return _serve(here, parts, progress)
         except (EOFError, ConnectionError) as error:
-            raise DatasetError(
+            raise ToolError(
                 "the process of the leakage audit died; give it more memory, or leave the audit out"
             ) from error
         finally:

@@ -4,11 +4,10 @@ Python imports from the current folder first, and a dataset may lie there. What 
 its own affair: `branchdrive` and `python -P -m branchdrive.cli` never look there.
 """
 
-import os
 import sys
 from pathlib import Path
 
-if not sys.flags.safe_path and sys.path[0] == os.getcwd() != str(Path(__file__).parents[2]):
+if not sys.flags.safe_path and Path(sys.path[0]) == Path.cwd() != Path(__file__).parents[2]:
     del sys.path[0]
 
 from branchdrive.cli.main import main
