@@ -63,8 +63,8 @@ def held(target: Path) -> Iterator[Path]:
 def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
     """The working area of a build in `target`, which nobody else writes to meanwhile, collectors included.
 
-    It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build is refused. Whatever
-    else lies in the staging area belongs to a collection and is not touched.
+    It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build
+    is refused. Whatever else lies in the staging area belongs to a collection and is not touched.
 
     Args:
         target: The folder to build in.
