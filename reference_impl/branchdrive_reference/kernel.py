@@ -6,11 +6,13 @@ no operation is reordered or fused and equal inputs give equal bits in every pro
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import config
 
 from branchdrive_reference.kernel_cache import drop_stale_kernels
 
@@ -21,6 +23,11 @@ _Result = TypeVar("_Result")
 
 Records = Any
 """A structured array or one of its rows; its fields are declared by the dtype that the docstring names."""
+
+# numba reads `.numba_config.yaml` of the current folder whenever it compiles, and unpickles cached kernels from a
+# folder that this file may name. No such file is wanted, least of all one of a dataset.
+config._config_fname = os.devnull
+config.reload_config()  # type: ignore[no-untyped-call]
 
 drop_stale_kernels(Path(__file__).resolve().parent)
 

@@ -1,7 +1,7 @@
 """BranchDrive: branch-structured driving datasets - contract, reader, writer and validator.
 
 The names below are the public interface; everything else is private. They load on first use, so
-that importing the package costs nothing.
+that importing the package costs nothing; the first use raises `PlatformError` where the machine lacks what they need.
 """
 
 from __future__ import annotations
@@ -30,7 +30,16 @@ if TYPE_CHECKING:
     from branchdrive.dataset.writer import DatasetWriter
     from branchdrive.derive.feature import InputContract
     from branchdrive.derive.risk import risk_evidence
-    from branchdrive.errors import BranchDriveError, ContractError, DatasetError, DecodeError, LimitError, UsageError
+    from branchdrive.errors import (
+        BranchDriveError,
+        ContractError,
+        DatasetError,
+        DecodeError,
+        LimitError,
+        PlatformError,
+        ToolError,
+        UsageError,
+    )
 
 __all__ = [
     "ActionBank",
@@ -55,6 +64,7 @@ __all__ = [
     "MixedInputs",
     "ModelLayer",
     "ModelTargets",
+    "PlatformError",
     "Policy",
     "PrivilegedInputs",
     "Report",
@@ -63,6 +73,7 @@ __all__ = [
     "SensorInputs",
     "Software",
     "Tolerances",
+    "ToolError",
     "UsageError",
     "Waiver",
     "check_rollout",
@@ -101,6 +112,7 @@ _HOME = {
     "MixedInputs": "dataset.model_input",
     "ModelLayer": "dataset.model_layer",
     "ModelTargets": "dataset.model_input",
+    "PlatformError": "errors",
     "Policy": "contract.policy",
     "PrivilegedInputs": "dataset.model_input",
     "Report": "audit.report",
@@ -109,6 +121,7 @@ _HOME = {
     "SensorInputs": "dataset.model_input",
     "Software": "contract.descriptor",
     "Tolerances": "contract.descriptor",
+    "ToolError": "errors",
     "UsageError": "errors",
     "Waiver": "audit.waiver",
     "check_rollout": "audit.rollout",
@@ -128,6 +141,8 @@ _HOME = {
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'branchdrive' has no attribute {name!r}")
+    if _HOME[name] != "errors":
+        import_module("branchdrive.environment").check_environment()
     value = getattr(import_module(f"branchdrive.{_HOME[name]}"), name)
     globals()[name] = value
     return value

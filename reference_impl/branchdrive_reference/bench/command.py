@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
+from branchdrive.process import python_command
 from branchdrive_reference.bench.memory import Measured, run_measured
 
 __all__ = ["memory", "minutes", "run_branchdrive", "run_module", "size"]
@@ -13,7 +13,7 @@ __all__ = ["memory", "minutes", "run_branchdrive", "run_module", "size"]
 
 def run_module(module: str, *arguments: str) -> Measured:
     """Run a module of this installation in a process of its own."""
-    return run_measured([sys.executable, "-m", module, *arguments])
+    return run_measured(python_command("-m", module, *arguments))
 
 
 def run_branchdrive(*arguments: str) -> Measured:

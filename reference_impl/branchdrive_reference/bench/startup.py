@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import statistics
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 
+from branchdrive.process import python_command
 from branchdrive_reference.bench.row import Row
 
 __all__ = ["rows", "time_startup"]
@@ -18,7 +18,7 @@ def time_startup(arguments: list[str], *, repeats: int = 5) -> float:
     seconds = []
     for _ in range(repeats + 1):
         start = time.perf_counter()
-        subprocess.run([sys.executable, *arguments], check=True, capture_output=True)  # noqa: S603
+        subprocess.run(python_command(*arguments), check=True, capture_output=True)  # noqa: S603
         seconds.append(time.perf_counter() - start)
     return statistics.median(seconds[1:])
 

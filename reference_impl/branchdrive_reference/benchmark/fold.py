@@ -12,6 +12,7 @@ from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.derive.benchmark.ranking_result import utility_scale
 from branchdrive.derive.guard.risk_fit import RiskFit
+from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.risk import keep_risk
@@ -55,15 +56,12 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
     """Fit the risk on predictions of the trained folds, and let it wait for the ranking lock.
 
     Raises:
-        UsageError: The extra is not installed, or training holds no violation or nothing but violations.
+        PlatformError: The extra is not installed.
+        UsageError: Training holds no violation or nothing but violations.
         DatasetError: A fold cannot be read.
     """
-    try:
+    with extra("guard", of="the guard", otherwise="use `--no-guard`"):
         from branchdrive_reference.guard.fit import fit_risk
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"the guard needs the package {error.name!r}: pip install 'branchdrive[guard]', or use `--no-guard`"
-        ) from error
     release, guard = workspace.release, protocol.guard
     scalars = _out_of_fold(release, workspace.folds, fold_tasks(release, protocol), device=device)
     try:

@@ -23,7 +23,8 @@ from branchdrive.dataset.model_layer import ModelLayer
 from branchdrive.derive.layer.features import HISTORIES
 from branchdrive.derive.target import TARGETS
 from branchdrive.derive.utility import REVERSED, WEIGHED, Profile, Scale
-from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.environment import extra
+from branchdrive.errors import BranchDriveError
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.ranker import BankNetwork
 
@@ -64,13 +65,12 @@ def export_selector(
         origin: What else the metadata name, such as the identity of the release.
 
     Raises:
-        UsageError: The extra is not installed, or the models are none that can be ranked with.
+        PlatformError: The extra is not installed.
+        UsageError: The models are none that can be ranked with.
     """
-    try:
+    with extra("export", of="`export`"):
         import onnx
         import onnxscript  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise UsageError(f"`export` needs the package {error.name!r}: pip install 'branchdrive[export]'") from error
     network = BankNetwork(checkpoints, release).eval()
     inputs = tuple(torch.from_numpy(values) for values in contexts_of(release, "train", 1)[0])
     log = logging.getLogger("torch.onnx")
@@ -106,7 +106,7 @@ def check_equal(
     """Largest difference between the model and plain torch over the contexts of a partition; see `TOLERANCE`.
 
     Raises:
-        UsageError: The extra is not installed.
+        PlatformError: The extra is not installed.
         BranchDriveError: The difference is larger than `TOLERANCE`.
     """
     network = BankNetwork(checkpoints, release).eval()
@@ -127,12 +127,10 @@ def open_selector(content: bytes) -> Any:
     """The exported model as a session of ONNX Runtime on one thread of the CPU.
 
     Raises:
-        UsageError: The extra is not installed.
+        PlatformError: The extra is not installed.
     """
-    try:
+    with extra("export", of="`export`"):
         import onnxruntime
-    except ModuleNotFoundError as error:
-        raise UsageError(f"`export` needs the package {error.name!r}: pip install 'branchdrive[export]'") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
@@ -149,7 +147,7 @@ def largest_difference(
         contexts: Pairs of both.
 
     Raises:
-        UsageError: The extra is not installed.
+        PlatformError: The extra is not installed.
     """
     session, largest = open_selector(content), 0.0
     for state, controls in contexts:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.build import seed
 from branchdrive.cli.progress import Update, progress_bar
+from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import Fault, parse_faults
 from branchdrive_reference.collect.interrupt import deferred_interrupt, heeded_termination
@@ -104,7 +105,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     Raises:
         UsageError: The options do not go together, the folder cannot be used, the dataset does not
-            fit on its disk, or the extra is not installed.
+            fit on its disk.
+        PlatformError: The extra is not installed.
     """
     chosen = _choose(args)
     finished = 0
@@ -150,11 +152,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 def _load_collector() -> Callable[..., CampaignReport]:
     """The collector; an interrupt waits for the import, which takes seconds and does not always survive one."""
-    try:
-        with deferred_interrupt() as raise_if_noted:
-            from branchdrive_reference.collect.campaign import collect
-    except ModuleNotFoundError as error:
-        raise UsageError(f"`collect` needs the package {error.name!r}: pip install 'branchdrive[sim]'") from error
+    with extra("sim", of="`collect`"), deferred_interrupt() as raise_if_noted:
+        from branchdrive_reference.collect.campaign import collect
     raise_if_noted()
     return collect
 

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -20,7 +19,8 @@ from typing import ClassVar
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.errors import BranchDriveError
+from branchdrive.errors import ToolError
+from branchdrive.process import spawn_context
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 from branchdrive_reference.collect.plan import GroupPlan
@@ -39,7 +39,7 @@ def execute_groups(
     Closing the generator stops the workers and waits for them.
 
     Raises:
-        BranchDriveError: A worker process died.
+        ToolError: A worker process died.
         KeyboardInterrupt: The user interrupted; all finished rollouts are kept.
     """
     if num_workers(len(plans), jobs=jobs) == 1:
@@ -64,7 +64,7 @@ def _in_workers(
     waiting = list(reversed(plans))
     running: set[Future[GroupReport]] = set()
     with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
-        context = get_context("spawn")
+        context = spawn_context()
         stop = context.Event()
         watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
         pool = ProcessPoolExecutor(
@@ -84,7 +84,9 @@ def _in_workers(
                 yield future.result()
     except BrokenProcessPool as error:
         lifeline.close()  # the other workers do not hear the pool's request to terminate
-        raise BranchDriveError("a worker process died; run the same command again to go on from here") from error
+        raise ToolError(
+            "a worker process died; make room in memory or use fewer `--jobs`, and run the same command again to go on"
+        ) from error
     finally:
         stop.set()
         with deferred_interrupt(then=lifeline.close) as raise_if_noted:  # who insists does not wait for rollouts

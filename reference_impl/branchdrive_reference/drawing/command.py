@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
+from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
 
 if TYPE_CHECKING:
@@ -49,12 +50,11 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     Raises:
         UsageError: The dataset is not finished or cannot be read, a named group, a wanted type or no group at all
-            can be drawn, the output is no folder outside the dataset, or the extra is not installed.
+            can be drawn, or the output is no folder outside the dataset.
+        PlatformError: The extra is not installed.
     """
-    try:
+    with extra("sim", "plots", of="`draw`"):
         from branchdrive_reference.drawing.picture import save
-    except ModuleNotFoundError as error:
-        raise UsageError(f"`draw` needs the package {error.name!r}: pip install 'branchdrive[sim,plots]'") from error
     from branchdrive_reference.drawing.choice import named_groups, wanted_groups
     from branchdrive_reference.drawing.gallery import Gallery, named_pictures
     from branchdrive_reference.drawing.quiet import quiet

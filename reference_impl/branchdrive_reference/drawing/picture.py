@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from branchdrive.contract.timing import TICK_S
+from branchdrive.file_error import named
 from branchdrive_reference.drawing.actors import draw_actors, draw_ego
 from branchdrive_reference.drawing.futures import draw_futures, draw_history, draw_route
 from branchdrive_reference.drawing.legend import draw_axes_of_world, draw_legend, draw_scale
@@ -118,7 +119,9 @@ def save(scene: Scene, path: Path, file_format: Literal["png", "svg"]) -> None:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
             matplotlib.rcParams.update(_SETTINGS)
-            draw_scene(scene).savefig(partial, format=file_format, metadata=_METADATA[file_format])
+            figure = draw_scene(scene)
+            with named(path):
+                figure.savefig(partial, format=file_format, metadata=_METADATA[file_format])
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -14,14 +14,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.queues import SimpleQueue
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
-from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.errors import ToolError, UsageError
+from branchdrive.process import spawn_context
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
@@ -92,7 +92,7 @@ def train_models(
     Raises:
         UsageError: As `train_model`, or two tasks have one name.
         DatasetError: As `train_model`.
-        BranchDriveError: A worker process died.
+        ToolError: A worker process died.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
     paths = [task.path(Path(folder)) for task in tasks]
@@ -119,7 +119,7 @@ def _in_workers(
     release: str, folder: str, tasks: Sequence[Task], jobs: int, device: str, watch: Callable[[EpochReport], None]
 ) -> None:
     with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
-        context = get_context("spawn")
+        context = spawn_context()
         stop, reports = context.Event(), context.SimpleQueue()
         watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
         pool = ProcessPoolExecutor(
@@ -138,7 +138,9 @@ def _in_workers(
     except BrokenProcessPool as error:
         is_broken = True
         lifeline.close()  # the other workers do not hear the pool's request to terminate
-        raise BranchDriveError("a worker process died; run the same command again to go on from here") from error
+        raise ToolError(
+            "a worker process died; make room in memory or use fewer `--jobs`, and run the same command again to go on"
+        ) from error
     except _StoppedError:
         pass  # because the watcher raised
     finally:

@@ -21,7 +21,7 @@ from branchdrive.build.apart import AuditTask, audit_apart, audit_here
 from branchdrive.build.layers import load_layers
 from branchdrive.build.scan import scan_raw
 from branchdrive.derive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
-from branchdrive.errors import DatasetError
+from branchdrive.errors import ToolError
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def test_a_known_part_is_not_computed(task_of: Any) -> None:
 
 
 def test_its_death_is_told(task_of: Any) -> None:
-    with pytest.raises(DatasetError, match="the process of the leakage audit died; give it more memory"):
+    with pytest.raises(ToolError, match="the process of the leakage audit died; give it more memory"):
         audit_apart(task_of(Killer()), Parts())
 
 

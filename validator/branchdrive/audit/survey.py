@@ -35,6 +35,7 @@ from branchdrive.dataset.layout import (
 from branchdrive.dataset.manifest import Manifest, ManifestProblem, parse_manifest
 from branchdrive.dataset.untrusted import open_file, read_file
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.file_error import machine_faults
 
 if TYPE_CHECKING:
     from branchdrive.audit.shard import ShardResult
@@ -164,7 +165,7 @@ def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
     while folders:
         folder = folders.pop()
         try:
-            with os.scandir(root / folder) as listing:
+            with machine_faults(root / folder), os.scandir(root / folder) as listing:
                 names = sorted(islice(listing, 2 * limits.max_files + 1), key=lambda entry: entry.name)
         except OSError:
             if not folder:
@@ -184,7 +185,8 @@ def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
 
 def _entry(path: str, name: os.DirEntry[str]) -> Entry:
     try:
-        status = name.stat(follow_symlinks=False)
+        with machine_faults(name.path):
+            status = name.stat(follow_symlinks=False)
     except OSError:
         return Entry(path, "unreadable", 0)
     if stat.S_ISREG(status.st_mode):

@@ -16,10 +16,14 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Protocol, TypeVar
 
 from branchdrive.audit.tally import failure_text
 from branchdrive.contract.limits import spec_limits
+from branchdrive.environment import import_fault
+from branchdrive.errors import PlatformError
+from branchdrive.process import spawn_context
 
 __all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
 
@@ -40,7 +44,10 @@ class Failed:
 
 
 class Executor(Protocol):
-    """Runs a picklable function over tasks; yields each task's index with its result, in any order."""
+    """Runs a picklable function over tasks; yields each task's index with its result, in any order.
+
+    A `PlatformError` of a task ends the run: what the machine lacks is no matter of one task.
+    """
 
     def __call__(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], /
@@ -50,11 +57,19 @@ class Executor(Protocol):
 
 
 def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
-    """Result of a task, or what its exception says."""
+    """Result of a task, or what its exception says.
+
+    Raises:
+        PlatformError: The machine lacks something; that is the fault of no task.
+    """
     try:
         return function(task)
     except MemoryError:
         return Died()
+    except PlatformError:
+        raise
+    except ImportError as error:
+        raise import_fault(error, "this command") from error
     except Exception:  # it must not hide the results of the other tasks
         return Failed(failure_text(function.__name__))
 
@@ -112,8 +127,15 @@ def _quiet_start() -> Iterator[None]:
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, context, _prepare_process, (spec_limits().max_worker_bytes,))
+    return ProcessPoolExecutor(jobs, spawn_context(), _prepare_process, (spec_limits().max_worker_bytes,))
+
+
+def _import(module: str) -> None:
+    """Load the module of a function, whose tasks would die where it cannot be loaded."""
+    try:
+        import_module(module)
+    except ImportError as error:
+        raise import_fault(error, "a worker process") from error
 
 
 def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
@@ -121,7 +143,7 @@ def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Fa
     with _pool(1) as pool:
         try:
             with _quiet_start():
-                first = pool.submit(os.getpid)
+                first = pool.submit(_import, function.__module__)
             first.result()
         except BrokenProcessPool:
             return Failed(

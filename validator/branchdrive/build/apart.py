@@ -9,7 +9,6 @@ Source: spec/10-layers.md#layers.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -20,7 +19,8 @@ from typing import Any, Protocol
 from branchdrive.derive.leakage.audit import AuditProtocol, Progress, audit_leakage
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable
-from branchdrive.errors import DatasetError
+from branchdrive.errors import ToolError
+from branchdrive.process import child_environment, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
 
@@ -91,14 +91,14 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
     """The audit as JSON, from a process of its own; the process ends when this call does, however it ends.
 
     Raises:
-        DatasetError: The process died, of a lack of memory for example.
+        ToolError: The process died, of a lack of memory for example.
     """
     here, there = Pipe()
     with here:
         with there:
             process = subprocess.Popen(  # noqa: S603  (this interpreter and this module)
-                [sys.executable, "-P", "-m", __name__, str(there.fileno())],
-                env={**os.environ, **_ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                python_command("-m", __name__, str(there.fileno())),
+                env={**child_environment(), **_ONE_THREAD},
                 pass_fds=(there.fileno(),),
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of
@@ -107,7 +107,7 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
             here.send(task)
             return _serve(here, parts, progress)
         except (EOFError, ConnectionError) as error:
-            raise DatasetError(
+            raise ToolError(
                 "the process of the leakage audit died; give it more memory, or leave the audit out"
             ) from error
         finally:

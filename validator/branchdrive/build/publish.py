@@ -30,7 +30,7 @@ from branchdrive.dataset.layout import (
 from branchdrive.dataset.lock import FileLock
 from branchdrive.dataset.manifest import Manifest, parse_manifest, write_manifest
 from branchdrive.dataset.untrusted import read_file
-from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.errors import BranchDriveError, ToolError, UsageError
 
 __all__ = ["benchmark_area", "held", "make_private", "publish", "publish_layer", "staging", "stated_identity"]
 
@@ -63,8 +63,8 @@ def held(target: Path) -> Iterator[Path]:
 def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
     """The working area of a build in `target`, which nobody else writes to meanwhile, collectors included.
 
-    It stays if the build is interrupted, so that the next one goes on, and goes if the build is refused. Whatever
-    else lies in the staging area belongs to a collection and is not touched.
+    It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build
+    is refused. Whatever else lies in the staging area belongs to a collection and is not touched.
 
     Args:
         target: The folder to build in.
@@ -87,6 +87,8 @@ def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
             yield work
             delete(work)
             _drop_stale_benchmarks(target, area)
+        except ToolError:
+            raise
         except BranchDriveError:
             delete(work)
             raise

@@ -2,7 +2,8 @@
 
 Commands are modules with `SUMMARY`, `add_arguments(parser)` and `run(args, stdout, stderr) -> int`.
 Extras add theirs through the entry-point group `branchdrive.commands`. Exit codes: 0, 1, 3, 4 as the
-verdict says, 4 also where a command fails for no reason in its input; 2 wrong usage; 130 interrupted.
+verdict says, 4 also where a command fails for no reason in its input: a bug, a library that is missing or too old,
+a full disk; 2 wrong usage, a path that cannot be used among it; 130 interrupted, 143 asked to terminate.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from importlib import import_module
 from importlib.metadata import entry_points, version
 from typing import NoReturn, Protocol, TextIO
 
+from branchdrive.environment import check_environment, extra, import_fault
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
+from branchdrive.file_error import file_error_text, is_machine_fault
 
 __all__ = ["main", "run", "validate_main"]
 
@@ -79,9 +82,11 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
         stderr.write(f"{prog}: {_on_one_line(str(error))}\n")
         return EXIT_USAGE
     except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        stderr.write(f"{prog}: {_on_one_line(f'{place}{error.strerror or error}')}\n")
-        return EXIT_USAGE
+        stderr.write(f"{prog}: {_on_one_line(file_error_text(error))}\n")
+        return EXIT_FAILED if is_machine_fault(error) else EXIT_USAGE
+    except ImportError as error:
+        stderr.write(f"{prog}: {_on_one_line(str(import_fault(error, 'this command')))}\n")
+        return EXIT_FAILED
     except Exception as error:  # a bug is no verdict on a dataset: it must not end in exit code 1
         from traceback import format_exc
 
@@ -116,11 +121,13 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     wanted = next((argument for argument in argv if argument in modules), None)
     for name, module_name in modules.items():
         if name == wanted:
-            command = _load_or_explain(name, module_name)
+            with extra(of=f"`{name}`"):
+                command = _load(module_name)
             command.add_arguments(subparsers.add_parser(name, help=command.SUMMARY, description=command.SUMMARY))
         else:
             subparsers.add_parser(name, help=_SUMMARIES.get(name, "added by an installed extra"), add_help=False)
     args = parser.parse_args(argv)
+    check_environment()
     return _load(modules[args.command]).run(args, stdout, stderr)
 
 
@@ -140,14 +147,6 @@ _SUMMARIES = {
 }
 
 
-def _load_or_explain(name: str, module_name: str) -> Command:
-    try:
-        return _load(module_name)
-    except ModuleNotFoundError as error:
-        hint = "pip install 'branchdrive[sim]'" if module_name.startswith("branchdrive_reference") else "reinstall it"
-        raise BranchDriveError(f"`{name}` needs the package {error.name!r}: {hint}") from error
-
-
 def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     """Run `branchdrive-validate` with the given arguments."""
 
@@ -155,7 +154,9 @@ def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
         command = _load(_BUILT_IN["validate"])
         parser = _Parser("branchdrive-validate", description=command.SUMMARY)
         command.add_arguments(parser)
-        return command.run(parser.parse_args(argv), stdout, stderr)
+        args = parser.parse_args(argv)
+        check_environment()
+        return command.run(args, stdout, stderr)
 
     return _carry_out("branchdrive-validate", action, stdout, stderr)
 

@@ -11,6 +11,7 @@ from typing import TextIO
 
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
+from branchdrive.file_error import named
 
 SUMMARY = "check a dataset against the specification"
 
@@ -82,7 +83,8 @@ def _replace(path: Path, text: str) -> None:
     """Write a file so that it is never seen half-written."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        partial.write_text(text, encoding="utf-8")
+        with named(path):
+            partial.write_text(text, encoding="utf-8")
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
+
+from branchdrive.file_error import named
 
 __all__ = ["delete", "make_dir", "move", "partial_path", "remove", "replace_file", "sync_dir", "write_file"]
 
@@ -13,7 +16,8 @@ def sync_dir(folder: Path) -> None:
     """Make the names in `folder` durable."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        os.fsync(descriptor)
+        with named(folder):
+            os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
@@ -26,11 +30,19 @@ def make_dir(folder: Path) -> None:
 
 
 def write_file(path: Path, content: bytes | memoryview) -> None:
-    """Write a file and make its content durable; its name is durable once the folder is synchronised."""
-    with path.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
+    """Write a file and make its content durable; its name is durable once the folder is synchronised.
+
+    A file that does not get all its content, on a full disk for example, is removed.
+    """
+    try:
+        with named(path), path.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError:
+        with suppress(OSError):  # the first error is the one to tell
+            path.unlink()
+        raise
 
 
 def partial_path(path: Path) -> Path:

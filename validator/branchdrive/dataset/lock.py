@@ -9,6 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from branchdrive.file_error import named
+
 __all__ = ["FileLock"]
 
 
@@ -42,7 +44,8 @@ class FileLock:
         while True:
             descriptor = os.open(self.path, flags, 0o644)
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX if blocking else fcntl.LOCK_EX | fcntl.LOCK_NB)
+                with named(self.path):
+                    fcntl.flock(descriptor, fcntl.LOCK_EX if blocking else fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 os.close(descriptor)
                 return False

@@ -9,11 +9,13 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedReader
+from io import BufferedReader, FileIO
 from pathlib import Path
+from typing import Any
 
 from branchdrive.dataset.layout import unsafe_reason
 from branchdrive.errors import DatasetError
+from branchdrive.file_error import machine_faults
 
 __all__ = ["list_names", "open_file", "read_file", "read_named_file"]
 
@@ -32,6 +34,26 @@ def _open_folder(root: Path, folders: list[str]) -> Iterator[int]:
         os.close(descriptor)
 
 
+class _File(FileIO):
+    """A file whose bytes cannot be had only because of itself, never because of a broken disk.
+
+    Raises:
+        PlatformError: The machine failed to read it.
+    """
+
+    def __init__(self, descriptor: int, path: Path) -> None:
+        super().__init__(descriptor, "rb")
+        self._path = path
+
+    def readinto(self, buffer: Any, /) -> int:
+        with machine_faults(self._path):
+            return super().readinto(buffer)
+
+    def readall(self) -> bytes:
+        with machine_faults(self._path):
+            return super().readall()
+
+
 def _parts(root: Path, path: str) -> list[str]:
     reason = unsafe_reason(path)
     if reason is not None:
@@ -44,10 +66,11 @@ def open_file(root: Path, path: str) -> BufferedReader:
 
     Raises:
         DatasetError: The path is unsafe, does not exist, or is or crosses a link or a special file.
+        PlatformError: The machine is to blame, with too few descriptors for example.
     """
     *folders, name = _parts(root, path)
     try:
-        with _open_folder(root, folders) as folder:
+        with machine_faults(root / path), _open_folder(root, folders) as folder:
             descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
     except FileNotFoundError:
         raise DatasetError(f"{root}: {path!r} does not exist") from None
@@ -56,7 +79,7 @@ def open_file(root: Path, path: str) -> BufferedReader:
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise DatasetError(f"{root}: {path!r} is no regular file; put a regular file in its place")
-    return os.fdopen(descriptor, "rb")
+    return BufferedReader(_File(descriptor, root / path))
 
 
 def read_file(root: Path, path: str, max_bytes: int) -> bytes:
@@ -80,7 +103,8 @@ def read_named_file(path: Path, max_bytes: int) -> bytes:
             the path to the caller.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with machine_faults(path):
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
         raise DatasetError("does not exist") from None
     except (OSError, ValueError) as error:
@@ -102,7 +126,7 @@ def list_names(root: Path, path: str) -> list[str]:
         DatasetError: The path is unsafe, or is or crosses a link.
     """
     try:
-        with _open_folder(root, _parts(root, path)) as folder:
+        with machine_faults(root / path), _open_folder(root, _parts(root, path)) as folder:
             return sorted(os.listdir(folder))  # noqa: PTH208  (pathlib cannot list a descriptor)
     except FileNotFoundError:
         return []

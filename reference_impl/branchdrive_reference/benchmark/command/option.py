@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
-from branchdrive.errors import UsageError
+from branchdrive.environment import extra
 
 if TYPE_CHECKING:
     from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
@@ -59,13 +59,11 @@ def need_models(command: str) -> None:
     """Make sure that torch is here.
 
     Raises:
-        UsageError: It is not; the message says what to install.
+        PlatformError: It is not; the message says what to install.
     """
-    try:
+    with extra("models", of=f"`{command}`"):
         import branchdrive_reference.learning.groups
         import branchdrive_reference.learning.tensor_file  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise UsageError(f"`{command}` needs the package {error.name!r}: pip install 'branchdrive[models]'") from error
 
 
 def check_device(name: str) -> None:
@@ -83,14 +81,10 @@ def need_plots() -> None:
     """Make sure that figures can be drawn, before anything is opened for them.
 
     Raises:
-        UsageError: They cannot; the message says what to install.
+        PlatformError: They cannot; the message says what to install.
     """
-    try:
+    with extra("plots", of="a figure", otherwise="use `--no-figures`"):
         import branchdrive_reference.benchmark.figure.gallery  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"figures need the package {error.name!r}: pip install 'branchdrive[plots]', or use `--no-figures`"
-        ) from error
 
 
 @contextmanager

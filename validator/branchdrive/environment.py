@@ -1,0 +1,150 @@
+"""What the distribution needs of a machine: system calls, and libraries within the bounds that its metadata declare.
+
+A lack is the environment's fault: one line that says what to do, and never a finding about data.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from branchdrive.errors import PlatformError
+
+__all__ = ["Requirement", "check_environment", "check_libraries", "extra", "import_fault", "requirements"]
+
+_DISTRIBUTION = "branchdrive"
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<bound>[\d.]+)(?:; extra == ['\"](?P<extra>\w+)['\"])?")
+
+
+class Requirement(NamedTuple):
+    """A library that the core (`extra` is empty) or an extra needs, and its lowest version."""
+
+    name: str
+    bound: str
+    extra: str
+
+
+@cache
+def requirements() -> tuple[Requirement, ...]:
+    """What the metadata of the distribution declare; nothing where it runs from sources that are not installed."""
+    try:
+        lines = requires(_DISTRIBUTION) or []
+    except PackageNotFoundError:
+        return ()
+    found = map(_REQUIREMENT.fullmatch, lines)
+    return tuple(Requirement(one["name"], one["bound"], one["extra"] or "") for one in found if one)
+
+
+@cache
+def check_environment() -> None:
+    """Make sure of the system calls and of the core's libraries; the first success is remembered.
+
+    Raises:
+        PlatformError: A call is missing, or a library is older than declared.
+    """
+    lacking = _lacking_calls()
+    if lacking:
+        raise PlatformError(
+            f"branchdrive needs a POSIX system; {sys.platform} lacks {', '.join(lacking)}: "
+            "use Linux or macOS, or WSL on Windows"
+        )
+    check_libraries("")
+
+
+def _lacking_calls() -> list[str]:
+    """System calls that safe reading, durable writing and workers rest on and that this platform lacks."""
+    names = ("O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "geteuid", "register_at_fork")
+    lacking = [f"os.{name}" for name in names if not hasattr(os, name)]
+    lacking += ["os.open(dir_fd=...)"] if os.open not in os.supports_dir_fd else []
+    lacking += ["os.listdir(fd)"] if os.listdir not in os.supports_fd else []
+    lacking += ["signal.pthread_sigmask"] if not hasattr(signal, "pthread_sigmask") else []
+    return lacking + ([] if find_spec("fcntl") else ["fcntl"])
+
+
+def check_libraries(*extras: str) -> None:
+    """Compare installed libraries with their lowest versions; one that is not installed is left to its import.
+
+    Args:
+        extras: Extras whose libraries are looked at; the empty name is the core.
+
+    Raises:
+        PlatformError: Some are older.
+    """
+    old = []
+    for one in requirements():
+        if one.extra in extras:
+            found = _installed(one.name)
+            if found is not None and _numbers(found) < _numbers(one.bound):
+                old.append((one, found))
+    if old:
+        needed = ", ".join(f"{one.name}>={one.bound}, found {found}" for one, found in old)
+        install = " ".join(f"'{one.name}>={one.bound}'" for one, _ in old)
+        raise PlatformError(f"branchdrive needs {needed}; run: pip install {install}")
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _numbers(text: str) -> list[int]:
+    """Release numbers of a version without zeros at the end, which change nothing."""
+    release = re.match(r"\d+(\.\d+)*", text)
+    numbers = [int(number) for number in release[0].split(".")] if release else []
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return numbers
+
+
+@contextmanager
+def extra(*names: str, of: str, otherwise: str = "") -> Iterator[None]:
+    """Import what extras bring.
+
+    Args:
+        names: The extras.
+        of: What needs them, as messages name it.
+        otherwise: How to go without them.
+
+    Raises:
+        PlatformError: A library of theirs is too old, missing, or cannot be imported.
+    """
+    check_libraries(*names)
+    try:
+        yield
+    except ImportError as error:
+        raise import_fault(error, of, *names, otherwise=otherwise) from error
+
+
+def import_fault(error: ImportError, of: str, *extras: str, otherwise: str = "") -> PlatformError:
+    """What to do about an import that failed: install what is missing, or look at what is broken.
+
+    Args:
+        error: The failure.
+        of: What needed the import.
+        extras: Extras to install; by default those that bring the missing package.
+        otherwise: How to go without them.
+    """
+    package = (error.name or "").partition(".")[0]
+    known = [one for one in requirements() if _same_name(one.name, package)]
+    if not isinstance(error, ModuleNotFoundError) or error.name != package or not known:
+        place = f" (found at {error.path})" if error.path else ""
+        return PlatformError(f"{of} cannot be loaded: {error}{place}; reinstall the package that this belongs to")
+    wanted = extras or tuple(dict.fromkeys(one.extra for one in known if one.extra))[:1]
+    install = f"branchdrive[{','.join(wanted)}]" if wanted else f"{package}>={known[0].bound}"
+    return PlatformError(
+        f"{of} needs the package {package!r}: pip install '{install}'" + (f", or {otherwise}" if otherwise else "")
+    )
+
+
+def _same_name(distribution: str, package: str) -> bool:
+    return distribution.lower().replace("-", "_") == package.lower()

@@ -1,0 +1,90 @@
+"""The one way in which child processes are started: they import nothing from the current folder.
+
+`multiprocessing` starts its workers and its resource tracker by ``python -c``, and Python puts the current folder
+first on the path of such a process: a ``re.py`` in a dataset would run before any code of ours. So children start
+with ``PYTHONSAFEPATH`` (or ``-P``) and without relative entries of ``PYTHONPATH``. This process has that environment
+for the moment of a start only; children keep it for processes of their own.
+
+Source: spec/09-security.md#serialisation.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
+
+from branchdrive.errors import PlatformError
+
+__all__ = ["child_environment", "python_command", "spawn_context"]
+
+_SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
+
+_starting = threading.RLock()
+
+
+def python_command(*arguments: str) -> list[str]:
+    """Command line of this interpreter with `arguments`; see `child_environment`."""
+    return [sys.executable, "-P", *arguments]
+
+
+def child_environment() -> dict[str, str]:
+    """Environment of a child that `python_command` starts: it finds what this process finds, by absolute paths."""
+    return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, sys.path))}
+
+
+def spawn_context() -> SpawnContext:
+    """Context of `multiprocessing` for processes, pools, queues and events.
+
+    Raises:
+        PlatformError: The interpreter was started so that its children heed no environment.
+    """
+    if sys.flags.ignore_environment and not sys.flags.safe_path:
+        raise PlatformError(
+            "worker processes of `python -E` would import from the current folder; start Python with -P or -I as well"
+        )
+    with _safe_start():
+        resource_tracker.ensure_running()
+    return _Context()
+
+
+class _Process(SpawnProcess):
+    """A process whose interpreter starts safely."""
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802  (the name is multiprocessing's)
+        with _safe_start():
+            return SpawnProcess._Popen(process_obj)
+
+
+class _Context(SpawnContext):
+    Process = _Process
+
+
+@contextmanager
+def _safe_start() -> Iterator[None]:
+    """Let interpreters start with nothing on their path that depends on the current folder.
+
+    A worker then gets the path of this process: what a script imports, its workers find.
+    """
+    with _starting:
+        before = {name: os.environ.get(name) for name in (_SAFE, _PATH)}
+        _set_environment(_SAFE, "1")
+        _set_environment(_PATH, os.pathsep.join(filter(os.path.isabs, (before[_PATH] or "").split(os.pathsep))))
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                _set_environment(name, value)
+
+
+def _set_environment(name: str, value: str | None) -> None:
+    if value:
+        os.environ[name] = value
+    else:
+        os.environ.pop(name, None)
