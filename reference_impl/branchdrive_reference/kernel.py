@@ -16,7 +16,7 @@ from numba.core import config
 
 from branchdrive_reference.kernel_cache import drop_stale_kernels
 
-__all__ = ["Records", "kernel"]
+__all__ = ["Records", "are_kernels_cached", "kernel"]
 
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
@@ -32,6 +32,16 @@ config.reload_config()  # type: ignore[no-untyped-call]
 drop_stale_kernels(Path(__file__).resolve().parent)
 
 
+_cache_folders: set[Path] = set()
+
+
 def kernel(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
     """Compile `function`, keeping its type."""
-    return cast("Callable[_Parameters, _Result]", numba.njit(cache=True, fastmath=False)(function))
+    compiled = numba.njit(cache=True, fastmath=False)(function)
+    _cache_folders.add(Path(compiled.stats.cache_path))
+    return cast("Callable[_Parameters, _Result]", compiled)
+
+
+def are_kernels_cached() -> bool:
+    """Whether machine code of the kernels that are declared so far was kept by an earlier process."""
+    return any(next(folder.glob("*.nbi"), None) is not None for folder in _cache_folders)

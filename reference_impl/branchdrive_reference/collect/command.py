@@ -120,6 +120,11 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         with ExitStack() as stack:
             stack.enter_context(heeded_termination())
             collect = _load_collector()
+            from branchdrive_reference.kernel import are_kernels_cached  # loaded by now
+
+            if not are_kernels_cached():
+                stdout.write("kernels   are compiled for this processor, once: 15 to 60 s before the first group\n")
+                stdout.flush()
 
             def note(groups: int, ticks: int) -> None:
                 nonlocal finished, show
