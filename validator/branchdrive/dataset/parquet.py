@@ -3,6 +3,7 @@
 Equal tables give equal bytes (for one version of pyarrow), whatever their chunks and string
 encoding in memory. Reading takes bytes that are already in memory and decodes every value:
 no filter is pushed down and no statistic is believed, because both belong to whoever wrote the file.
+Types are Parquet's: of the Arrow schema that a writer may have stored, only the metadata of columns is read.
 
 Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 """
@@ -10,7 +11,9 @@ Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from functools import cache
+from inspect import signature
+from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.errors import DecodeError, LimitError
@@ -24,7 +27,12 @@ __all__ = ["decode_table", "encode_table", "written_out_bytes"]
 _ROW_GROUP_ROWS = 100_000
 _COMPRESSION_LEVEL = 3
 _BATCH_ROWS = 65_536
+_PLAIN_BATCH_ROWS = 1_024
+"""Rows that are decoded at once where text comes written out, of which a page can hold a thousandfold."""
 _TICK = "tick"
+_ARROW_KEY = b"ARROW:schema"
+_FOOTER_END_BYTES = 8
+"""The length of the footer and the magic number, at the end of a file."""
 
 _MAX_REASON_CHARACTERS = 200
 
@@ -91,53 +99,67 @@ def decode_table(content: bytes | memoryview, name: str | None = None, limits: L
         raise LimitError(f"{label} has {len(content)} bytes; the limit is {limits.max_table_bytes}")
     try:
         return _decode(content, label, limits)
-    # What pyarrow raises on damaged bytes spans these classes; a C++ exception arrives as RuntimeError.
-    except (pa.ArrowException, OSError, ValueError, TypeError, LookupError, RuntimeError, MemoryError) as error:
+    # What pyarrow raises on damaged bytes; a C++ exception arrives as RuntimeError. A TypeError is none of them:
+    # it says that this module calls pyarrow wrongly, and must not be laid at the data's door.
+    except (pa.ArrowException, OSError, UnicodeError, RuntimeError, MemoryError) as error:
         raise DecodeError(f"{label} does not decode: {_reason(error)}") from error
 
 
 def _decode(content: bytes | memoryview, label: str, limits: Limits) -> pa.Table:
     import pyarrow as pa
 
-    file = _open(content, [], limits)
     # Of the footer only its totals are read: on damaged metadata of a column, pyarrow ends the process.
+    file = _open(content, limits)
     num_columns, num_rows_promised = file.metadata.num_columns, file.metadata.num_rows
     if num_columns > limits.max_table_columns:
         raise LimitError(f"{label} has {num_columns} columns; the limit is {limits.max_table_columns}")
-    schema = file.schema_arrow
-    if len(set(schema.names)) != len(schema.names):
-        raise DecodeError(f"{label} repeats a column name")
     _check_size(num_rows_promised, 0, label, limits)
-    file = _open(content, [field.name for field in schema if pa.types.is_string(field.type)], limits)
-    batches, num_rows, num_bytes = [], 0, 0
-    for batch in file.iter_batches(batch_size=_BATCH_ROWS, use_threads=False):
+    stored = file.schema_arrow
+    if len(set(stored.names)) != len(stored.names):
+        raise DecodeError(f"{label} repeats a column name")
+    footer = _open(_footer(content), limits)
+    text = [field.name for field in footer.schema_arrow if pa.types.is_string(field.type)]
+    try:
+        file = _open(content, limits, read_dictionary=text, metadata=footer.metadata)
+        batches = list(_batches(file, _BATCH_ROWS, label, limits))
+    except OSError:  # damage, or text in a delta encoding, which Arrow does not read as a dictionary
+        file = _open(content, limits, metadata=footer.metadata)
+        batches = list(_batches(file, _PLAIN_BATCH_ROWS, label, limits))
+    num_rows = sum(batch.num_rows for batch in batches)
+    if num_rows != num_rows_promised:
+        raise DecodeError(f"{label} promises {num_rows_promised} rows in its footer and holds {num_rows}")
+    schema = batches[0].schema if batches else file.schema_arrow
+    return _with_metadata(pa.Table.from_batches(batches, schema=schema).unify_dictionaries(), stored)
+
+
+def _batches(file: pq.ParquetFile, batch_rows: int, label: str, limits: Limits) -> Iterator[pa.RecordBatch]:
+    """All rows of the file, as long as they keep within the limits, with text as dictionary arrays."""
+    num_rows, num_bytes = 0, 0
+    for decoded in file.iter_batches(batch_size=batch_rows, use_threads=False):
+        decoded.validate(full=True)
+        batch = _encoded(decoded)
         num_rows += batch.num_rows
         num_bytes += batch.nbytes
         _check_size(num_rows, num_bytes, label, limits)
-        batch.validate(full=True)
-        batches.append(batch)
-    if num_rows != num_rows_promised:
-        raise DecodeError(f"{label} promises {num_rows_promised} rows in its footer and holds {num_rows}")
-    return _canonical(pa.Table.from_batches(batches, schema=file.schema_arrow).unify_dictionaries())
+        yield batch
 
 
-def _canonical(table: pa.Table) -> pa.Table:
-    """The table with one Arrow type for each Parquet type, whatever Arrow types its writer used.
+def _encoded(batch: pa.RecordBatch) -> pa.RecordBatch:
+    import pyarrow as pa
 
-    Parquet has one type of text and one of lists; large, view and non-null variants are Arrow's.
-    """
+    arrays = [array.dictionary_encode() if pa.types.is_string(array.type) else array for array in batch.columns]
+    return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+
+
+def _with_metadata(table: pa.Table, stored: pa.Schema) -> pa.Table:
+    """The table with metadata and nullability as they are stored, and with lists whose elements have one name."""
     import pyarrow as pa
 
     fields = []
-    for field in table.schema:
-        kind = field.type
-        if pa.types.is_large_string(kind) or pa.types.is_string_view(kind):
-            kind = pa.string()
-        elif pa.types.is_list(kind) or pa.types.is_large_list(kind):
-            kind = pa.list_(kind.value_type)
-        fields.append(field.with_type(kind))
-    schema = pa.schema(fields, table.schema.metadata)
-    return table if schema.equals(table.schema) else table.cast(schema)
+    for field, found in zip(stored, table.schema, strict=True):
+        is_list = pa.types.is_list(found.type)
+        fields.append(field.with_type(pa.list_(found.type.value_type) if is_list else found.type))
+    return table.cast(pa.schema(fields, stored.metadata))
 
 
 def written_out_bytes(table: pa.Table) -> int:
@@ -153,18 +175,34 @@ def written_out_bytes(table: pa.Table) -> int:
     return num_bytes
 
 
-def _open(content: bytes | memoryview, strings: list[str], limits: Limits) -> pq.ParquetFile:
+def _open(content: bytes | memoryview, limits: Limits, **options: Any) -> pq.ParquetFile:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     return pq.ParquetFile(
         pa.BufferReader(content),
-        read_dictionary=strings,
         pre_buffer=False,
         thrift_string_size_limit=limits.max_footer_string_bytes,
         thrift_container_size_limit=limits.max_footer_items,
-        arrow_extensions_enabled=False,
+        **_without_extensions(),
+        **options,
     )
+
+
+@cache
+def _without_extensions() -> dict[str, bool]:
+    """The option that switches extension types off; before pyarrow 21 there are none to switch off."""
+    import pyarrow.parquet as pq
+
+    name = "arrow_extensions_enabled"
+    return {name: False} if name in signature(pq.ParquetFile).parameters else {}
+
+
+def _footer(content: bytes | memoryview) -> bytes:
+    """A file of the footer alone that names no Arrow schema, so that types follow from Parquet's."""
+    end = bytes(content[-_FOOTER_END_BYTES:])
+    footer = bytes(content[-_FOOTER_END_BYTES - int.from_bytes(end[:4], "little") : -_FOOTER_END_BYTES])
+    return end[4:] + footer.replace(_ARROW_KEY, bytes(len(_ARROW_KEY))) + end
 
 
 def _check_size(num_rows: int, num_bytes: int, label: str, limits: Limits) -> None:
