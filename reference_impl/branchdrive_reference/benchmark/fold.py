@@ -57,9 +57,11 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
     Raises:
         UsageError: The extra is not installed, or training holds no violation or nothing but violations.
         DatasetError: A fold cannot be read.
+        ProgramError: The minimum of a regression was not found.
     """
     try:
         from branchdrive_reference.guard.fit import fit_risk
+        from branchdrive_reference.guard.program import ProgramError
     except ModuleNotFoundError as error:
         raise UsageError(
             f"the guard needs the package {error.name!r}: pip install 'branchdrive[guard]', or use `--no-guard`"
@@ -78,6 +80,8 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
         )
     except UsageError as error:
         raise UsageError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
+    except ProgramError as error:
+        raise ProgramError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
     keep_risk(workspace, protocol, found)
     return found
 
