@@ -81,10 +81,12 @@ def solve(program: Regression, loss: Callable[[Any], Any], name: str) -> Array:
         if found.distance <= ACCURACY:
             return point
         tried.append(
-            f"{origin}, and Newton steps from there ended at a residual of {found.residual:.1e} with a curvature "
-            f"of {found.curvature:.1e}, within {found.distance:.1e} of the minimum"
+            f"{origin}, Newton steps from there at a residual of {found.residual:.1e} with a curvature of "
+            f"{found.curvature:.1e}, at most {found.distance:.1e} from the minimum"
         )
-    raise ProgramError(f"the {name} was not solved to {ACCURACY:g}: {'; '.join(tried)}")
+    raise ProgramError(
+        f"the {name} was not solved: expected a point at most {ACCURACY:g} from the minimum; {'; '.join(tried)}"
+    )
 
 
 def _starts(problem: Any) -> Iterator[tuple[str, Array | None]]:
@@ -103,4 +105,4 @@ def _starts(problem: Any) -> Iterator[tuple[str, Array | None]]:
         known = weights.value is not None and offset.value is not None
         start = np.append(weights.value, offset.value).astype(np.float64) if known else None
         yield f"{solver} ended with {problem.status!r}", start
-    yield "without a solver", np.zeros(weights.size + 1)
+    yield "0 was the last start", np.zeros(weights.size + 1)

@@ -36,7 +36,7 @@ __all__ = ["HUBER", "LOGISTIC", "Certificate", "Loss", "Regression", "polished"]
 
 Array = NDArray[np.float64]
 
-_REACH = 1e-6
+_REACH = 1e-4
 """``q``: how far values of rows may move in the certificate."""
 
 _MAX_STEPS = 200
@@ -83,7 +83,7 @@ LOGISTIC = Loss(
     value=lambda z, y: np.logaddexp(0.0, z) - y * z,
     slope=_logistic_slope,
     curvature=_logistic_curvature,
-    majorant=lambda z, y: np.full_like(z, 0.25),
+    majorant=lambda z, _: np.full_like(z, 0.25),
     # |loss'''| <= loss'', so the logarithm of the curvature moves no more than z.
     floor=lambda z, y, reach: _logistic_curvature(z, y) * np.exp(-reach),
 )
