@@ -59,9 +59,11 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
         PlatformError: The extra is not installed.
         UsageError: Training holds no violation or nothing but violations.
         DatasetError: A fold cannot be read.
+        ProgramError: The minimum of a regression was not found.
     """
     with extra("guard", of="the guard", otherwise="use `--no-guard`"):
         from branchdrive_reference.guard.fit import fit_risk
+        from branchdrive_reference.guard.program import ProgramError
     release, guard = workspace.release, protocol.guard
     scalars = _out_of_fold(release, workspace.folds, fold_tasks(release, protocol), device=device)
     try:
@@ -76,6 +78,8 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
         )
     except UsageError as error:
         raise UsageError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
+    except ProgramError as error:
+        raise ProgramError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
     keep_risk(workspace, protocol, found)
     return found
 

@@ -1,4 +1,4 @@
-"""Fit of the learned risk on out-of-fold training predictions, by two convex programs and one knapsack per profile.
+"""Fit of the learned risk on out-of-fold training predictions, by two regressions and one knapsack per profile.
 
 With standardised features ``f`` of an intervention, ``d`` its executed separation minus the nominal one::
 
@@ -13,7 +13,7 @@ Source: this project's choice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 from branchdrive.derive.guard.calibration import ALPHA
 from branchdrive.derive.guard.path import TOLERANCE_M, price_grid
 from branchdrive.derive.guard.risk_features import FEATURES, risk_features, seed_spread_m
-from branchdrive.derive.guard.risk_fit import SEVERITY_M, PriceGrid, RiskFit, standardised
+from branchdrive.derive.guard.risk_fit import SEVERITY_M, PriceGrid, RiskFit, probability, standardised
 from branchdrive.derive.target import TARGETS, Targets
 from branchdrive.derive.utility import PROFILES, Profile, Scale, predicted_utility
 from branchdrive.errors import UsageError
-from branchdrive_reference.guard.knapsack import knapsack
+from branchdrive_reference.guard.knapsack import dual_price
 from branchdrive_reference.guard.program import cvxpy, solve
+from branchdrive_reference.guard.regression import HUBER, LOGISTIC, Regression
 
 __all__ = ["PENALTY", "fit_risk"]
 
@@ -36,7 +37,10 @@ Array = NDArray[np.float64]
 PENALTY = 2e-3
 """``r``, on standardised weights."""
 
-_HUBER_M = 1.0
+_SIGNS = np.array([feature.sign for feature in FEATURES], np.float64)
+_LEAST_SPREAD = 1e-9
+"""Features that vary by less, in their unit or as a part of their largest value, vary by rounding and count as 0."""
+
 _SEPARATION = [target.name for target in TARGETS].index("min_separation_m")
 
 
@@ -66,7 +70,7 @@ def fit_risk(
     Raises:
         UsageError: Shapes do not match, or training holds no violation or nothing but violations.
         ValueError: A prediction is not finite.
-        ProgramError: A program was not solved to optimality.
+        ProgramError: The minimum of a regression was not found.
     """
     if scalars.ndim != 4 or scalars.shape[1:] != outcomes.values.shape:
         raise UsageError(
@@ -87,7 +91,8 @@ def fit_risk(
     features = np.delete(features, nominal, axis=1)
     flat = features.reshape(-1, len(FEATURES))
     centre, spread = flat.mean(axis=0), flat.std(axis=0)
-    spread = np.where(spread > 1e-9, spread, 1.0)
+    varies = spread > _LEAST_SPREAD * np.maximum(np.abs(flat).max(axis=0), 1.0)
+    spread = np.where(varies, spread, 1.0)
     rows = standardised(flat, centre, spread)
     label = violated.reshape(-1).astype(np.float64)
     severity = np.clip(-difference - tolerance_m, 0.0, SEVERITY_M).reshape(-1)
@@ -96,16 +101,20 @@ def fit_risk(
         return cvxpy.logistic(z) - cvxpy.multiply(label, z)
 
     def severity_loss(z: Any) -> Any:
-        return cvxpy.huber(z - severity, _HUBER_M)
+        return cvxpy.huber(z - severity)
 
-    weights, offset = _fit(rows, logistic_loss, penalty, "logistic fit of violations")
-    severity_weights, severity_offset = _fit(rows, severity_loss, penalty, "Huber fit of their severity")
-    probability = (0.5 + 0.5 * np.tanh((rows @ weights + offset) / 2.0)).reshape(violated.shape)
+    *weights, offset = solve(
+        Regression(rows, label, LOGISTIC, signs=_SIGNS, penalty=penalty), logistic_loss, "logistic fit of violations"
+    ).tolist()
+    *severity_weights, severity_offset = solve(
+        Regression(rows, severity, HUBER, signs=_SIGNS, penalty=penalty), severity_loss, "Huber fit of their severity"
+    ).tolist()
+    chances = probability(rows, weights, offset).reshape(violated.shape)
     grids = {}
     for name, profile in profiles.items():
         utilities = predicted_utility(found.mean(axis=0), scale, profile)
         gains = np.delete(utilities - utilities[:, nominal, None], nominal, axis=1)
-        price = knapsack(gains, probability, alpha=alpha).dual_price
+        price = dual_price(gains, chances, alpha=alpha)
         grids[name] = PriceGrid(dual_price=price, prices=price_grid(price))
     return RiskFit(
         features=tuple(feature.name for feature in FEATURES),
@@ -113,20 +122,9 @@ def fit_risk(
         spread_m=spread_m,
         centre=tuple(centre.tolist()),
         spread=tuple(spread.tolist()),
-        logistic=tuple(weights.tolist()),
+        logistic=tuple(weights),
         logistic_offset=offset,
-        severity=tuple(severity_weights.tolist()),
+        severity=tuple(severity_weights),
         severity_offset=severity_offset,
         grids=grids,
     )
-
-
-def _fit(rows: Array, loss: Callable[[Any], Any], penalty: float, name: str) -> tuple[Array, float]:
-    """Weights ``[features]`` and offset of one fit; weights that the solver left beyond their sign are 0."""
-    weights, offset = cvxpy.Variable(rows.shape[1]), cvxpy.Variable()
-    signs = np.array([feature.sign for feature in FEATURES], np.float64)
-    bound = signs != 0
-    objective = cvxpy.sum(loss(rows @ weights + offset)) / len(rows) + penalty * cvxpy.sum_squares(weights)
-    solve(cvxpy.Problem(cvxpy.Minimize(objective), [cvxpy.multiply(signs[bound], weights[bound]) >= 0]), name)
-    found = np.asarray(weights.value, np.float64)
-    return np.where(found * signs < 0, 0.0, found), float(offset.value)

@@ -4,40 +4,35 @@ With predicted gains ``g`` and probabilities ``p`` of the interventions ``a`` of
 
     max sum g_ga x_ga     such that   sum p_ga x_ga <= alpha N,   sum_a x_ga <= 1,   x >= 0
 
-Its dual price ``lambda`` says what a unit of violation is worth at the budget, and at that price the optimum takes
-``argmax_a g_ga - lambda p_ga`` in every group, 0 for nominal: the selector of the path.
+At a price ``lambda`` of a violation a group takes ``argmax_a g_ga - lambda p_ga``, 0 for nominal, and of equal ones
+that of the least ``p``. What all groups take together, ``P(lambda)``, is a falling step function, and the dual
+price is::
 
-Source: linear programming duality; the use is this project's choice.
+    lambda* = min { lambda >= 0 : P(lambda) <= (alpha + 1e-9) N }
+
+where the dual of the linear program is an interval, its lower end. A group's takings go along the upper concave
+envelope of its points ``(p, g)`` and ``(0, 0)``, whose slopes fall; so the edges of all envelopes by falling slope
+fill the budget, and the first that does not fit has ``lambda*`` as its slope. Sums of millions of edges round by
+less than the 1e-9, so a budget that is used up exactly, as by equal probabilities, is used up on every processor.
+
+Source: Dantzig 1957 (the continuous knapsack); the use is this project's choice.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive_reference.guard.program import cvxpy, solve
-
-__all__ = ["Knapsack", "knapsack"]
+__all__ = ["dual_price"]
 
 Array = NDArray[np.float64]
 
-
-class Knapsack(NamedTuple):
-    """Optimum of the program.
-
-    Attributes:
-        dual_price: Utility per expected violation, at least 0; 0 where the budget is not used up.
-        gain: Mean predicted gain of a group.
-    """
-
-    dual_price: float
-    gain: float
+_TIE = 1e-9
+"""Violations per group by which a budget may be exceeded."""
 
 
-def knapsack(gains: Array, probabilities: Array, *, alpha: float) -> Knapsack:
-    """Dual price of the budget.
+def dual_price(gains: Array, probabilities: Array, *, alpha: float) -> float:
+    """Utility per expected violation, at least 0; 0 where the budget is not used up.
 
     Args:
         gains: Predicted gains of interventions over nominal ``[groups, interventions]``.
@@ -45,13 +40,36 @@ def knapsack(gains: Array, probabilities: Array, *, alpha: float) -> Knapsack:
         alpha: Violations allowed per group.
 
     Raises:
-        ProgramError: The program was not solved to optimality.
+        ValueError: Shapes differ, a gain is not finite, a probability is not in 0 .. 1, or `alpha` is below 0.
     """
-    num_groups, num_interventions = gains.shape
-    takes = cvxpy.Variable((num_groups, num_interventions))
-    budget = cvxpy.sum(cvxpy.multiply(probabilities, takes)) <= alpha * num_groups
-    problem = cvxpy.Problem(
-        cvxpy.Maximize(cvxpy.sum(cvxpy.multiply(gains, takes))), [takes >= 0, cvxpy.sum(takes, axis=1) <= 1, budget]
-    )
-    total = solve(problem, "knapsack of the violation budget")
-    return Knapsack(max(float(budget.dual_value), 0.0), total / num_groups)
+    if gains.shape != probabilities.shape or gains.ndim != 2:
+        raise ValueError(
+            f"gains {list(gains.shape)} and probabilities {list(probabilities.shape)} are not both "
+            "[groups, interventions]"
+        )
+    if not (np.isfinite(gains).all() and ((probabilities >= 0) & (probabilities <= 1)).all() and alpha >= 0):
+        raise ValueError(f"gains are finite numbers, probabilities in 0 .. 1, and alpha is at least 0, not {alpha!r}")
+    slopes, widths = _edges(gains, probabilities)
+    order = np.argsort(-slopes, kind="stable")
+    beyond = np.flatnonzero(np.cumsum(widths[order]) > (alpha + _TIE) * len(gains))
+    return float(slopes[order[beyond[0]]]) if beyond.size else 0.0
+
+
+def _edges(gains: Array, probabilities: Array) -> tuple[Array, Array]:
+    """Slopes and widths in ``p`` of the rising edges of all envelopes, each ``[edges]``."""
+    free = np.where(probabilities == 0, gains, 0.0)
+    p, g = np.zeros((len(gains), 1)), free.max(axis=1, initial=0.0, keepdims=True)
+    slopes, widths = [np.empty(0)], [np.empty(0)]
+    while True:
+        rising = (probabilities > p) & (gains > g)
+        if not rising.any():
+            return np.concatenate(slopes), np.concatenate(widths)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            steepness = np.where(rising, (gains - g) / (probabilities - p), -np.inf)
+        # The steepest point that rises is the next corner; a group without one stays where it is.
+        corner = steepness.argmax(axis=1, keepdims=True)
+        goes = rising.any(axis=1)
+        slopes.append(np.take_along_axis(steepness, corner, axis=1)[goes, 0])
+        widths.append((np.take_along_axis(probabilities, corner, axis=1) - p)[goes, 0])
+        p[goes] = np.take_along_axis(probabilities, corner, axis=1)[goes]
+        g[goes] = np.take_along_axis(gains, corner, axis=1)[goes]

@@ -12,6 +12,7 @@ must have is refused, so that a document proves that risk never rises with predi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Self
 
@@ -23,7 +24,7 @@ from branchdrive.derive.guard.path import SelectionPath, selection_path
 from branchdrive.derive.guard.risk_features import FEATURES, risk_features
 from branchdrive.derive.utility import Profile, Scale, predicted_utility
 
-__all__ = ["CLIP_SD", "SEVERITY_M", "PriceGrid", "RiskFit", "guarded_path", "risk", "standardised"]
+__all__ = ["CLIP_SD", "SEVERITY_M", "PriceGrid", "RiskFit", "guarded_path", "probability", "risk", "standardised"]
 
 Array = NDArray[np.float64]
 
@@ -108,6 +109,12 @@ def standardised(features: Array, centre: Array, spread: Array) -> Array:
         return np.clip((features - centre) / spread, -CLIP_SD, CLIP_SD)
 
 
+def probability(rows: Array, weights: Sequence[float], offset: float) -> Array:
+    """``p`` ``[...]`` of standardised features ``[..., features]``."""
+    # tanh keeps the logistic function from overflowing.
+    return 0.5 + 0.5 * np.tanh((_weighed(rows, weights) + offset) / 2.0)
+
+
 def risk(fit: RiskFit, scalars: Array, *, nominal: int) -> Array:
     """Learned risk ``[groups, candidates]`` of predicted targets ``[seeds, groups, candidates, 6]``.
 
@@ -116,10 +123,8 @@ def risk(fit: RiskFit, scalars: Array, *, nominal: int) -> Array:
     """
     found = risk_features(scalars, nominal=nominal, tolerance_m=fit.tolerance_m, spread_m=fit.spread_m)
     rows = standardised(found, np.array(fit.centre), np.array(fit.spread))
-    # tanh keeps the logistic function from overflowing.
-    probability = 0.5 + 0.5 * np.tanh((_weighed(rows, fit.logistic) + fit.logistic_offset) / 2.0)
     severity = np.clip(_weighed(rows, fit.severity) + fit.severity_offset, 0.0, SEVERITY_M)
-    rho = probability + severity
+    rho = probability(rows, fit.logistic, fit.logistic_offset) + severity
     rho[:, nominal] = 0.0
     return np.asarray(rho)
 
@@ -148,7 +153,7 @@ def guarded_path(
     return selection_path(gains, risks, fit.grids[profile_name].prices, nominal=nominal)
 
 
-def _weighed(rows: Array, weights: tuple[float, ...]) -> Array:
+def _weighed(rows: Array, weights: Sequence[float]) -> Array:
     """Weighted sum over the last axis, one feature after the other: equal rows have equal sums wherever they stand."""
     total = np.zeros(rows.shape[:-1])
     for place, weight in enumerate(weights):
