@@ -163,7 +163,7 @@ def _rate(found: Terms, place_of: Indices) -> Figure:
 
 def _resampled(found: Terms, place_of: Indices, draws: Array) -> Figure:
     parts = (*found, np.ones(len(place_of)))
-    by_cluster = np.stack([np.bincount(place_of, part, draws.shape[1]) for part in parts], axis=1)
+    by_cluster = np.stack([np.bincount(place_of, part, draws.shape[1]).astype(np.float64) for part in parts], axis=1)
     whole = by_cluster.sum(axis=0)
     if not whole[1] > RANGE * whole[2]:
         return Figure(None, None, None, len(draws))

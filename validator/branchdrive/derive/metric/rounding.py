@@ -44,4 +44,4 @@ def sums(counts: Array, values: Array) -> Array:
 def _multiples(values: Array, terms: float) -> Array:
     """Values ``[N, K]`` as multiples of a power of two for each column; sums of `terms` of them are exact."""
     exponent = np.frexp(terms * np.abs(values).max(axis=0, initial=0.0))[1] - _DIGITS
-    return np.ldexp(np.rint(np.ldexp(values, -exponent)), exponent)
+    return np.asarray(np.ldexp(np.rint(np.ldexp(values, -exponent)), exponent))
