@@ -1,7 +1,7 @@
 """Clusters of routes with the same geometry.
 
-Two routes of one town are close where their polylines, resampled by arc length to 32 points, lie
-less than 2 m apart in the root mean square over points of equal index; a cluster is a connected
+Two routes of one town are close where their polylines, resampled by arc length to 32 points, lie less than 2 m apart,
+by more than 1e-9 m, in the root mean square over points of equal index; a cluster is a connected
 component of close routes. Routes that share only a part of their way, or run along it with a lag, are not close.
 
 Source: paper V-E (partitions share no route geometry); resampling and distance are this project's choice.
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 CLUSTER_POINTS = 32
 CLUSTER_RMS_M = 2.0
+
+_ROUNDING_M = 1e-9
+"""Parallel routes at the limit are not close, whatever the last bits of their distance."""
 
 
 def resample_polyline(x_m: ArrayLike, y_m: ArrayLike, num_points: int = CLUSTER_POINTS) -> Array:
@@ -56,7 +59,7 @@ def route_clusters(towns: Sequence[str], polylines: ArrayLike) -> NDArray[np.int
     if len(towns) != len(points) or points.ndim != 3:
         raise ValueError(f"{len(towns)} towns do not match polylines of shape {list(points.shape)}")
     town = np.unique(np.asarray(towns, np.str_), return_inverse=True)[1]
-    limit = CLUSTER_RMS_M**2 * points.shape[1]
+    limit = (CLUSTER_RMS_M - _ROUNDING_M) ** 2 * points.shape[1]
     flat = points.reshape(len(points), points.shape[1] * points.shape[2])
     labels = np.full(len(flat), -1)
     num_clusters = 0

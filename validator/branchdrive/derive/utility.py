@@ -23,6 +23,7 @@ from branchdrive.derive.target import TARGETS, Targets
 
 __all__ = [
     "PROFILES",
+    "RANGE",
     "REVERSED",
     "TIE",
     "WEIGHED",
@@ -42,6 +43,9 @@ _SPAN_FLOOR = 1e-6
 
 TIE = 1e-9
 """Utilities that differ by no more are equal."""
+
+RANGE = 1e-6
+"""Smallest range, gap or gain of utilities that anything is divided by; last bits are too much of a smaller one."""
 
 
 class Profile(NamedTuple):
@@ -103,7 +107,8 @@ def desirability(targets: Targets, scale: Scale) -> Array:
 
 def utility(targets: Targets, scale: Scale, profile: Profile) -> Array:
     """Weighted mean of desirabilities in ``[0, 1]``, shape ``[...]``; NaN where a weighed target is unavailable."""
-    return np.asarray(desirability(targets, scale) @ profile.weights)
+    # No product of matrices: equal futures have equal utilities wherever they stand, on every processor.
+    return np.asarray((desirability(targets, scale) * profile.weights).sum(axis=-1))
 
 
 def predicted_utility(scalars: Array, scale: Scale, profile: Profile) -> Array:

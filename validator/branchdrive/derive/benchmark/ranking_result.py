@@ -27,13 +27,13 @@ from branchdrive.derive.benchmark.prediction_set import PredictionSet
 from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, Member
 from branchdrive.derive.benchmark.undeclared import undeclared_rankings
 from branchdrive.derive.guard.figure import Terms, figures
-from branchdrive.derive.metric.bootstrap import Design, counted_mean, design, ratio_of_sums
+from branchdrive.derive.metric.bootstrap import Design, counted_mean, design
 from branchdrive.derive.metric.interval import Intervals, intervals
-from branchdrive.derive.metric.table import Interval, compare
+from branchdrive.derive.metric.table import Interval, compare, paired_difference
 from branchdrive.derive.ranking.measure import Measures
 from branchdrive.derive.ranking.ranking import Entry, Ranking, rank
 from branchdrive.derive.ranking.selector import best_fixed
-from branchdrive.derive.utility import Scale, fit_scale, utility
+from branchdrive.derive.utility import RANGE, Scale, fit_scale, utility
 
 __all__ = ["action_prior", "ranking_results", "scale_record", "utility_scale"]
 
@@ -167,12 +167,10 @@ def _gate_records(protocol: BenchmarkProtocol, ranking: Ranking, clusters: Seque
 
 
 def _captured_interval(entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
-    """Of the captured share: a ratio of sums over groups, resampled on both sides at once."""
-    gained, gap = (
-        np.nan_to_num(_spread_out(found.measures.difference, ranking))[:, None]
-        for found in (entry, ranking.entries["oracle"])
-    )
-    found = resampling.split(ratio_of_sums(resampling.counts, gained, gap))
+    """Of the captured share: a ratio of means over groups, resampled on both sides at once."""
+    both = [_spread_out(found.measures.difference, ranking) for found in (entry, ranking.entries["oracle"])]
+    gained, gap = np.split(counted_mean(resampling.counts, np.stack(both, axis=1)), 2, axis=1)
+    found = resampling.split(np.divide(gained, gap, out=np.full_like(gap, np.nan), where=gap > RANGE))
     ranked = ranking.population.ranked[:, None]
     return _record(intervals(*found, ranked.sum(axis=0), resampling.clusters.num_there(ranked)), 0)
 
@@ -190,7 +188,7 @@ def _difference(rankings: Mapping[str, Ranking], member: Member) -> Array:
         _spread_out(getattr(ranking.entries[name].measures, member.metric), ranking)
         for name in (member.left, member.right)
     )
-    return np.asarray(left - right)
+    return paired_difference(left, right)
 
 
 def _record(ends: Intervals, k: int) -> dict[str, Any]:

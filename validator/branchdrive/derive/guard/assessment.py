@@ -253,7 +253,7 @@ def assess(
         trade_off=TradeOff(
             path.prices,
             losses.mean(axis=1),
-            losses @ weights / weights.sum(),
+            (losses * weights).sum(axis=1) / weights.sum(),
             (path.selections != nominal).mean(axis=1),
             gains.mean(axis=1),
         ),

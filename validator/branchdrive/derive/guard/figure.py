@@ -13,8 +13,9 @@ Each figure is a ratio of sums over groups, ``sum_g n_g / sum_g d_g``. With exec
 
 The first five are rates, with the interval of `branchdrive.derive.guard.rate`. The interval of the others is the 2.5
 and 97.5 % percentile (linear) over resamples of whole clusters, multinomial, shared by all figures; where all
-resamples agree they have seen nothing to resample, and there is no interval. Clusters stand in the order of their
-names, so the order of the groups decides nothing.
+resamples tie they have seen nothing to resample, and there is no interval. Their ratio is not defined where its
+denominator is at most 1e-6 for each group. Clusters stand in the order of their names, so the order of the groups
+decides nothing.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from numpy.typing import NDArray
 from branchdrive.derive.guard.path import TOLERANCE_M, violations
 from branchdrive.derive.guard.rate import rate_interval
 from branchdrive.derive.metric.bootstrap import NUM_RESAMPLES, resampled_counts
+from branchdrive.derive.metric.rounding import slack, sums
+from branchdrive.derive.utility import RANGE
 
 __all__ = ["RATES", "Figure", "Terms", "cluster_weights", "figures", "terms"]
 
@@ -39,7 +42,6 @@ RATES = ("coverage", "violation", "violation_of_clusters", "violation_of_interve
 
 _STREAM = "guard/figures"
 _PERCENTILES = (0.025, 0.975)
-_ROUNDING = 1e-12
 
 
 class Terms(NamedTuple):
@@ -53,10 +55,10 @@ class Figure(NamedTuple):
     """One figure.
 
     Attributes:
-        value: The ratio; `None` where its denominator is not positive.
+        value: The ratio; `None` where its denominator is not positive, of a gain not above `RANGE` for each group.
         low: Lower end of the interval; `None` where there is no value, or no interval.
         high: Upper end of the interval.
-        num_undefined: Resamples whose denominator is not positive; they are left out of the interval. 0 for rates,
+        num_undefined: Resamples without the ratio; they are left out of the interval. 0 for rates,
             which are not resampled.
     """
 
@@ -160,14 +162,16 @@ def _rate(found: Terms, place_of: Indices) -> Figure:
 
 
 def _resampled(found: Terms, place_of: Indices, draws: Array) -> Figure:
-    top, bottom = (np.bincount(place_of, part, draws.shape[1]) for part in found)
-    if not bottom.sum() > 0:
+    parts = (*found, np.ones(len(place_of)))
+    by_cluster = np.stack([np.bincount(place_of, part, draws.shape[1]).astype(np.float64) for part in parts], axis=1)
+    whole = by_cluster.sum(axis=0)
+    if not whole[1] > RANGE * whole[2]:
         return Figure(None, None, None, len(draws))
-    tops, bottoms = draws @ top, draws @ bottom
-    defined = bottoms > 0
+    tops, bottoms, sizes = sums(draws, by_cluster).T
+    defined = bottoms > RANGE * sizes
     ratios = tops[defined] / bottoms[defined]
-    value, num_undefined = float(top.sum() / bottom.sum()), int((~defined).sum())
-    if not len(ratios) or np.ptp(ratios) <= _ROUNDING * max(1.0, abs(value)):
+    value, num_undefined = float(whole[0] / whole[1]), int((~defined).sum())
+    if not len(ratios) or np.ptp(ratios) <= slack(np.abs(ratios).max()):
         return Figure(value, None, None, num_undefined)
     low, high = np.quantile(ratios, _PERCENTILES).tolist()
     return Figure(value, low, high, num_undefined)

@@ -4,7 +4,7 @@ On ``n`` calibration groups, with the seed-mean prediction ``p`` of the separati
 
     r_g    = max over interventions a of  p_ga - y_ga              overprediction
     q      = r_(k),   k = ceil(0.95 n)                              84th of 88
-    accept   p_a - q >= p_nominal;  take the best predicted utility among accepted and nominal
+    accept   p_a - q >= p_nominal - 1e-9 m;  take the best predicted utility among accepted and nominal
 
 The rank is not the conformal ``ceil(0.95 (n + 1))``, so the margin has no finite-sample guarantee; it is
 kept as the paper has it, to compare with. A guard that accepts no intervention is vacuous.
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.guard.binomial import exact_fraction
 from branchdrive.derive.ranking.selector import choose
+from branchdrive.derive.utility import TIE
 
 __all__ = ["COVERAGE", "GlobalMargin", "MarginReport", "accepted", "fit_margin", "margin_report", "margin_selection"]
 
@@ -50,7 +51,7 @@ class MarginReport(NamedTuple):
     """What the guard does on a set of groups.
 
     Attributes:
-        covered_candidates: Share of interventions with overprediction at most the margin.
+        covered_candidates: Share of interventions with overprediction at most the margin and 1e-9 m.
         covered_groups: Share of groups in which all interventions are covered.
         acceptance: Share of interventions that are accepted.
         num_actions: Distinct candidates chosen, nominal included.
@@ -85,7 +86,7 @@ def fit_margin(predicted_m: Array, separation_m: Array, *, nominal: int, coverag
 
 def accepted(predicted_m: Array, margin: GlobalMargin, *, nominal: int) -> Mask:
     """Which interventions are accepted ``[groups, candidates]``; nominal is no intervention and always false."""
-    keeps = predicted_m - margin.margin_m >= predicted_m[:, nominal, None]
+    keeps = predicted_m - margin.margin_m >= predicted_m[:, nominal, None] - TIE
     keeps[:, nominal] = False
     return keeps
 
@@ -105,7 +106,7 @@ def margin_report(
     Raises:
         ValueError: As `fit_margin`.
     """
-    covered = _overprediction(predicted_m, separation_m, nominal) <= margin.margin_m
+    covered = _overprediction(predicted_m, separation_m, nominal) <= margin.margin_m + TIE
     taken = np.delete(accepted(predicted_m, margin, nominal=nominal), nominal, axis=1)
     return MarginReport(
         covered_candidates=float(covered.mean()),

@@ -5,13 +5,13 @@ For target ``t`` with nominal outcome ``y_g`` and repeated outcomes ``y_gr`` of 
     n_g = max over repeats r of |y_gr - y_g|         tolerance = 95 % quantile of n_g, numpy method 'higher'
     rms = sqrt(mean over g of mean over r of (y_gr - y_g)^2)
 
-A selected difference ``y_selected - y_nominal`` is beyond noise where its absolute value exceeds the tolerance, which
-bounds one group. A mean of ``N`` selected differences, of which ``K`` are not nominal itself, has the standard error
-``rms sqrt(K) / N`` from repetition alone: a selected outcome is taken to move as much as a repeated nominal one does,
-and by itself in every group.
+A selected difference ``y_selected - y_nominal`` is beyond noise where its absolute value exceeds the tolerance by more
+than 1e-9, which bounds one group. A mean of ``N`` selected differences, of which ``K`` are not nominal itself, has the
+standard error ``rms sqrt(K) / N`` from repetition alone: a selected outcome is taken to move as much as a repeated
+nominal one does, and by itself in every group.
 
-A repeat whose separation is more than the guard's tolerance below that of nominal would be a violation if it were a
-selection: its rate is the floor below which no rate of violations says anything about a selector.
+A repeat whose separation is more than the guard's tolerance and 1e-9 m below that of nominal would be a violation if it
+were a selection: its rate is the floor below which no rate of violations says anything about a selector.
 
 A repeat that has the target where nominal has not, or lacks it where nominal has it, is counted and left out.
 
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from branchdrive.derive.guard.path import TOLERANCE_M
 from branchdrive.derive.ranking.ranking import SEPARATION
 from branchdrive.derive.target import TARGETS, Targets
+from branchdrive.derive.utility import TIE
 
 __all__ = ["QUANTILE", "OutcomeNoise", "RepeatLosses", "SelectedDifferences", "outcome_noise", "selected_differences"]
 
@@ -138,7 +139,7 @@ def outcome_noise(
         of_target = has[:, target]
         tolerance[target] = np.quantile(most[of_target, target], quantile, method="higher")
         rms[target] = np.sqrt(np.sort(squares[of_target, target] / num_of[of_target, target]).mean())
-    losing = both[:, SEPARATION] & (moved[:, SEPARATION] < -tolerance_m)
+    losing = both[:, SEPARATION] & (moved[:, SEPARATION] < -tolerance_m - TIE)
     losses = RepeatLosses(
         int(has[:, SEPARATION].sum()),
         len(np.unique(group_of[losing])),
@@ -161,7 +162,7 @@ def selected_differences(
     """Differences of a selection ``[groups]`` on outcomes ``[groups, candidates, 6]``."""
     chosen = outcomes.values[np.arange(len(selection)), selection]
     difference = chosen - outcomes.values[:, nominal]
-    beyond = np.abs(difference) > noise.tolerance
+    beyond = np.abs(difference) > noise.tolerance + TIE
     worse = (difference < 0) == _LESS_IS_WORSE
     there = np.isfinite(difference)
     moved, num_compared = (there & (selection != nominal)[:, None]).sum(axis=0), there.sum(axis=0)

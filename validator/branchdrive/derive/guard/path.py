@@ -3,8 +3,10 @@
 With predicted gain ``u_a - u_nominal`` and learned risk ``rho_a`` of a candidate, 0 both for nominal::
 
     a(lambda) = argmax_a (u_a - u_nominal) - lambda rho_a          lambda = inf > ... > 0;  inf is nominal
-    L(lambda) = [a(lambda) not nominal and y_a(lambda) < y_nominal - eps]
+    L(lambda) = [a(lambda) not nominal and y_a(lambda) < y_nominal - eps - 1e-9 m]
     envelope  = max over lambda' >= lambda of L(lambda')
+
+Scores within ``1e-9 (1 + lambda)`` of the best are equally good, and the first of them is taken.
 
 The loss itself need not grow along the path, since a smaller price may swap one intervention for a
 better one; the envelope does, and bounds it.
@@ -21,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.ranking.selector import choose
+from branchdrive.derive.utility import TIE
 
 __all__ = ["TOLERANCE_M", "SelectionPath", "envelope", "price_grid", "selection_path", "violations"]
 
@@ -85,12 +88,14 @@ def selection_path(gains: Array, risks: Array, prices: Sequence[float], *, nomin
     grid = np.concatenate(([np.inf], inner, [0.0]))
     selections = np.full((len(grid), len(gains)), nominal, np.intp)
     for place, price in enumerate(grid[1:].tolist(), start=1):
-        selections[place] = choose(gains - price * risks)
+        selections[place] = choose(gains - price * risks, TIE * (1 + price))
     return SelectionPath(grid, selections)
 
 
 def violations(selections: Indices, separation_m: Array, *, nominal: int, tolerance_m: float = TOLERANCE_M) -> Mask:
     """Whether a selection loses more than the tolerance of separation against nominal, of the shape of `selections`.
+
+    What rounding may leave of a loss of the tolerance itself, 1e-9 m, is none.
 
     Args:
         selections: Chosen candidates ``[..., groups]``.
@@ -104,7 +109,7 @@ def violations(selections: Indices, separation_m: Array, *, nominal: int, tolera
     if not np.isfinite(separation_m).all():
         raise ValueError("a separation is unavailable; leave its group out of the guard")
     chosen = separation_m[np.arange(len(separation_m)), selections]
-    return np.asarray((selections != nominal) & (chosen < separation_m[:, nominal] - tolerance_m))
+    return np.asarray((selections != nominal) & (chosen < separation_m[:, nominal] - tolerance_m - TIE))
 
 
 def envelope(losses: Mask) -> Mask:

@@ -8,7 +8,8 @@ its units are multinomial. A metric is a function of counts::
     jackknife          all counts 1 but that of one group, which is 0
     cluster resamples  counts of clusters, each for all groups of the cluster
 
-and a mean over groups is the ratio of sums ``sum_g c_g a_g / sum_g c_g b_g``, NaN where the lower one is 0.
+and a mean over groups is the ratio of sums ``sum_g c_g a_g / sum_g c_g b_g``, NaN where the lower one is 0. The sums
+are rounded once, so that resamples of equal groups have equal metrics.
 
 Source: Efron and Tibshirani 1993; the group is the unit, paper V-C; the cluster is this project's choice (Field and
 Welsh 2007).
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.metric.cluster import Clusters
+from branchdrive.derive.metric.rounding import sums
 from branchdrive.derive.stream import below, words
 
 __all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums", "resampled_counts"]
@@ -81,7 +83,7 @@ def resampled_counts(num_units: int, *, seed: int, stream: str, num_resamples: i
 
 def ratio_of_sums(counts: Array, numerators: Array, denominators: Array) -> Array:
     """``sum_g c_g a_g / sum_g c_g b_g`` for counts ``[R, N]`` and two ``[N, K]``: ``[R, K]``."""
-    above, under = counts @ numerators, counts @ denominators
+    above, under = np.split(sums(counts, np.concatenate([numerators, denominators], axis=1)), 2, axis=1)
     return np.asarray(np.divide(above, under, out=np.full(above.shape, np.nan), where=under > 0))
 
 

@@ -7,7 +7,8 @@ difference, ``n`` in all, ``k`` such clusters, and the means ``m_c`` and ``m``::
     MSB = sum_c n_c (m_c - m)^2 / (k - 1)      MSW = sum_c sum_{g in c} (d_g - m_c)^2 / (n - k)
     n_0 = (n - sum_c n_c^2 / n) / (k - 1)      ICC = (MSB - MSW) / (MSB + (n_0 - 1) MSW)
 
-It is NaN with fewer than two clusters, where no cluster has two groups, and where all differences are equal.
+It is NaN with fewer than two clusters, where no cluster has two groups, and where all differences tie with their mean,
+of the magnitude of the largest.
 
 Source: Donner 1986.
 """
@@ -20,13 +21,13 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.derive.metric.rounding import slack
+
 __all__ = ["Clusters", "intra_cluster_correlation"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
-
-_RELATIVE_TIE = 1e-9
 
 
 class Clusters(NamedTuple):
@@ -69,7 +70,8 @@ def intra_cluster_correlation(differences: Array, clusters: Clusters) -> Array:
     num_clusters = (sizes > 0).sum(axis=0)
     between = (sizes * means**2).sum(axis=0)
     within = np.where(there, (centred - means[clusters.of_group]) ** 2, 0.0).sum(axis=0)
-    varies = between + within > _RELATIVE_TIE**2 * num * mean**2
+    largest = np.where(there, np.abs(differences), 0.0).max(axis=0, initial=0.0)
+    varies = np.abs(centred).max(axis=0, initial=0.0) > slack(largest)
     defined = (num_clusters > 1) & (num > num_clusters) & varies
     between = between / np.maximum(num_clusters - 1, 1)
     within = within / np.maximum(num - num_clusters, 1)

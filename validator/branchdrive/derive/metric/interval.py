@@ -4,12 +4,13 @@ With the estimate ``e``, its resamples ``e*``, the jackknife ``e_(g)`` with mean
 distribution ``Phi``::
 
     percentile  quantiles of e* at 0.025 and 0.975, linear
-    z0 = Phi^-1((#{e* < e} + #{e* <= e}) / (2 B))
-    a  = sum_g (e_(.) - e_(g))^3 / (6 (sum_g (e_(.) - e_(g))^2)^(3/2))
+    z0 = Phi^-1((#{e* below e} + #{e* that tie with e} / 2) / B)
+    a  = sum_g (e_(.) - e_(g))^3 / (6 (sum_g (e_(.) - e_(g))^2)^(3/2))      0 where all e_(g) tie with e_(.)
     BCa         quantiles of e* at Phi(z0 + (z0 + z) / (1 - a (z0 + z))) for z = Phi^-1(0.025), Phi^-1(0.975)
 
-Resamples in which the metric is not defined are left out and counted. An interval needs two groups, or two clusters,
-that contribute. BCa is NaN where the estimate lies outside all resamples or a jackknife value is not defined.
+Numbers tie as in `branchdrive.derive.metric.rounding`, of the magnitude of the largest ``|e|`` or ``|e*|``. Resamples
+in which the metric is not defined are left out and counted. An interval needs two groups, or two clusters, that
+contribute. BCa is NaN where the estimate lies outside all resamples or a jackknife value is not defined.
 
 Source: Efron 1987; Efron and Tibshirani 1993.
 """
@@ -21,6 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from branchdrive.derive.metric.rounding import slack
 
 __all__ = ["LEVELS", "Intervals", "intervals"]
 
@@ -110,8 +113,10 @@ def _bca_levels(
     estimate: Array, resamples: Array, jackknife: Array, num_defined: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Levels of the two BCa ends, NaN where they are not defined."""
-    smaller = (resamples < estimate).sum(axis=0) + (resamples <= estimate).sum(axis=0)
+    tie = slack(np.fmax(np.abs(estimate), np.fmax.reduce(np.abs(resamples), axis=0)))
+    smaller = (resamples < estimate - tie).sum(axis=0) + (resamples <= estimate + tie).sum(axis=0)
     influence = jackknife.mean(axis=0) - jackknife
+    influence = np.where(np.abs(influence).max(axis=0) <= tie, 0.0, influence)
     spread = (influence**2).sum(axis=0) ** 1.5
     levels = np.full((2, len(estimate)), np.nan)
     for k in np.flatnonzero((num_defined > 0) & (smaller > 0) & (smaller < 2 * num_defined) & ~np.isnan(spread)):

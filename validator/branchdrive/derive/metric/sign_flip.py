@@ -3,7 +3,7 @@
 For differences ``d_g`` of two models over the ``n`` groups that have one, random signs ``s`` shared by all tests, and
 ``F`` flips::
 
-    T = mean_g d_g        T* = mean_g s_g d_g        p = (1 + #{|T*| >= |T| - 1e-12}) / (F + 1)
+    T = mean_g d_g        T* = mean_g s_g d_g        p = (1 + #{|T*| >= |T|}) / (F + 1)
 
 With clusters as the unit, all groups of a cluster take one sign::
 
@@ -18,6 +18,9 @@ of groups::
     m* = sum c d / sum c      s*^2 = sum c d^2 / sum c - m*^2      t* = (m* - T) / s*      t = T / s
     p = (1 + #{|t*| >= |t|}) / (B + 1)
 
+``|T*|`` reaches ``|T|`` where they tie, of the magnitude ``mean_g |d_g|``; ``|t*| >= |t|`` is ``|m* - T| s >= |T| s*``
+but for ``1e-9 mean_g d_g^2``, and ``s*^2`` is 0 where it is at most ``1e-9 sum c (d - T)^2 / sum c``.
+
 Source: Phipson and Smyth 2010 (p-value); Hall and Wilson 1991 (centred, studentised bootstrap test).
 """
 
@@ -29,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.metric.cluster import Clusters
+from branchdrive.derive.metric.rounding import RELATIVE_TIE, slack, sums
 from branchdrive.derive.stream import bits, words
 
 __all__ = ["CLUSTER_STREAM", "NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "sign_flip", "studentised_p"]
@@ -36,11 +40,8 @@ __all__ = ["CLUSTER_STREAM", "NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "s
 Array = NDArray[np.float64]
 
 NUM_FLIPS = 10_000
-TIE = 1e-12
 STREAM = "metric/sign-flip"
 CLUSTER_STREAM = "metric/sign-flip/clusters"
-
-_RELATIVE_TIE = 1e-9
 
 
 class SignFlip(NamedTuple):
@@ -87,8 +88,8 @@ def sign_flip(differences: Array, signs: Array, clusters: Clusters | None = None
     units, there_units = (
         (values, num_groups) if clusters is None else (clusters.sums(values), clusters.num_there(there))
     )
-    mean = units.sum(axis=0)
-    reached = np.count_nonzero(np.abs(signs @ units) >= np.abs(mean) - TIE, axis=0)
+    mean = sums(np.ones((1, num_units)), units)[0]
+    reached = np.count_nonzero(np.abs(sums(signs, units)) >= np.abs(mean) - slack(np.abs(values).sum(axis=0)), axis=0)
     p = (1 + reached) / (len(signs) + 1)
     return SignFlip(np.where(num_groups > 0, mean, np.nan), p, reached == 0, there_units)
 
@@ -103,14 +104,14 @@ def studentised_p(differences: Array, counts: Array) -> Array:
     values = np.where(there, differences, 0.0)
     mean = values.sum(axis=0) / np.maximum(num_groups, 1)
     centred = np.where(there, differences - mean, 0.0)
-    total = counts @ there.astype(np.float64)
-    there_is = total > 0
-    shift = np.divide(counts @ centred, total, out=np.zeros_like(total), where=there_is)
-    square = np.divide(counts @ centred**2, total, out=np.zeros_like(total), where=there_is)
+    moments = sums(counts, np.concatenate([centred, centred**2, there.astype(np.float64)], axis=1))
+    shift, square, total = np.split(moments, 3, axis=1)
+    shift, square = (np.divide(part, total, out=np.zeros_like(total), where=total > 0) for part in (shift, square))
     variance = (centred**2).sum(axis=0) / np.maximum(num_groups, 1)
     # |t*| >= |t| without a division; equal values leave a variance of rounding only.
-    spread = np.where(square - shift**2 > _RELATIVE_TIE * square, square - shift**2, 0.0)
-    reaches = shift**2 * variance >= mean**2 * spread * (1 - _RELATIVE_TIE)
+    spread = np.where(square - shift**2 > RELATIVE_TIE * square, square - shift**2, 0.0)
+    tie = RELATIVE_TIE * (variance + mean**2)
+    reaches = np.abs(shift) * np.sqrt(variance) >= np.abs(mean) * np.sqrt(spread) - tie
     return np.asarray((1 + np.count_nonzero(reaches, axis=0)) / (len(counts) + 1))
 
 

@@ -26,10 +26,13 @@ from branchdrive.derive.metric.cluster import intra_cluster_correlation
 from branchdrive.derive.metric.interval import Intervals, intervals
 from branchdrive.derive.metric.metric import METRICS, PAIRED_METRICS, MetricValues, metric_values
 from branchdrive.derive.metric.outcome import Outcomes, Predictions
+from branchdrive.derive.metric.rounding import slack
 from branchdrive.derive.metric.scale import Scale
-from branchdrive.derive.metric.sign_flip import CLUSTER_STREAM, NUM_FLIPS, TIE, draw_signs, sign_flip, studentised_p
+from branchdrive.derive.metric.sign_flip import CLUSTER_STREAM, NUM_FLIPS, draw_signs, sign_flip, studentised_p
 
-__all__ = ["Comparison", "Contrast", "Estimate", "Interval", "Statistics", "compare", "statistics"]
+__all__ = [
+    "Comparison", "Contrast", "Estimate", "Interval", "Statistics", "compare", "paired_difference", "statistics",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -183,11 +186,7 @@ def statistics(
 def compare(
     names: Sequence[str], differences: Array, resampling: Design, *, seed: int, num_flips: int = NUM_FLIPS
 ) -> tuple[Comparison, ...]:
-    """Comparisons of paired differences ``[N, K]``, NaN where a group has none, under shared resamples and signs.
-
-    A difference within `TIE` is 0: what seeds that choose alike leave of rounding is no effect.
-    """
-    differences = np.where(np.abs(differences) <= TIE, 0.0, differences)
+    """Comparisons of paired differences ``[N, K]``, NaN where a group has none, under shared resamples and signs."""
     clusters, size = resampling.clusters, resampling.num_resamples
     signs = draw_signs(len(differences), seed=seed, num_flips=num_flips)
     cluster_signs = draw_signs(len(clusters.names), seed=seed, num_flips=num_flips, stream=CLUSTER_STREAM)
@@ -213,6 +212,12 @@ def compare(
         )
         for k, name in enumerate(names)
     )
+
+
+def paired_difference(left: Array, right: Array) -> Array:
+    """``left - right``, and 0 where both tie: what seeds that choose alike leave of rounding is no effect."""
+    difference = left - right
+    return np.where(np.abs(difference) <= slack(np.fmax(np.abs(left), np.abs(right))), 0.0, difference)
 
 
 def _order(group_ids: Sequence[str], clusters: Sequence[str], outcomes: Outcomes) -> Index:
@@ -257,4 +262,4 @@ def _difference(contrast: Contrast, by_group: Mapping[str, Array]) -> Array:
         name, known = (unknown[0], sorted(by_group)) if unknown else (contrast.metric, PAIRED_METRICS)
         raise ValueError(f"contrast {contrast.name!r} names {name!r}, which is none of {', '.join(known)}")
     place = [metric.name for metric in METRICS].index(contrast.metric)
-    return np.asarray(by_group[contrast.left][:, place] - by_group[contrast.right][:, place])
+    return paired_difference(by_group[contrast.left][:, place], by_group[contrast.right][:, place])

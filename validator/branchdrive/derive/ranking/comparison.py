@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.derive.ranking.measure import Measures
-from branchdrive.derive.utility import TIE
+from branchdrive.derive.utility import RANGE, TIE
 
 __all__ = ["Gate", "captured_share", "non_worsening", "seed_agreement"]
 
@@ -40,12 +40,12 @@ class Gate(NamedTuple):
 
 
 def captured_share(found: Measures, oracle: Measures) -> float | None:
-    """Part of the gap from nominal to oracle that a selector gains; `None` where there is no gap.
+    """Part of the gap from nominal to oracle that a selector gains; `None` where the mean gap is at most `RANGE`.
 
-    A ratio of sums over groups: a bootstrap resamples `Measures.difference` of both.
+    A ratio of means over groups: a bootstrap resamples `Measures.difference` of both.
     """
-    gap = float(oracle.difference.sum())
-    return float(found.difference.sum()) / gap if gap > TIE * max(1, len(oracle.difference)) else None
+    gap = float(oracle.difference.mean())
+    return float(found.difference.mean()) / gap if gap > RANGE else None
 
 
 def seed_agreement(shares: Array) -> Array:

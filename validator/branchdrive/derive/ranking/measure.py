@@ -3,7 +3,7 @@
 With executed utilities ``u``, shares ``w`` of a selector, and best and worst of the group::
 
     value = sum_a w_a u_a        difference = value - u_nominal        top 1 = sum of w_a where u_a >= best - TIE
-    regret = (best - value) / (best - worst)                           0 where best - worst <= TIE
+    regret = (best - value) / (best - worst)                           0 where best - worst <= RANGE
 
 Concordance and NDCG are in `order`. Rows of a learned selector are means of its per-seed measures.
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from branchdrive.derive.ranking.order import concordance, ndcg
 from branchdrive.derive.ranking.selector import Selector
-from branchdrive.derive.utility import TIE
+from branchdrive.derive.utility import RANGE, TIE
 
 __all__ = ["Measures", "mean_measures", "measures", "without_range"]
 
@@ -62,7 +62,7 @@ def measures(selector: Selector, utilities: Array, *, nominal: int) -> Measures:
         raise ValueError("a utility is no number; leave its group out of the ranking")
     best, worst = utilities.max(axis=1), utilities.min(axis=1)
     value = (selector.shares * utilities).sum(axis=1)
-    ranged = best - worst > TIE
+    ranged = best - worst > RANGE
     return Measures(
         value=value,
         difference=value - utilities[:, nominal],
@@ -79,5 +79,5 @@ def mean_measures(seeds: Sequence[Measures]) -> Measures:
 
 
 def without_range(utilities: Array) -> int:
-    """Number of groups whose utilities are all equal: their regret counts as 0 and they have no concordance."""
-    return int((utilities.max(axis=1) - utilities.min(axis=1) <= TIE).sum())
+    """Number of groups whose utilities have no range to speak of: their regret counts as 0."""
+    return int((utilities.max(axis=1) - utilities.min(axis=1) <= RANGE).sum())

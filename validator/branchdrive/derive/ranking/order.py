@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.utility import TIE
+from branchdrive.derive.utility import RANGE, TIE
 
 __all__ = ["concordance", "ndcg"]
 
@@ -36,7 +36,7 @@ def concordance(scores: Array, utilities: Array) -> Array:
 def ndcg(scores: Array, utilities: Array) -> Array:
     """Normalised discounted cumulative gain ``[groups]``, both arguments ``[groups, candidates]``.
 
-    Where no candidate has a gain above `TIE`, every order is the best one and the value is 1.
+    Where no candidate has a gain above `RANGE`, every order is the best one and the value is 1.
 
     Raises:
         ValueError: A utility is negative.
@@ -44,7 +44,7 @@ def ndcg(scores: Array, utilities: Array) -> Array:
     if (utilities < 0).any():
         raise ValueError("a utility is negative; a gain is at least 0")
     ideal = _dcg(utilities, utilities)
-    hopeless = utilities.max(axis=1) <= TIE
+    hopeless = utilities.max(axis=1) <= RANGE
     return np.asarray(np.divide(_dcg(scores, utilities), ideal, out=np.ones(len(ideal)), where=~hopeless))
 
 

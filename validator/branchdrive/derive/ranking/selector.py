@@ -37,8 +37,8 @@ class Selector(NamedTuple):
     shares: Array
 
 
-def choose(scores: Array) -> Indices:
-    """First candidate within `TIE` of the best score: ``[...]`` from ``[..., candidates]``; ``-inf`` is never taken.
+def choose(scores: Array, tie: float = TIE) -> Indices:
+    """First candidate within `tie` of the best score: ``[...]`` from ``[..., candidates]``; ``-inf`` is never taken.
 
     Raises:
         ValueError: A score is NaN or ``inf``, or a group has no finite score.
@@ -46,7 +46,7 @@ def choose(scores: Array) -> Indices:
     best = scores.max(axis=-1, keepdims=True)
     if not (np.isfinite(best).all() and (scores < np.inf).all()):
         raise ValueError("a choice needs scores that are numbers, and a finite one in every group")
-    return np.asarray((scores >= best - TIE).argmax(axis=-1))
+    return np.asarray((scores >= best - tie).argmax(axis=-1))
 
 
 def by_score(scores: Array) -> Selector:
