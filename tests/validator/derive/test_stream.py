@@ -49,5 +49,6 @@ def test_bits_run_from_the_lowest_of_the_first_word() -> None:
     np.testing.assert_array_equal(np.flatnonzero(found[0]), [0, 2, 64])
 
 
-def test_orders_sort_the_words() -> None:
-    np.testing.assert_array_equal(orders(np.array([[3, 9, 1], [2, 2, 0]], np.uint64)), [[2, 0, 1], [2, 0, 1]])
+def test_orders_sort_the_words_and_equal_ones_by_place() -> None:
+    found = orders(np.array([[12, 36, 4], [8, 9, 11]], np.uint64))
+    np.testing.assert_array_equal(found, [[2, 0, 1], [0, 1, 2]])

@@ -1,10 +1,11 @@
-"""Streams of random words, each a function of a seed and of its name alone.
+"""Streams of random words, each a function of a seed and of its name alone, and what is drawn from them.
 
-Word ``k`` of a stream is output ``k`` of Philox-4x64 with the 128-bit key ``(seed, first 8 bytes of the
-SHA-256 of the name, little-endian)``. Everything drawn from a stream is made of whole words by integer
-arithmetic, so no release of numpy and no other stream changes it.
+Output ``k`` of a stream is word ``k mod 4`` of the Philox-4x64 block of ten rounds with the counter
+``floor(k / 4) + 1`` and the 128-bit key ``(seed, first 8 bytes of the SHA-256 of the name, little-endian)``.
+Everything drawn is made of whole words by integer arithmetic, so no release of numpy, no processor and no other
+stream changes it.
 
-Source: Salmon et al. 2011 (Philox).
+Source: spec/15-random-words.md; Salmon et al. 2011 (Philox).
 """
 
 from __future__ import annotations
@@ -14,12 +15,16 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["below", "bits", "orders", "words"]
+__all__ = ["WORDS_PER_NORMAL", "below", "bits", "counts", "normals", "orders", "uniforms", "words"]
 
 Words = NDArray[np.uint64]
 
+WORDS_PER_NORMAL = 3
+
 _SEEDS = 2**64
 _HALF = np.uint64(32)
+_FIELDS_PER_NORMAL = 4 * WORDS_PER_NORMAL
+_LARGEST_FIELD = 2**16 - 1
 
 
 def words(seed: int, name: str, num_rows: int, num_columns: int, *, first_row: int = 0) -> Words:
@@ -32,13 +37,25 @@ def words(seed: int, name: str, num_rows: int, num_columns: int, *, first_row: i
         raise ValueError(f"`seed` is {seed!r}, not in 0 .. 2**64 - 1")
     stream = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
     blocks = -(-num_columns // 4)
+    # numpy raises the counter by one before each block.
     philox = np.random.Philox(key=np.array([seed, stream], np.uint64), counter=first_row * blocks)
     return philox.random_raw(num_rows * blocks * 4).reshape(num_rows, -1)[:, :num_columns]
 
 
 def below(values: Words, limit: int) -> NDArray[np.int64]:
-    """Integers ``floor(h limit / 2^32)`` in ``0 .. limit - 1`` from the upper halves ``h`` of words, of their shape."""
+    """Integers ``floor(h limit / 2^32)`` in ``0 .. limit - 1`` from the upper halves ``h`` of words, of their shape.
+
+    Probabilities of two integers differ by at most ``2^-32``; `limit` is at most ``2^32``.
+    """
     return (((values >> _HALF) * np.uint64(limit)) >> _HALF).astype(np.int64)
+
+
+def counts(values: Words, num_units: int) -> NDArray[np.int64]:
+    """How often each of `num_units` units is drawn by the words of a row: ``[rows, units]``, sums of `below`."""
+    num_rows = len(values)
+    line = np.arange(num_rows)[:, None] * num_units
+    drawn = np.bincount((line + below(values, num_units)).ravel(), minlength=num_rows * num_units)
+    return drawn.reshape(num_rows, num_units)
 
 
 def bits(values: Words, num_bits: int) -> NDArray[np.uint8]:
@@ -47,6 +64,29 @@ def bits(values: Words, num_bits: int) -> NDArray[np.uint8]:
     return np.unpackbits(octets, axis=1, count=num_bits, bitorder="little")
 
 
-def orders(values: Words) -> NDArray[np.int64]:
-    """A uniform permutation of the columns for every row: the places of its words in ascending order."""
-    return np.argsort(values, axis=1, kind="stable").astype(np.int64)
+def orders(values: Words) -> NDArray[np.intp]:
+    """A uniform permutation of the columns for every row ``[rows, n]``: places in ascending order of their words.
+
+    The lowest ``bit_length(n - 1)`` bits of a word are first replaced by its place, so that no two are equal.
+    """
+    num_places = values.shape[1]
+    mask = np.uint64((1 << (num_places - 1).bit_length()) - 1)
+    # Sorting words that carry their own place is quicker than `argsort`.
+    carrying = np.sort((values & ~mask) | np.arange(num_places, dtype=np.uint64), axis=1)
+    return (carrying & mask).astype(np.intp)
+
+
+def uniforms(values: Words) -> NDArray[np.float64]:
+    """Numbers ``(floor(w / 2^12) + 1/2) / 2^52`` between 0 and 1, exact in float64, of the shape of the words."""
+    return ((values >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+
+
+def normals(values: Words) -> NDArray[np.float64]:
+    """Nearly normal variates ``(sum of 12 fields - 393,210) / 2^16`` of rows of whole triples: ``[rows, words / 3]``.
+
+    Fields are the 16-bit quarters of three words. The variate is a multiple of ``2^-16`` between -6 and 6 and exact
+    in float64; its mean is 0, its variance ``1 - 2^-32``, its kurtosis 2.9.
+    """
+    fields = np.ascontiguousarray(values).view(np.uint16).reshape(len(values), -1, _FIELDS_PER_NORMAL)
+    centred = fields.sum(axis=2, dtype=np.int64) - _FIELDS_PER_NORMAL * _LARGEST_FIELD // 2
+    return centred / 2.0**16

@@ -44,7 +44,7 @@ class Reference(NamedTuple):
         columns: Columns of the table.
         sd: Robust standard deviation of every feature ``[features]``, in the feature's unit.
         bandwidth: Of the kernel, in standard deviations.
-        omega: Its frequencies, ``[columns, frequencies]``.
+        omega: Frequencies ``[columns, frequencies]`` of bandwidth 1.
     """
 
     columns: tuple[Column, ...]
@@ -82,7 +82,7 @@ class Battery:
         """
         table = tabulate(features)
         bandwidth = median_distance(table.values) if protocol.bandwidth is None else protocol.bandwidth
-        omega = frequencies(len(table.columns), protocol.num_frequencies, bandwidth, seed=seed)
+        omega = frequencies(len(table.columns), protocol.num_frequencies, seed=seed)
         return cls._on(table, Reference(table.columns, table.sd, bandwidth, omega), protocol)
 
     @classmethod
@@ -101,7 +101,7 @@ class Battery:
             reference,
             MaxT.of(table.ranks, table.num_actions),
             MaxT.of(table.steps, table.num_actions),
-            Hsic.of(table, reference.omega),
+            Hsic.of(table, reference.omega, reference.bandwidth),
             Ridge.of(table, protocol.num_folds, protocol.penalty),
         )
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
-from branchdrive.derive.angle import wrap_rad
+from branchdrive.derive.angle import cos_sin, wrap_rad
 from branchdrive.derive.target import STEP_S
 
 __all__ = ["EGO_NAMES", "ego_frames"]
@@ -54,7 +54,7 @@ def ego_frames(
     x_n, y_n, yaw_n = (column[:, None, None] for column in pose.T)
     with np.errstate(over="ignore", invalid="ignore"):
         dx, dy = x[..., 1:] - x_n, y[..., 1:] - y_n
-        cos, sin = np.cos(yaw_n), np.sin(yaw_n)
+        cos, sin = cos_sin(yaw_n)
         frames = np.stack(
             [
                 cos * dx + sin * dy,

@@ -1,12 +1,14 @@
 """Dependence of features and action by a kernel: sees weak leaks spread over many columns and actions.
 
 Hilbert-Schmidt independence criterion of a Gaussian kernel on columns and the identity on actions, both
-centred within groups, with random Fourier features of ``R`` frequencies ``w_r ~ N(0, 1 / sigma^2)``::
+centred within groups, with random Fourier features of ``R`` frequencies ``w_r``, nearly normal variates by ``sigma``::
 
-    phi(z) = (cos(w_r . z), sin(w_r . z))_{r = 1 .. R} / sqrt(R)     E phi(z) . phi(z') = exp(-|z - z'|^2 / (2 sigma^2))
+    phi(z) = (cos(w_r . z), sin(w_r . z))_{r = 1 .. R} / sqrt(R)     E phi(z) . phi(z') ~ exp(-|z - z'|^2 / (2 sigma^2))
     T      = sum_a |sum_g (phi(z_{g,a}) - mean_a' phi(z_{g,a'}))|^2 / n^2               n = groups * actions
 
-The bandwidth ``sigma`` is the median of the positive distances between rows of one group.
+The bandwidth ``sigma`` is the median of the positive distances between rows of one group. Variates are multiples of
+``2^-16`` and columns whole steps, so ``sigma w_r . z`` is exact in float64 in any order; cosine and sine follow from
+it by arithmetic that every processor rounds alike, and are rounded to whole steps.
 
 Source: Gretton et al. 2008 (criterion); Rahimi and Recht 2007 (features).
 """
@@ -18,13 +20,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.leakage.permutation import FREQUENCIES, generator
+from branchdrive.derive.angle import cos_sin
 from branchdrive.derive.leakage.table import Table, step_limit
+from branchdrive.derive.stream import WORDS_PER_NORMAL, normals, words
 
 __all__ = ["Hsic", "frequencies", "median_distance"]
 
 Array = NDArray[np.float64]
 Steps = NDArray[np.float32]
+
+_STREAM = "leakage/frequencies"
 
 
 def median_distance(values: Array) -> float:
@@ -41,10 +46,9 @@ def median_distance(values: Array) -> float:
     return float(np.sqrt(np.median(apart))) if apart.size else 1.0
 
 
-def frequencies(num_columns: int, num_frequencies: int, bandwidth: float, *, seed: int) -> Array:
-    """Random frequencies ``[columns, frequencies]``, normal with standard deviation ``1 / bandwidth``."""
-    source = np.random.Generator(generator(seed, FREQUENCIES))
-    return source.standard_normal((num_columns, num_frequencies)) / bandwidth
+def frequencies(num_columns: int, num_frequencies: int, *, seed: int) -> Array:
+    """Random frequencies ``[columns, frequencies]`` of a kernel of bandwidth 1: multiples of ``2^-16``, up to 6."""
+    return normals(words(seed, _STREAM, num_columns, WORDS_PER_NORMAL * num_frequencies))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +68,11 @@ class Hsic:
     unit: float
 
     @classmethod
-    def of(cls, table: Table, omega: Array) -> Hsic:
-        """Statistic of a table under frequencies ``[columns, frequencies]``."""
+    def of(cls, table: Table, omega: Array, bandwidth: float) -> Hsic:
+        """Statistic of a table under frequencies ``[columns, frequencies]`` of bandwidth 1, and a bandwidth."""
         limit = step_limit(table.num_groups)
-        angle = (table.values @ omega).reshape(len(table.steps), omega.shape[1])
-        steps = np.concatenate([np.rint(part(angle) * limit).astype(np.float32) for part in (np.cos, np.sin)], axis=1)
+        angle = (table.steps.astype(np.float64) @ omega) * (table.step / bandwidth)
+        steps = np.concatenate([np.rint(part * limit).astype(np.float32) for part in cos_sin(angle)], axis=1)
         mean = steps.sum(axis=0, dtype=np.float64) / table.num_actions
         unit = 1.0 / (omega.shape[1] * float(limit) ** 2 * float(len(steps)) ** 2)
         return cls(steps, table.num_actions, mean, unit)

@@ -4,7 +4,8 @@ With rows ``x`` (a 1 appended for the intercept), classes ``y`` and weights ``W`
 
     sum_i -log softmax(x_i W)_{y_i} + penalty / 2 |W|^2
 
-which is strictly convex, by Newton steps, halved until the objective falls: no randomness, one solution.
+which is strictly convex, by Newton steps, halved until the objective falls: no randomness, one solution. The step
+that is found too small to go on is taken as well, so that weights do not depend on where iterations end.
 
 Source: Böhning 1992 (Newton steps for the multinomial model).
 """
@@ -60,7 +61,7 @@ def fit_logistic(features: Array, classes: NDArray[np.intp], num_classes: int, *
         step = step.reshape(num_classes, -1).T
         decrement = float(np.sum(step * gradient))
         if decrement <= _TOLERANCE * (1.0 + abs(value)):
-            break
+            return weights - step
         for halving in range(_MAX_HALVINGS):
             tried = weights - step / 2**halving
             reached = objective(tried)

@@ -21,15 +21,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.derive.angle import cos_sin
 from branchdrive.derive.leakage.gate_input import pooled_controls
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.leakage.logistic import fit_logistic, log_probability
 from branchdrive.derive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
-from branchdrive.derive.leakage.permutation import RANDOM_LABELS, TRAINING, draw, generator
+from branchdrive.derive.leakage.permutation import draw
 from branchdrive.derive.leakage.protocol import CLIP_SD
 from branchdrive.derive.leakage.score import held_out_score
 from branchdrive.derive.leakage.sequence import SequenceClassifier, SequenceTask, Unavailable
 from branchdrive.derive.leakage.table import median_of_available, robust_sd
+from branchdrive.derive.stream import words
 
 __all__ = ["PARTITIONS", "Part", "Way", "ways"]
 
@@ -38,6 +40,8 @@ Mask = NDArray[np.bool_]
 
 PARTITIONS = ("train", "val", "test")
 """Partitions that the battery uses."""
+
+_RANDOM_LABELS = "leakage/random-labels"
 
 
 class Part(NamedTuple):
@@ -138,10 +142,11 @@ class _Run:
         if self.name == "synthetic_offset":
             sd = _standardised(raw, train)[1]
             turn = 2 * np.pi * np.outer(np.arange(num_actions), np.arange(1, num_features + 1)) / num_actions
+            cos, sin = cos_sin(turn)
             with np.errstate(over="ignore", invalid="ignore"):
-                raw = raw + self.protocol.offset_sd * sd * (np.cos(turn) + np.sin(turn))
+                raw = raw + self.protocol.offset_sd * sd * (cos + sin)
         if self.name == "random_label":
-            order = draw(0, 1, num_groups, num_actions, seed=self.seed, stream=RANDOM_LABELS)[0]
+            order = draw(0, 1, num_groups, num_actions, seed=self.seed, stream=_RANDOM_LABELS)[0]
             raw = np.take_along_axis(raw, order[:, :, None], axis=1)
         return _standardised(raw, train)[0]
 
@@ -163,8 +168,7 @@ class _Run:
             [_sequences(way.rows(histories[name]), way.members("train"), histories[name].shape[2:]) for name in wanted],
             axis=3,
         )
-        block = 2 * SEQUENCE_TESTS.index(self.name) + (len(way.actions) < len(way.inputs.action_keys))
-        training_seed = int(generator(self.seed, TRAINING, block).random_raw() >> 32)
+        training_seed = int(words(self.seed, f"leakage/training/{way.name}/{self.name}", 1, 1)[0, 0] >> 32)
         task = SequenceTask(*(seen[way.members(partition)] for partition in PARTITIONS))
         scores = self.classifier(task, seed=training_seed)
         training = {"num_epochs": int(scores.num_epochs), "best_epoch": int(scores.best_epoch)}

@@ -6,8 +6,8 @@ permutations of a statistic ``T`` that is large under leakage::
 
     p = (1 + #{b : T*_b >= T}) / (B + 1)
 
-Permutation ``b`` is a function of seed and ``b`` alone (Philox, its counter placed by ``b``), so neither
-chunks nor earlier draws change it. All statistics share the permutations.
+Permutation ``b`` is row ``b`` of a stream, a function of seed and ``b`` alone, so neither chunks nor earlier
+draws change it. All statistics share the permutations.
 
 Source: Phipson and Smyth 2010 (p-value); the design randomises actions within groups, paper III-D.
 """
@@ -17,58 +17,34 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.derive.stream import orders, words
+
 __all__ = [
-    "BOOTSTRAP",
-    "FREQUENCIES",
-    "HELD_OUT",
-    "PERMUTATIONS",
-    "RANDOM_LABELS",
-    "REPLICATES",
-    "REPLICATE_PLACES",
-    "TIE",
-    "TRAINING",
-    "critical_rank",
-    "critical_value",
-    "draw",
-    "generator",
-    "identity",
-    "labels",
-    "p_value",
-]
+    "PERMUTATIONS", "TIE", "critical_rank", "critical_value", "draw", "identity", "labels", "p_value", "reaching",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
-PERMUTATIONS, FREQUENCIES, REPLICATES, REPLICATE_PLACES, HELD_OUT, BOOTSTRAP, RANDOM_LABELS, TRAINING = range(8)
-"""Streams of randomness under one seed."""
+PERMUTATIONS = "leakage/permutations"
+"""Stream of the permutations of the gate."""
 
 TIE = 1e-9
 """Statistics that differ by no more, relative to the observed one, are equal."""
 
-_WORDS_PER_BLOCK = 4
-_SEEDS = 2**64
+_TIE_ABSOLUTE = 1e-12
+"""So are those that differ by no more: rounding of sums that cancel."""
 
 
-def generator(seed: int, stream: int, block: int = 0) -> np.random.Philox:
-    """Counter-based bit generator of one stream, placed at `block`.
+def draw(
+    start: int, stop: int, num_groups: int, num_actions: int, *, seed: int, stream: str = PERMUTATIONS
+) -> NDArray[np.intp]:
+    """Permutations ``start .. stop - 1`` as ``[permutations, groups, actions]``: the row that each action gets.
 
     Raises:
         ValueError: `seed` is negative or needs more than 64 bits.
     """
-    if not 0 <= seed < _SEEDS:
-        raise ValueError(f"`seed` is {seed!r}, not in 0 .. 2**64 - 1")
-    return np.random.Philox(key=np.array([seed, stream], np.uint64), counter=block)
-
-
-def draw(
-    start: int, stop: int, num_groups: int, num_actions: int, *, seed: int, stream: int = PERMUTATIONS
-) -> NDArray[np.intp]:
-    """Permutations ``start .. stop - 1`` as ``[permutations, groups, actions]``: the row that each action gets."""
-    blocks = -(-num_groups * num_actions // _WORDS_PER_BLOCK)
-    words = generator(seed, stream, start * blocks).random_raw((stop - start) * blocks * _WORDS_PER_BLOCK)
-    keys = words.reshape(stop - start, -1)[:, : num_groups * num_actions].reshape(-1, num_groups, num_actions)
-    # Sorting random words that carry their own index in the lowest bits is quicker than `argsort`.
-    mask = np.uint64((1 << (num_actions - 1).bit_length()) - 1)
-    return (np.sort((keys & ~mask) | np.arange(num_actions, dtype=np.uint64), axis=2) & mask).astype(np.intp)
+    drawn = words(seed, stream, stop - start, num_groups * num_actions, first_row=start)
+    return orders(drawn.reshape(-1, num_actions)).reshape(-1, num_groups, num_actions)
 
 
 def identity(num_groups: int, num_actions: int) -> NDArray[np.intp]:
@@ -91,9 +67,15 @@ def labels(rows: NDArray[np.intp]) -> NDArray[np.float32]:
     return matrix
 
 
+def reaching(null: Array, observed: Array | float) -> NDArray[np.intp]:
+    """How many of a null distribution ``[B, ..]`` reach what was observed ``[..]``, equal ones included."""
+    tie = TIE * np.abs(observed) + _TIE_ABSOLUTE
+    return np.asarray(np.count_nonzero(null >= observed - tie, axis=0))
+
+
 def p_value(observed: float, null: Array) -> float:
     """``(1 + #{T* >= T}) / (B + 1)`` for a null distribution ``[B]``."""
-    return float((1 + np.count_nonzero(null >= observed - TIE * abs(observed))) / (len(null) + 1))
+    return float((1 + reaching(null, observed)) / (len(null) + 1))
 
 
 def critical_rank(num_permutations: int, alpha: float) -> int:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from branchdrive.derive.leakage.battery import Battery
 from branchdrive.derive.leakage.difference import REL, Difference
 from branchdrive.derive.leakage.gate import Place
-from branchdrive.derive.leakage.permutation import TIE, critical_rank
+from branchdrive.derive.leakage.permutation import critical_rank, reaching
 from branchdrive.derive.leakage.plausible import is_plausible
 from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.derive.leakage.sensitivity import PATTERNS, replicate_values
@@ -72,17 +72,13 @@ def _prefix(battery: Battery, observed: Array, protocol: Protocol, seed: int) ->
     while True:
         more = battery.null(stop, seed=seed, scratch_bytes=protocol.scratch_bytes, start=len(null))
         null = np.concatenate([null, more])
-        if stop == total or (_reaching(observed, null) >= _REACHED).all():
+        if stop == total or (reaching(null, observed) >= _REACHED).all():
             return null
         stop = min(2 * stop, total)
 
 
-def _reaching(observed: Any, null: Array) -> Any:
-    return np.count_nonzero(null >= observed - TIE * np.abs(observed), axis=0)
-
-
 def _unlikely(pointer: str, p: float, value: float, null: Array, total: int) -> Iterator[Difference]:
-    reached = int(_reaching(value, null))
+    reached = int(reaching(null, value))
     if not is_plausible(reached, len(null), p, total):
         yield Difference(pointer, f"a p-value that fits {reached:,} of {len(null):,} permutations", p)
 

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.derive.leakage.agreement import rows_agree
-from branchdrive.derive.leakage.permutation import BOOTSTRAP, HELD_OUT, draw, generator, p_value
+from branchdrive.derive.leakage.permutation import draw, p_value
+from branchdrive.derive.stream import counts, words
 
 __all__ = ["MEASURES", "Score", "held_out_score"]
 
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 MEASURES = ("accuracy", "log_likelihood")
 """Measures, in the order of every axis over measures."""
 
+_HELD_OUT = "leakage/held-out"
+_BOOTSTRAP = "leakage/bootstrap"
 _TIE = 1e-9
 _PERMUTATIONS_AT_ONCE = 500
 
@@ -88,7 +91,7 @@ def held_out_score(
     groups = np.arange(num_groups)[:, None]
     for start in range(0, num_permutations, _PERMUTATIONS_AT_ONCE):
         stop = min(start + _PERMUTATIONS_AT_ONCE, num_permutations)
-        rows = draw(start, stop, num_groups, num_actions, seed=seed, stream=HELD_OUT)
+        rows = draw(start, stop, num_groups, num_actions, seed=seed, stream=_HELD_OUT)
         for measure, m in enumerate((hits, scores)):
             null[measure, start:stop] = m[groups, rows, actions].mean(axis=(1, 2))
     p = [p_value(float(value), column) for value, column in zip(observed, null, strict=True)]
@@ -97,7 +100,6 @@ def held_out_score(
 
 def _interval(per_group: Array, num_resamples: int, seed: int) -> tuple[float, float]:
     num_groups = len(per_group)
-    source = np.random.Generator(generator(seed, BOOTSTRAP))
-    counts = source.multinomial(num_groups, np.full(num_groups, 1 / num_groups), size=num_resamples)
-    low, high = np.quantile(counts @ per_group / num_groups, [0.025, 0.975]).tolist()
+    drawn = counts(words(seed, _BOOTSTRAP, num_resamples, num_groups), num_groups)
+    low, high = np.quantile(drawn @ per_group / num_groups, [0.025, 0.975]).tolist()
     return low, high

@@ -24,9 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.derive.leakage.battery import Battery, Reference
-from branchdrive.derive.leakage.permutation import REPLICATE_PLACES, REPLICATES, critical_value, draw, generator
+from branchdrive.derive.leakage.permutation import critical_value, draw
 from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.derive.leakage.table import checked
+from branchdrive.derive.stream import below, orders, words
 
 __all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "replicate_values", "sensitivity"]
 
@@ -37,6 +38,10 @@ PATTERNS: tuple[Pattern, ...] = ("one", "dense")
 """Patterns of an offset."""
 
 _DENSE_SHARE = 4
+
+_ROWS = "leakage/replicate/rows"
+_FEATURES = "leakage/replicate/features"
+_ACTION = "leakage/replicate/action"
 
 
 class Detection(NamedTuple):
@@ -117,10 +122,11 @@ def _replicates(x: Array, reference: Reference, seed: int) -> Iterator[tuple[NDA
     """Of each replicate in turn: the row of each action ``[groups, actions]``, features in order, and an action."""
     num_groups, num_actions, _ = x.shape
     movable = np.array([c.feature for c in reference.columns if c.kind == "value"], np.intp)
-    places = np.random.Generator(generator(seed, REPLICATE_PLACES))
     for replicate in count():
-        rows = draw(replicate, replicate + 1, num_groups, num_actions, seed=seed, stream=REPLICATES)[0]
-        yield rows, places.permutation(movable), int(places.integers(num_actions))
+        rows = draw(replicate, replicate + 1, num_groups, num_actions, seed=seed, stream=_ROWS)[0]
+        order = orders(words(seed, _FEATURES, 1, len(movable), first_row=replicate))[0]
+        action = below(words(seed, _ACTION, 1, 1, first_row=replicate), num_actions)[0, 0]
+        yield rows, movable[order], int(action)
 
 
 def replicate_values(
@@ -151,4 +157,6 @@ def inject(features: Array, pattern: Pattern, offset: Array, order: NDArray[np.i
             features[:, action, order[0]] += offset[order[0]]
         else:
             chosen = order[: max(1, len(order) // _DENSE_SHARE)]
-            features[:, :, chosen] += np.linspace(-1.0, 1.0, features.shape[1])[:, None] * offset[chosen]
+            last = features.shape[1] - 1
+            dose = np.arange(-last, last + 1, 2) / last
+            features[:, :, chosen] += dose[:, None] * offset[chosen]

@@ -5,7 +5,7 @@
 * A variable holds a target where, for one action, it is an affine function of it at floating-point precision:
   ``1 - r^2 <= 1e-9`` over the groups in which that target is available, with 10 distinct values of both.
 * Identifiers tell the partition where more neighbours in their sorted order share one than in all but
-  ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``. The generator is Philox with the key 0.
+  ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``.
 
 Source: paper VI-A; spec/13-leakage.md#structural.
 """
@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from branchdrive.derive.stream import orders, words
 
 __all__ = ["ALPHA", "MAX_CORRELATION", "MAX_UNEXPLAINED", "Telltale", "held_targets", "neighbours_p", "ranked_targets"]
 
@@ -33,6 +35,8 @@ MAX_UNEXPLAINED = 1e-9
 """Share ``1 - r^2`` of the variance of an affine function that rounding may leave."""
 
 _PERMUTATIONS = 1_999
+_PLACES_AT_ONCE = 2**20
+_STREAM = "leakage/neighbours"
 _MIN_GROUPS = 10
 """Groups, or distinct values, below which a correlation says nothing."""
 
@@ -130,9 +134,10 @@ def neighbours_p(homes: Sequence[str]) -> float:
     """
     labels = np.unique(np.asarray(homes, np.str_), return_inverse=True)[1]
     observed = int((labels[1:] == labels[:-1]).sum())
-    generator = np.random.Generator(np.random.Philox(key=0))
+    num_rows = max(1, _PLACES_AT_ONCE // len(labels))
     reached = 0
-    for _ in range(_PERMUTATIONS):
-        drawn = generator.permutation(labels)
-        reached += int((drawn[1:] == drawn[:-1]).sum()) >= observed
+    for start in range(0, _PERMUTATIONS, num_rows):
+        num_drawn = min(num_rows, _PERMUTATIONS - start)
+        drawn = labels[orders(words(0, _STREAM, num_drawn, len(labels), first_row=start))]
+        reached += int(np.count_nonzero((drawn[:, 1:] == drawn[:, :-1]).sum(axis=1) >= observed))
     return (1 + reached) / (1 + _PERMUTATIONS)

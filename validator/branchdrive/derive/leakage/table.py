@@ -22,6 +22,7 @@ Source: this project's choice.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -195,5 +196,10 @@ def robust_sd(deviation: Array, unavailable: NDArray[np.bool_]) -> Array:
         found = deviation[:, :, feature][use[:, :, feature]]
         largest = found.max(initial=0.0)
         if largest > 0:
-            sd[feature] = _MAD_TO_SD * np.median(found) or largest * np.sqrt(np.mean((found / largest) ** 2))
+            sd[feature] = _MAD_TO_SD * np.median(found) or largest * _root_mean_square(found / largest)
     return np.minimum(sd, np.finfo(np.float64).max)
+
+
+def _root_mean_square(values: Array) -> float:
+    """Of values ``[n]``; their sum is rounded once, so that no order of summation changes it."""
+    return math.sqrt(math.fsum(np.square(values).tolist()) / len(values))
