@@ -6,8 +6,12 @@ Choose the larger search with ``pytest --hypothesis-profile=thorough``.
 from __future__ import annotations
 
 import os
+import sys
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: tests run side by side, one core each
+# Hundreds of child processes import the package, and every worker the tests: they are compiled once.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 import socket
 from typing import TYPE_CHECKING, Any

@@ -18,16 +18,17 @@ from typing import Any
 
 import pytest
 
-__all__ = ["each"]
+__all__ = ["Loop", "each"]
 
 Test = Callable[..., None]
+Loop = Callable[[Test], Test]
 Ids = Iterable[object] | Callable[[Any], object] | None
 
 _SHOWN = 20
 """Names of failing cases in the first line of a failure; the group below it has them all."""
 
 
-def each(names: str | Sequence[str], cases: Iterable[Any], *, ids: Ids = None) -> Callable[[Test], Test]:
+def each(names: str | Sequence[str], cases: Iterable[Any], *, ids: Ids = None) -> Loop:
     """Decorator of a test that is run on every case and then fails for all that failed.
 
     Args:
@@ -74,9 +75,7 @@ def each(names: str | Sequence[str], cases: Iterable[Any], *, ids: Ids = None) -
     return decorate
 
 
-def _case(
-    row: Any, num_names: int, label: object, name: Callable[[Any], object] | None
-) -> tuple[str, tuple[Any, ...]]:
+def _case(row: Any, num_names: int, label: object, name: Callable[[Any], object] | None) -> tuple[str, tuple[Any, ...]]:
     """Label and values of a case."""
     if isinstance(row, type(pytest.param())):
         label, values = label if row.id is None else row.id, tuple(row.values)
