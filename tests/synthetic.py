@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from tests.content_cache import kept
 from tests.driving import (
     ACTORS,
     BRANCH_TICK,
@@ -263,7 +264,11 @@ def concat(parts: Sequence[Tables]) -> Tables:
 @cache
 def base_tables() -> dict[str, Tables]:
     """Tables of the valid dataset by shard folder; shared by all callers, so never changed in place."""
-    return shared({folder: concat([make_group(index) for index in groups]) for folder, groups in SHARDS.items()})
+
+    def build() -> dict[str, Tables]:
+        return {folder: concat([make_group(index) for index in groups]) for folder, groups in SHARDS.items()}
+
+    return shared(kept("base-tables", build))
 
 
 def descriptor() -> dict[str, Any]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from tests.content_cache import kept
 from tests.driving import ACTORS, ROUTES, Scene, group_name
 from tests.synthetic import Tables, concat, frames_table, make_group, media_descriptor, shared
 from tests.validator.audit.rules.draft import Draft
@@ -70,6 +71,10 @@ def _group(index: int) -> Tables:
 @cache
 def raw_tables() -> dict[str, Tables]:
     """Tables of the raw layer by shard folder; shared by all callers, so never changed in place."""
+    return shared(kept("raw-tables", _made_tables))
+
+
+def _made_tables() -> dict[str, Tables]:
     shards = {
         folder: {**concat([_group(index) for index in groups]), "frames": frames_table(groups)}
         for folder, groups in RELEASE_SHARDS.items()
@@ -77,7 +82,7 @@ def raw_tables() -> dict[str, Tables]:
     d = Draft(shards, raw_descriptor())
     _lose_groups(d)
     _repeat_attempts(d)
-    return shared(d.tables)
+    return d.tables
 
 
 def _lose_groups(d: Draft) -> None:

@@ -8,7 +8,7 @@ import re
 import shlex
 from types import ModuleType
 
-import pytest
+from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.cli import build, validate
@@ -41,7 +41,7 @@ def options_of(command: ModuleType) -> set[str]:
     return found - {"-h", "--help"}
 
 
-@pytest.mark.parametrize("words", LINES, ids=" ".join)
+@each("words", LINES, ids=" ".join)
 def test_commands_parse(words: list[str]) -> None:
     name, *arguments = words[1:] if words[0] == "branchdrive" else words
     parser_of((COMMANDS | OTHERS)[name]).parse_args(arguments)

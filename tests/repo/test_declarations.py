@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
+from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.contract.columns import PATTERNS, STREAMS, TABLES, Column, Table
@@ -28,10 +29,8 @@ UNIT_SUFFIXES: dict[str, str | tuple[str, ...]] = {
     "byte": "_bytes",
 }
 
-each_schema = pytest.mark.parametrize("schema_name", SCHEMAS)
-each_column = pytest.mark.parametrize(
-    ("table", "column"), COLUMNS, ids=[f"{table.name}.{column.name}" for table, column in COLUMNS]
-)
+each_schema = each("schema_name", SCHEMAS)
+each_column = each(("table", "column"), COLUMNS, ids=[f"{table.name}.{column.name}" for table, column in COLUMNS])
 
 
 @pytest.mark.parametrize("document", ["rules", "columns", "layers", "limits", "action-bank"])

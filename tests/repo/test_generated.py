@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.each import each
 from tests.repo.checkout import CHAPTERS, ROOT
 
 from branchdrive.contract.bank import load_action_bank
@@ -109,7 +110,7 @@ def test_rollout_record_with_other_conditions_conforms(changes: dict[str, Any]) 
     assert schema_violations(rollout_record(**changes), "rollout.schema.json") == []
 
 
-@pytest.mark.parametrize(
+@each(
     ("pointer", "changes"),
     [
         pytest.param("/attempt", {"attempt": 0}, id="below its range"),

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from pathlib import Path
 
-import pytest
+from tests.each import each
 from tests.repo.checkout import CHAPTERS, ROOT, anchors, files, heading_slugs, name, prose
 
 MARKDOWN = files(".md")
@@ -15,7 +15,7 @@ KEY_WORD = re.compile(r"\b(MUST|SHALL|SHOULD|MAY|REQUIRED|RECOMMENDED|OPTIONAL)\
 TAG = re.compile(r" \[[PVIC](/[PVIC])*\]$")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
-each_chapter = pytest.mark.parametrize("path", CHAPTERS, ids=name)
+each_chapter = each("path", CHAPTERS, ids=name)
 
 
 def targets(path: Path) -> list[str]:
@@ -23,7 +23,7 @@ def targets(path: Path) -> list[str]:
     return [target for target in LINK.findall(text) if not re.match(r"[a-z]+:", target)]
 
 
-@pytest.mark.parametrize("path", MARKDOWN, ids=name)
+@each("path", MARKDOWN, ids=name)
 def test_relative_links_resolve(path: Path) -> None:
     for target in targets(path):
         file, _, anchor = target.partition("#")
@@ -34,7 +34,7 @@ def test_relative_links_resolve(path: Path) -> None:
             assert anchor in {*anchors(there), *heading_slugs(there)}, target
 
 
-@pytest.mark.parametrize("path", MARKDOWN, ids=name)
+@each("path", MARKDOWN, ids=name)
 def test_anchors_are_unique(path: Path) -> None:
     assert [anchor for anchor, count in Counter(anchors(path)).items() if count > 1] == []
 
@@ -61,7 +61,7 @@ def test_one_sentence_per_line(path: Path) -> None:
         assert not re.search(r"[.?!]\s+\S", text), f"{name(path)}:{number}"
 
 
-@pytest.mark.parametrize("path", [p for p in MARKDOWN if p.parent.name != "spec"], ids=name)
+@each("path", [p for p in MARKDOWN if p.parent.name != "spec"], ids=name)
 def test_key_words_stand_in_the_specification_only(path: Path) -> None:
     found = [f"{name(path)}:{number}" for number, line in prose(path) if KEY_WORD.search(line)]
     assert found == []
@@ -79,7 +79,7 @@ def test_decisions_are_numbered_without_gaps_and_listed() -> None:
     }
 
 
-@pytest.mark.parametrize("path", DECISIONS, ids=name)
+@each("path", DECISIONS, ids=name)
 def test_decision_has_its_parts_and_fits_one_page(path: Path) -> None:
     text = path.read_text("utf-8")
     headings = [line[3:] for line in text.split("\n") if line.startswith("## ")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-import pytest
+from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS, TICK_S
@@ -36,7 +36,7 @@ def test_every_scenario_type_is_listed_in_the_order_of_the_registry() -> None:
     assert [row[0] for row in table("scenario type")] == list(SCENARIOS)
 
 
-@pytest.mark.parametrize("row", table("scenario type"), ids=lambda row: row[0])
+@each("row", table("scenario type"), ids=lambda row: row[0])
 def test_a_scenario_type_is_described_as_registered(row: list[str]) -> None:
     name, abilities, staged, _, definition = row
     places = {route.place.value for route in scenario_routes(name)}

@@ -7,7 +7,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-import pytest
+from tests.each import Loop, each
 from tests.repo.checkout import CHAPTERS, ROOT, RULES, anchors, files, name
 
 import branchdrive
@@ -22,8 +22,8 @@ def clauses() -> set[str]:
     return {f"spec/{chapter.name}#{anchor}" for chapter in CHAPTERS for anchor in anchors(chapter)}
 
 
-def each_rule() -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule["id"])
+def each_rule() -> Loop:
+    return each("rule", RULES, ids=lambda rule: rule["id"])
 
 
 def test_ids_are_unique() -> None:
@@ -89,6 +89,6 @@ def test_rules_are_in_the_order_of_their_areas_and_numbers() -> None:
     assert keys == sorted(keys)
 
 
-@pytest.mark.parametrize("path", [p for p in files(".py", ".json") if not p.is_relative_to(ROOT / "tests")], ids=name)
+@each("path", [p for p in files(".py", ".json") if not p.is_relative_to(ROOT / "tests")], ids=name)
 def test_clauses_that_code_cites_exist(path: Path) -> None:
     assert set(CLAUSE.findall(path.read_text(encoding="utf-8"))) <= clauses()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from tests.each import each
 from tests.repo.checkout import files, name, texts
 
 import branchdrive
@@ -20,7 +21,7 @@ MAX_MODULE_LINES = 400
 HOMES = [f"/{folder}/" for folder in ("home", "root", "Users")] + ["C:" + r"\\Users"]
 
 
-@pytest.mark.parametrize("path", files(".py"), ids=name)
+@each("path", files(".py"), ids=name)
 def test_module_is_short(path: Path) -> None:
     assert len(path.read_text("utf-8").splitlines()) <= MAX_MODULE_LINES
 
@@ -58,7 +59,7 @@ def test_an_inherited_or_generated_docstring_does_not_count(value: type) -> None
     assert not written_docstring(value)
 
 
-@pytest.mark.parametrize("public", branchdrive.__all__)
+@each("public", branchdrive.__all__)
 def test_public_name_is_documented(public: str) -> None:
     value = getattr(branchdrive, public)
     if inspect.isclass(value) or inspect.isroutine(value):

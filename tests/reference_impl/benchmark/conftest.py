@@ -6,13 +6,14 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, make_release, write_protocol
 
 
 @pytest.fixture(scope="session")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A release without a benchmark; read-only by agreement."""
-    return make_release(tmp_path_factory.mktemp("bare") / "release")
+    return kept_folder("bare-release", make_release, tmp_path_factory.mktemp("bare") / "release")
 
 
 @pytest.fixture(scope="session")
@@ -24,9 +25,12 @@ def small_protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def done(bare: Path, small_protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same release with its benchmark, by one command and without figures; read-only by agreement."""
-    root = shutil.copytree(bare, tmp_path_factory.mktemp("done") / "release")
-    invoke("benchmark", root, "--protocol", small_protocol, "--no-figures")
-    return root
+
+    def benchmark(root: Path) -> None:
+        shutil.copytree(bare, root)
+        invoke("benchmark", root, "--protocol", small_protocol, "--no-figures")
+
+    return kept_folder("benchmarked-release", benchmark, tmp_path_factory.mktemp("done") / "release")
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.each import each
 from tests.validator.derive.benchmark.samples import small_protocol
 from tests.validator.derive.benchmark.tiny import CANDIDATES, data
 
@@ -168,7 +169,7 @@ def test_columns_that_lack_or_are_unknown_are_refused(folder: Path, names: list[
         assert read(folder, dict(found)) is None
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_column_that_is_there_twice_is_refused(folder: Path, name: str) -> None:
     file, table = folder / "twice.parquet", pa.table(columns())
     pq.write_table(table.append_column(name, columns()[name]), file)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from tests.each import each
 
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
@@ -33,7 +34,7 @@ def test_rates_are_read(text: str, rates: dict[str, float]) -> None:
     assert parse_faults(text, FAULT_PRESETS) == rates
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "problem"),
     [
         ("", "'' is no fault"),

@@ -9,6 +9,7 @@ from functools import cache
 from typing import TypeAlias
 
 import pytest
+from tests.each import each
 
 from branchdrive import open_dataset, validate
 from branchdrive.audit.report import Report
@@ -93,7 +94,7 @@ def test_every_fault_has_its_expectation() -> None:
     assert MAX_SHIFT_TICKS < MARGIN_TICKS  # a late treatment ends before the nominal rollout does
 
 
-@pytest.mark.parametrize("fault", Fault)
+@each("fault", Fault)
 def test_a_fault_fails_its_rules_and_costs_its_stage(collected: Collector, fault: Fault) -> None:
     report, expected = collected(fault).report, EXPECTED[fault]
     failed = {tally.rule_id for tally in report.tallies if tally.num_findings}
@@ -105,7 +106,7 @@ def test_a_fault_fails_its_rules_and_costs_its_stage(collected: Collector, fault
     assert len(collected(fault).rollouts) == expected.num_rollouts
 
 
-@pytest.mark.parametrize("fault", Fault)
+@each("fault", Fault)
 def test_an_attempt_tells_the_fault_that_was_injected(collected: Collector, fault: Fault) -> None:
     told = [r.record["action_key"] for r in collected(fault).rollouts if r.record["provenance"].endswith(fault)]
     interventions = [policy.key for policy in BANK.interventions]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.each import each
 from tests.reference_impl.geometry.paths import ROAD
 
 from branchdrive_reference.expert.decision import decide
@@ -61,7 +62,7 @@ def crossing(road: Road) -> float:
     return gap
 
 
-@pytest.mark.parametrize(
+@each(
     ("body", "is_hazard"),
     [
         (walker(22.0, -3.0, 1.4), True),  # in the way when the ego arrives

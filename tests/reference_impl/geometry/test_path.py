@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.each import each
 from tests.reference_impl.geometry.paths import path_of
 
 from branchdrive_reference.geometry.path import interpolate, locate, project
@@ -15,8 +16,8 @@ LINE = bezier(np.array([0.0, 40.0, 60.0, 60.0]), np.array([0.0, 0.0, 15.0, 60.0]
 PATH = path_of(LINE)
 
 
-@pytest.mark.parametrize("hint", [0, 30, 89, 500])
-@pytest.mark.parametrize("offset_m", [-6.0, -1.0, 0.0, 2.5, 6.0])
+@each("hint", [0, 30, 89, 500])
+@each("offset_m", [-6.0, -1.0, 0.0, 2.5, 6.0])
 def test_projection_finds_the_nearest_foot_point(hint: int, offset_m: float) -> None:
     for arc_m in np.linspace(1.0, LINE.length_m - 1.0, 23):
         x, y, _ = interpolate(PATH, arc_m, offset_m)

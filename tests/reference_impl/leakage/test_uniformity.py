@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import kstest
+from tests.each import each
 from tests.validator.derive.leakage.replays import replay_inputs
 
 from branchdrive.derive.leakage.gate_input import gate_features
@@ -42,8 +43,8 @@ def test_seeds_are_independent_and_repeatable() -> None:
     assert first.p_values["max_t"][0] != first.p_values["max_t"][1]
 
 
-@pytest.mark.parametrize("num_seeds", [20, 100, 1000])
-@pytest.mark.parametrize("power", [1.0, 1.1, 1.5])
+@each("num_seeds", [20, 100, 1000])
+@each("power", [1.0, 1.1, 1.5])
 def test_the_distance_from_uniform_is_that_of_kolmogorov_and_smirnov(num_seeds: int, power: float) -> None:
     p_values = np.random.Generator(np.random.Philox(num_seeds)).random(num_seeds) ** power
     found, wanted = uniformity(p_values), kstest(p_values, "uniform")

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 from tests.reference_impl.learning.small_models import DECLARED, TRAINING
 from tests.validator.contract.mutation import mutated
 
@@ -65,7 +66,7 @@ def test_other_records_are_refused(change: dict[str, Any], words: str) -> None:
         Configuration.from_record({**M3, **change})
 
 
-@pytest.mark.parametrize(
+@each(
     ("place", "value"),
     [
         *(("model.name", name) for name in ("../../x/pwn", "a/b", "..", "", "M3\n", "m" * 65)),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 import shapely
+from tests.each import each
 from tests.reference_impl.scenarios.playback import FRAME_S, PLAYED, Playback, playback
 from tests.reference_impl.scenarios.test_population import outline
 
@@ -16,7 +16,7 @@ from branchdrive_reference.town.signal import NO_GROUP, Light
 from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO, Behaviour, Kind
 
-each_world = pytest.mark.parametrize("number", PLAYED)
+each_world = each("number", PLAYED)
 STEPPING_OUT = ("DynamicObjectCrossing", "ParkingCrossingPedestrian", "PedestrianCrossing")
 BEHIND_A_TURN = ("VehicleTurningRoute", "VehicleTurningRoutePedestrian")
 TAKING_THE_RIGHT_OF_WAY = ("OppositeVehicleRunningRedLight", "OppositeVehicleTakingPriority")
@@ -44,7 +44,7 @@ def test_the_leader_brakes_hard_and_drives_on(number: int) -> None:
 
 
 @each_world
-@pytest.mark.parametrize("scenario", [*STEPPING_OUT, *BEHIND_A_TURN])
+@each("scenario", [*STEPPING_OUT, *BEHIND_A_TURN])
 def test_somebody_waits_and_then_crosses_the_whole_road(scenario: str, number: int) -> None:
     played = playback(scenario, number)
     body, foot = played.bodies[:, FIRST_ROW], played.along_route(FIRST_ROW)
@@ -57,7 +57,7 @@ def test_somebody_waits_and_then_crosses_the_whole_road(scenario: str, number: i
 
 
 @each_world
-@pytest.mark.parametrize("scenario", [*STEPPING_OUT, *BEHIND_A_TURN])
+@each("scenario", [*STEPPING_OUT, *BEHIND_A_TURN])
 def test_who_crosses_would_meet_an_ego_that_drives_on(scenario: str, number: int) -> None:
     """At the speed of the moment in which it sets out, the ego would be there while it is in the ego's way."""
     played = playback(scenario, number)
@@ -91,7 +91,7 @@ def test_the_pedestrian_steps_out_between_parked_vehicles(number: int) -> None:
 
 
 @each_world
-@pytest.mark.parametrize("scenario", BEHIND_A_TURN)
+@each("scenario", BEHIND_A_TURN)
 def test_somebody_crosses_where_the_turn_ends(scenario: str, number: int) -> None:
     played = playback(scenario, number)
     assert played.route.turn is not Turn.STRAIGHT
@@ -121,7 +121,7 @@ def test_priority_is_taken_from_the_ego(number: int) -> None:
 
 
 @each_world
-@pytest.mark.parametrize("scenario", TAKING_THE_RIGHT_OF_WAY)
+@each("scenario", TAKING_THE_RIGHT_OF_WAY)
 def test_the_rival_never_stops_and_meets_the_ego(scenario: str, number: int) -> None:
     played = playback(scenario, number)
     at_m, rival_at_m = played.stage.meeting_m(int(played.bodies["track"][0, FIRST_ROW]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.each import each
 from tests.reference_impl.scenarios.playback import PLAYED, Playback, playback
 
 from branchdrive_reference.expert.plan import Cause
@@ -14,9 +14,9 @@ from branchdrive_reference.town.signal import NO_GROUP, Light
 from branchdrive_reference.town.track import EGO_TRACK, Role
 from branchdrive_reference.world.body import Behaviour, Kind
 
-each_world = pytest.mark.parametrize("number", PLAYED)
-each_entry = pytest.mark.parametrize("scenario", ["EnterActorFlow", "MergerIntoSlowTraffic"])
-each_turn = pytest.mark.parametrize(
+each_world = each("number", PLAYED)
+each_entry = each("scenario", ["EnterActorFlow", "MergerIntoSlowTraffic"])
+each_turn = each(
     ("scenario", "turn", "signalized"),
     [
         ("NonSignalizedJunctionLeftTurn", Turn.LEFT, False),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.each import Loop, each
 from tests.reference_impl.scenarios.playback import PLAYED, Playback, playback
 
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide
@@ -13,11 +13,11 @@ STANDING = ("Accident", "ConstructionObstacle", "ParkedObstacle")
 RIDING = ("HazardAtSideLane",)
 ONE_WAY = (*STANDING, *RIDING)
 TWO_WAYS = tuple(f"{name}TwoWays" for name in ONE_WAY)
-each_world = pytest.mark.parametrize("number", PLAYED)
+each_world = each("number", PLAYED)
 
 
-def everywhere(*names: str) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("scenario", [name + ways for name in names for ways in ("", "TwoWays")])
+def everywhere(*names: str) -> Loop:
+    return each("scenario", [name + ways for name in names for ways in ("", "TwoWays")])
 
 
 def cast_at_start(played: Playback) -> np.ndarray:
@@ -71,7 +71,7 @@ def test_the_ego_overtakes_cyclists(scenario: str) -> None:
 
 
 @each_world
-@pytest.mark.parametrize("scenario", TWO_WAYS)
+@each("scenario", TWO_WAYS)
 def test_on_two_way_roads_the_oncoming_lane_is_beside(scenario: str, number: int) -> None:
     played = playback(scenario, number)
     lane = played.route.site_lane
@@ -81,14 +81,14 @@ def test_on_two_way_roads_the_oncoming_lane_is_beside(scenario: str, number: int
 
 
 @each_world
-@pytest.mark.parametrize("scenario", [f"{name}TwoWays" for name in STANDING])
+@each("scenario", [f"{name}TwoWays" for name in STANDING])
 def test_on_two_way_roads_the_oncoming_lane_is_used(scenario: str, number: int) -> None:
     ego = playback(scenario, number).ego
     assert (ego["offset_m"] + ego["half_width_m"]).max() > LANE_WIDTH_M / 2
 
 
 @each_world
-@pytest.mark.parametrize("scenario", ONE_WAY)
+@each("scenario", ONE_WAY)
 def test_elsewhere_a_lane_of_the_own_direction_is_used(scenario: str, number: int) -> None:
     played = playback(scenario, number)
     lane, offset = played.route.site_lane, played.ego["offset_m"][beside_cast(played)]

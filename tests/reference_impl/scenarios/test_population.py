@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
+from tests.each import each
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drive_of
 
 from branchdrive_reference.scenarios.population import populate
@@ -23,7 +24,7 @@ from branchdrive_reference.town.track import EGO_TRACK, Role, route_tracks
 from branchdrive_reference.world.body import EGO, Behaviour, Body, Kind
 
 WORLDS = range(14)
-each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+each_scenario = each("scenario", SCENARIO_NAMES)
 
 
 def outline(body: np.void) -> shapely.Polygon:
@@ -95,7 +96,7 @@ def ambient_of(spec: WorldSpec, ambient: Ambient) -> list[Body]:
     return populate(Stage(route_tracks(spec.town, spec.route_id), spec.seed), ambient, ())
 
 
-@pytest.mark.parametrize("part", [field.name for field in dataclasses.fields(Ambient)])
+@each("part", [field.name for field in dataclasses.fields(Ambient)])
 @each_scenario
 def test_leaving_a_group_out_changes_no_other(scenario: str, part: str) -> None:
     spec = drive_of(scenario, 0).spec

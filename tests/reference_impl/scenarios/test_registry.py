@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pytest
+from tests.each import each
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES
 
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
@@ -16,7 +16,7 @@ from branchdrive_reference.town.registry import TOWN_NAMES
 from branchdrive_reference.world.body import Body
 
 MIN_ROUTES = 8
-each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+each_scenario = each("scenario", SCENARIO_NAMES)
 
 
 @each_scenario

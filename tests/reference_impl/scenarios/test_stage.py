@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.each import each
 from tests.reference_impl.scenarios.playback import FRAME_S, playback
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drive_of
 
@@ -16,7 +17,7 @@ from branchdrive_reference.town.track import EGO_TRACK, Role, route_tracks
 from branchdrive_reference.world.body import Behaviour, Kind, Size
 
 BOX = Size(4.0, 2.0, 1.5, 1000.0)
-each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+each_scenario = each("scenario", SCENARIO_NAMES)
 
 
 def stage_of(scenario: str, number: int = 0) -> Stage:
@@ -42,7 +43,7 @@ def test_the_ego_arrives_when_it_drives_its_desired_speed(scenario: str) -> None
     assert stage.ego_arrival_s(stage.site_m) == pytest.approx(driven_s, rel=0.01)
 
 
-@pytest.mark.parametrize("eagerness", [0.6, 1.0, 1.2])
+@each("eagerness", [0.6, 1.0, 1.2])
 @each_scenario
 def test_a_lead_in_time_is_driven_in_that_time(scenario: str, eagerness: float) -> None:
     stage = stage_of(scenario)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.each import each
 
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace, Signal, Trigger
@@ -77,7 +78,7 @@ def test_no_branch_without_a_manoeuvre_and_its_windows(expert: ExpertTrace) -> N
     assert BRAKE.evaluate(expert) is None
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=lambda scenario: scenario.name)
+@each("scenario", SCENARIOS.values(), ids=lambda scenario: scenario.name)
 def test_definitions_are_versioned(scenario: object) -> None:
     name, version = scenario.trigger.definition.rsplit(" ", 1)  # type: ignore[attr-defined]
     assert name

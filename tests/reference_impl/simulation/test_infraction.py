@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.each import each
 from tests.reference_impl.simulation.worlds import BANK, nominal_of
 
 from branchdrive_reference.scenarios.registry import SCENARIOS
@@ -102,21 +103,21 @@ def counted(rollout: Run) -> tuple[int, int]:
     return fields["result_num_red_light_infractions"], fields["result_num_stop_sign_infractions"]
 
 
-@pytest.mark.parametrize("number", WORLDS)
-@pytest.mark.parametrize(("scenario", "expected"), [(RED_LIGHT, (1, 0)), (STOP_SIGN, (0, 1))])
+@each("number", WORLDS)
+@each(("scenario", "expected"), [(RED_LIGHT, (1, 0)), (STOP_SIGN, (0, 1))])
 def test_accelerating_over_the_line_is_an_infraction(scenario: str, expected: tuple[int, int], number: int) -> None:
     assert counted(overridden(scenario, number, "accelerate_0.80")) == expected
 
 
-@pytest.mark.parametrize("number", WORLDS)
-@pytest.mark.parametrize("scenario", [RED_LIGHT, STOP_SIGN])
+@each("number", WORLDS)
+@each("scenario", [RED_LIGHT, STOP_SIGN])
 def test_the_expert_commits_none_with_or_without_braking_earlier(scenario: str, number: int) -> None:
     assert counted(nominal_of(scenario, number)) == (0, 0)
     assert counted(overridden(scenario, number, "brake_0.50")) == (0, 0)
 
 
-@pytest.mark.parametrize("number", WORLDS)
-@pytest.mark.parametrize("scenario", [RED_LIGHT, "SignalizedJunctionLeftTurn"])
+@each("number", WORLDS)
+@each("scenario", [RED_LIGHT, "SignalizedJunctionLeftTurn"])
 def test_the_governing_light_recomputes(scenario: str, number: int) -> None:
     """From the programme of the signals and the recorded poses."""
     rollout = nominal_of(scenario, number)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import shapely
+from tests.each import each
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, branch_of, intervention_of, nominal_of
 
 from branchdrive.contract.columns import TABLES
@@ -24,7 +25,7 @@ RUNS = [nominal_of(name) for name in SCENARIO_NAMES] + [
     intervention_of("ParkedObstacle", "steer_left_0.05"),
 ]
 RECORDS = [record(run) for run in RUNS]
-each_record = pytest.mark.parametrize(("run", "recorded"), list(zip(RUNS, RECORDS, strict=True)))
+each_record = each(("run", "recorded"), list(zip(RUNS, RECORDS, strict=True)))
 FILLED_BY_COLLECTOR = {
     "rollout_id", "group_id", "role", "attempt", "protocol_variant", "action_key", "nominal_rollout_id", "repetition",
     "branch_tick", "branch_frame", "num_ticks", "num_observations", "simulator_version", "collector_version",

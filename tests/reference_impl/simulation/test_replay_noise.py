@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 from tests.reference_impl.simulation.worlds import BANK, SCENARIO_NAMES, branch_of, digest, nominal_of, spec_of
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
@@ -22,7 +23,7 @@ from branchdrive_reference.town.track import route_tracks
 from branchdrive_reference.world.body import BODY, EGO, Behaviour
 
 SOME = SCENARIO_NAMES[::5]
-each_scenario = pytest.mark.parametrize("scenario", SOME)
+each_scenario = each("scenario", SOME)
 STRENGTHS = (0.3, 1.0, 3.0)
 
 
@@ -45,7 +46,7 @@ def discrepancy_m(scenario: str, replay: int, strength: float) -> float:
 
 
 @each_scenario
-@pytest.mark.parametrize(("replay", "strength"), [(0, 0.0), (0, 2.0), (3, 0.0)])
+@each(("replay", "strength"), [(0, 0.0), (0, 2.0), (3, 0.0)])
 def test_without_a_replay_or_strength_the_nominal_is_repeated_bit_by_bit(
     scenario: str, replay: int, strength: float
 ) -> None:

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 import shapely
+from tests.each import each
 from tests.reference_impl.simulation.worlds import (
     BANK,
     SCENARIO_NAMES,
@@ -28,8 +29,8 @@ from branchdrive_reference.simulation.rollout import find_branch, run
 from branchdrive_reference.world.body import Behaviour
 
 ACTIONS = [policy.key for policy in BANK.interventions]
-each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
-each_intervention = pytest.mark.parametrize(
+each_scenario = each("scenario", SCENARIO_NAMES)
+each_intervention = each(
     ("scenario", "action_key"),
     [
         (name, ACTIONS[(3 * index + turn) % len(ACTIONS)])

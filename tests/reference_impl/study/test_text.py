@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.each import each
 from tests.reference_impl.study import samples
 from tests.synthetic import group_name
 
@@ -78,7 +79,7 @@ def test_values_missing_on_one_side_get_a_column_of_their_own(tmp_path: Path, st
     assert "one side only" not in render_study(study, io.StringIO())
 
 
-@pytest.mark.parametrize(
+@each(
     ("equality", "line"),
     [
         (Equality(1, 1, 1, {"controls": 0}), "The one compared nominal replay is bit-equal to its nominal in controls"),

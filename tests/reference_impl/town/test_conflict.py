@@ -11,6 +11,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.each import each
 from tests.reference_impl.geometry.paths import path_of
 from tests.reference_impl.town.towns import tables_of
 
@@ -96,8 +97,8 @@ def test_opposite_left_turns_do_not_yield_to_each_other() -> None:
     assert who_yields(course(Turn.LEFT, group=0), course(Turn.LEFT, group=0), WEST - 0.3) == (False, False)
 
 
-@pytest.mark.parametrize("heading_rad", [NORTH, -NORTH, WEST - 0.3])
-@pytest.mark.parametrize("turn", [Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT])
+@each("heading_rad", [NORTH, -NORTH, WEST - 0.3])
+@each("turn", [Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT])
 def test_signals_order_their_groups_so_that_nobody_yields(turn: Turn, heading_rad: float) -> None:
     assert who_yields(course(turn, group=0), course(Turn.STRAIGHT, group=1), heading_rad) == (False, False)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests import synthetic
+from tests.each import each
 from tests.validator.audit.datasets import (
     DEPARTURES,
     FOLDER,
@@ -156,7 +157,7 @@ def test_prefixes_and_ids_name_rules() -> None:
     assert select_rules([]) == frozenset()
 
 
-@pytest.mark.parametrize("pattern", ["", "BD-", "BD-X", "BD-VAL-999", "bd-val-001", "VAL", "BD-VAL-00", "*"])
+@each("pattern", ["", "BD-", "BD-X", "BD-VAL-999", "bd-val-001", "VAL", "BD-VAL-00", "*"])
 def test_a_pattern_that_names_no_rule_is_wrong_usage(pattern: str, valid_root: Path) -> None:
     with pytest.raises(UsageError, match="no rule is called"):
         validate(valid_root, select=[pattern])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import date
 
 import pytest
+from tests.each import each
 
 from branchdrive.audit.finding import Finding, Sighting
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
@@ -43,7 +44,7 @@ def broken(rule_id: str) -> Tally:
     return Tally(rule_id, examined=5, total=5, errors=["a bug"])
 
 
-@pytest.mark.parametrize(
+@each(
     ("tallies", "verdict"),
     [
         pytest.param([passed(STRUCTURE), passed(CLAIM), passed(QUALIFICATION)], "valid", id="everything passes"),
@@ -79,7 +80,7 @@ def test_exit_codes_are_the_documented_ones() -> None:
     assert EXIT_CODES == {"valid": 0, "valid-with-waivers": 0, "invalid": 1, "partial": 3, "error": 4}
 
 
-@pytest.mark.parametrize(
+@each(
     ("tally", "status", "reason"),
     [
         pytest.param(passed(STRUCTURE), "pass", None, id="pass"),

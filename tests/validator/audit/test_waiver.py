@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.each import each
 
 from branchdrive.audit.finding import Finding, Sighting
 from branchdrive.audit.tally import Tally
@@ -104,7 +105,7 @@ def tally(*locations: dict[str, str | int]) -> Tally:
 PLACE: dict[str, str | int] = {"file": "raw/shard-00000/controls.parquet", "table": "controls", "tick": 7}
 
 
-@pytest.mark.parametrize(
+@each(
     ("glob", "matches"),
     [
         ("*", True),

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.content_cache import kept_folder
 from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.build.running import build
@@ -18,7 +19,11 @@ from branchdrive.derive.leakage.sequence import Unavailable
 @pytest.fixture(scope="session")
 def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Root of a dataset with a raw layer alone; read-only by agreement."""
-    return Draft(raw_tables(), raw_descriptor()).write(tmp_path_factory.mktemp("raw") / "dataset")
+
+    def write(root: Path) -> None:
+        Draft(raw_tables(), raw_descriptor()).write(root)
+
+    return kept_folder("raw-dataset", write, tmp_path_factory.mktemp("raw") / "dataset")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -32,17 +37,23 @@ def _no_classifier() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def built(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Root of the release of `raw` with every layer in place, without an audit; read-only by agreement."""
-    root = shutil.copytree(raw, tmp_path_factory.mktemp("built") / "dataset")
-    build(root)
-    return root
+
+    def write(root: Path) -> None:
+        shutil.copytree(raw, root)
+        build(root)
+
+    return kept_folder("built-release", write, tmp_path_factory.mktemp("built") / "dataset")
 
 
 @pytest.fixture(scope="session")
 def audited(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Root of the same release with an audit; read-only by agreement."""
-    root = shutil.copytree(built, tmp_path_factory.mktemp("audited") / "dataset")
-    build(root, stages=STAGES)
-    return root
+
+    def write(root: Path) -> None:
+        shutil.copytree(built, root)
+        build(root, stages=STAGES)
+
+    return kept_folder("audited-release", write, tmp_path_factory.mktemp("audited") / "dataset")
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.each import each
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
@@ -94,7 +95,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert err.startswith(("branchdrive: ", "branchdrive-validate: "))
 
 
-@pytest.mark.parametrize(
+@each(
     ("argv", "message"),
     [
         ([], "the following arguments are required: COMMAND"),
@@ -257,7 +258,7 @@ def test_rules_of_one_area_are_listed() -> None:
     assert call(run, "rules", "bd-ctl") == call(run, "rules", "BD-CTL")
 
 
-@pytest.mark.parametrize("rule_id", CATALOGUE)
+@each("rule_id", CATALOGUE)
 def test_a_rule_is_explained(rule_id: str) -> None:
     info = CATALOGUE[rule_id]
     code, out, err = call(run, "rules", rule_id)

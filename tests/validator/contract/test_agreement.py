@@ -11,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 from tests import strategies
+from tests.each import each
 from tests.validator.contract.mutation import OF_EVERY_TYPE, mutated, neighbours
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
@@ -95,7 +96,7 @@ DESCRIPTOR = View(
 )
 VIEWS = {"policy": POLICY, "bank": BANK, "encoding": ENCODING, "descriptor": DESCRIPTOR}
 
-each_view = pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+each_view = each("view", VIEWS.values(), ids=VIEWS)
 
 
 def lacks_version(view: View, document: Any) -> bool:
@@ -140,7 +141,7 @@ def full_descriptor() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("part", [*full_descriptor()])
+@each("part", [*full_descriptor()])
 def test_both_judge_every_single_change_of_a_descriptor_alike(part: str) -> None:
     descriptor = full_descriptor()
     assert DESCRIPTOR.accepts(descriptor)
@@ -155,7 +156,7 @@ def test_both_judge_every_single_change_of_a_descriptor_alike(part: str) -> None
 
 
 @each_view
-@pytest.mark.parametrize("document", OF_EVERY_TYPE, ids=repr)
+@each("document", OF_EVERY_TYPE, ids=repr)
 def test_both_reject_what_is_no_such_document(view: View, document: Any) -> None:
     assert not view.conforms(document)
     assert not view.accepts(document)

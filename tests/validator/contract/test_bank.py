@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests import strategies
+from tests.each import each
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.timing import ACTIVE_TICKS
@@ -29,7 +30,7 @@ def test_reference_keys_are_in_presentation_order() -> None:
     assert load_action_bank().keys == ("nominal", *keys)
 
 
-@pytest.mark.parametrize("policy", load_action_bank().interventions, ids=lambda policy: policy.key)
+@each("policy", load_action_bank().interventions, ids=lambda policy: policy.key)
 def test_reference_interventions_are_what_their_keys_say(policy: strategies.Policy) -> None:
     family, _, size = policy.key.rpartition("_")
     sign = -1 if family == "steer_left" else 1

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests import strategies
+from tests.each import each
 
 from branchdrive.contract.columns import STREAMS, TABLES, Column, Table, table_schema
 from branchdrive.contract.descriptor import Descriptor
@@ -18,7 +19,7 @@ from branchdrive.contract.resources import load_resource
 COLUMNS = [(table, column) for table in TABLES.values() for column in table.columns]
 each_table = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
 COLUMN_IDS = [f"{table.name}.{column.name}" for table, column in COLUMNS]
-each_column = pytest.mark.parametrize(("table", "column"), COLUMNS, ids=COLUMN_IDS)
+each_column = each(("table", "column"), COLUMNS, ids=COLUMN_IDS)
 
 
 def declared(table: str, column: str) -> dict[str, Any]:

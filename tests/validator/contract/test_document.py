@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.limits import spec_limits
@@ -126,7 +127,7 @@ def cpu_s(content: bytes) -> float:
     return time.process_time() - begin_s
 
 
-@pytest.mark.parametrize("content", HOSTILE.values(), ids=HOSTILE)
+@each("content", HOSTILE.values(), ids=HOSTILE)
 def test_hostile_document_is_a_value_error(content: bytes) -> None:
     with pytest.raises(ValueError) as raised:
         parse_json(content)
@@ -135,7 +136,7 @@ def test_hostile_document_is_a_value_error(content: bytes) -> None:
     assert 0 < len(message) < 300
 
 
-@pytest.mark.parametrize(("content", "document"), LEGAL.values(), ids=LEGAL)
+@each(("content", "document"), LEGAL.values(), ids=LEGAL)
 def test_legal_document_is_parsed(content: bytes, document: Any) -> None:
     parsed = parse_json(content)
     assert parsed == document
@@ -167,7 +168,7 @@ def test_long_repeated_key_is_shortened() -> None:
     assert str(raised.value).isprintable()
 
 
-@pytest.mark.parametrize(("unit", "beginning"), PATHOLOGICAL.values(), ids=PATHOLOGICAL)
+@each(("unit", "beginning"), PATHOLOGICAL.values(), ids=PATHOLOGICAL)
 def test_time_grows_with_the_size_only(unit: bytes, beginning: bytes) -> None:
     for size in (40_000, 1_000_000):  # the small one first: a quadratic scan already shows there
         assert cpu_s(beginning + unit * ((size - len(beginning)) // len(unit))) < MAX_CPU_S

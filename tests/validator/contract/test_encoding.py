@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tests import strategies
+from tests.each import each
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.encoding import (
@@ -102,7 +103,7 @@ def test_vector_is_the_one_written_by_hand(key: str, expected: list[float]) -> N
     assert bits(vector).tolist() == bits(np.array(expected, np.float64).astype(np.float32)).tolist()
 
 
-@pytest.mark.parametrize("policy", load_action_bank().policies, ids=lambda policy: policy.key)
+@each("policy", load_action_bank().policies, ids=lambda policy: policy.key)
 def test_reference_vectors_agree_with_a_second_implementation(policy: Policy) -> None:
     expected = b"".join(struct.pack("<f", component) for component in vector_by_index(policy))
     assert encode_policy(policy).astype("<f4").tobytes() == expected

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pydantic import ValidationError
+from tests.each import each
 from tests.repo.checkout import ROOT, anchors
 
 from branchdrive.contract.bank import load_action_bank
@@ -34,8 +35,8 @@ UNIT_SUFFIXES: dict[str, tuple[str, ...]] = {
     "rad/s": ("_radps",), "s": ("_s",), "tick": ("_tick", "_ticks", "tick_offset"), "byte": ("_bytes",),
 }  # fmt: skip
 
-each_table = pytest.mark.parametrize("table", LAYER_TABLES.values(), ids=LAYER_TABLES)
-each_column = pytest.mark.parametrize(("table", "column"), COLUMNS, ids=COLUMN_IDS)
+each_table = each("table", LAYER_TABLES.values(), ids=LAYER_TABLES)
+each_column = each(("table", "column"), COLUMNS, ids=COLUMN_IDS)
 
 
 def declarations() -> dict[str, Any]:
@@ -51,7 +52,7 @@ def records_column(document: dict[str, Any]) -> dict[str, Any]:
     return column
 
 
-@pytest.mark.parametrize(
+@each(
     ("pointer", "change"),
     [
         pytest.param("/layers", lambda d: d["layers"].pop("model"), id="a layer lacks"),
@@ -138,7 +139,7 @@ def test_layers_in_order_are_accepted(layers: list[str]) -> None:
     assert descriptor.derived_layers == tuple(layer for layer in layers if layer in LAYERS)
 
 
-@pytest.mark.parametrize("layers", GAPS, ids=lambda layers: " ".join(layers) or "none")
+@each("layers", GAPS, ids=lambda layers: " ".join(layers) or "none")
 def test_layers_out_of_order_are_refused(layers: list[str]) -> None:
     found = schema_violations(described(layers), "descriptor.schema.json")
     assert [violation.pointer for violation in found] == ["/layers"]
@@ -233,7 +234,7 @@ OWN_SCHEMAS = ("source", "split", "thresholds", "retention", "population", "vari
                "normalisation", "layers", "protocol", "lock", "openings", "results")  # fmt: skip
 
 
-@pytest.mark.parametrize("stem", OWN_SCHEMAS)
+@each("stem", OWN_SCHEMAS)
 def test_clause_of_a_description_exists(stem: str) -> None:
     description = load_resource(f"{stem}.schema.json")["description"]
     chapter, anchor = description.split("(", 1)[1].split(")", 1)[0].split("#")
@@ -255,7 +256,7 @@ def test_inputs_and_outcomes_have_the_track_that_the_contracts_rely_on() -> None
     }
 
 
-@pytest.mark.parametrize(
+@each(
     ("path", "has_place"),
     [
         ("benchmark/checkpoints/M3-seed11.safetensors", True),

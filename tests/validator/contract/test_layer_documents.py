@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.each import each
 from tests.validator.contract.conforming import conforming
 from tests.validator.contract.layer_documents import EXAMPLES
 from tests.validator.contract.mutation import mutated
@@ -19,7 +20,7 @@ from branchdrive.contract.resources import load_resource
 
 Path = tuple[str | int, ...]
 
-each_document = pytest.mark.parametrize("stem", EXAMPLES)
+each_document = each("stem", EXAMPLES)
 
 
 def nodes(value: Any, path: Path = ()) -> list[tuple[Path, Any]]:
@@ -132,7 +133,7 @@ def test_null_is_refused_where_a_value_is_always_known(stem: str) -> None:
         assert violations(stem, changed(stem, path, None)), path
 
 
-@pytest.mark.parametrize(
+@each(
     ("stem", "path", "value"),
     [
         pytest.param("source", ("raw_layer",), "0" * 63, id="a short digest"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from tests.each import each
 
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.resources import load_resource
@@ -16,7 +17,7 @@ def test_every_declared_limit_is_read_and_no_other() -> None:
     assert dataclasses.asdict(spec_limits()) == {name: limit["value"] for name, limit in DECLARED.items()}
 
 
-@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Limits)])
+@each("name", [field.name for field in dataclasses.fields(Limits)])
 def test_limits_are_positive_integers(name: str) -> None:
     value = getattr(spec_limits(), name)
     assert type(value) is int

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 from tests import strategies
+from tests.each import each
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.columns import TABLES
@@ -31,7 +32,7 @@ DEMANDS: dict[tuple[str, float | None], list[float]] = {
 }
 """What each rule demands of `EXPERT` and `NOMINAL`, by hand."""
 
-each_demand = pytest.mark.parametrize(
+each_demand = each(
     ("rule", "value", "demanded"),
     [(rule, value, demanded) for (rule, value), demanded in DEMANDS.items()],
 )
@@ -157,7 +158,7 @@ INVALID_RULES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("fields", INVALID_RULES.values(), ids=INVALID_RULES)
+@each("fields", INVALID_RULES.values(), ids=INVALID_RULES)
 def test_invalid_rules_are_rejected(fields: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
         ActuatorRule(**fields)
@@ -184,7 +185,7 @@ COMMANDS: dict[str, tuple[float, float, float]] = {
 """What the reference bank commands at one tick, by hand from the definition of its families."""
 
 
-@pytest.mark.parametrize(("key", "expected"), COMMANDS.items())
+@each(("key", "expected"), COMMANDS.items())
 def test_reference_policy_commands(key: str, expected: tuple[float, float, float]) -> None:
     command = load_action_bank()[key].command(TICK, STORED)
     assert [float(value) for value in command] == [float(np.float32(value)) for value in expected]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests import strategies
+from tests.each import each
 from tests.validator.contract.mutation import mutated
 
 from branchdrive.contract.bank import load_action_bank
@@ -188,7 +189,7 @@ DEFECTS: dict[str, tuple[str, Any, list[Violation]]] = {
 }
 
 
-@pytest.mark.parametrize(("schema_name", "document", "expected"), DEFECTS.values(), ids=DEFECTS)
+@each(("schema_name", "document", "expected"), DEFECTS.values(), ids=DEFECTS)
 def test_violation_says_where_what_and_what_is_there(
     schema_name: str, document: Any, expected: list[Violation]
 ) -> None:
@@ -256,7 +257,7 @@ def test_control_characters_never_leak(document: Any) -> None:
 LONG = "x" * 1_000_000
 
 
-@pytest.mark.parametrize(
+@each(
     "document",
     [
         descriptor(title=LONG),
@@ -321,7 +322,7 @@ def _schemas_with_patterns(node: Any) -> list[str]:
     return []
 
 
-@pytest.mark.parametrize("path", sorted(schema_dir().glob("*.schema.json")), ids=lambda path: path.name)
+@each("path", sorted(schema_dir().glob("*.schema.json")), ids=lambda path: path.name)
 def test_dollar_of_a_pattern_is_only_its_end(path: Any) -> None:
     for pattern in _schemas_with_patterns(load_resource(path.name)):
         assert "$" not in pattern[:-1], pattern

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.each import each
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.layout import (
@@ -40,7 +41,7 @@ def test_other_names_are_no_shards(name: str) -> None:
     assert shard_index(name) is None
 
 
-@pytest.mark.parametrize(
+@each(
     ("path", "layer"),
     [
         ("branchdrive.json", None),
@@ -65,7 +66,7 @@ def test_a_file_belongs_to_the_layer_of_its_folder(path: str, layer: str | None)
     assert layer_of(path) == layer
 
 
-@pytest.mark.parametrize(
+@each(
     ("path", "reason"),
     [
         ("", "empty"),

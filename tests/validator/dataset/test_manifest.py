@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.layout import MANIFEST_FILE, is_safe_path
@@ -77,7 +78,7 @@ def test_any_bytes_parse_to_problems_not_exceptions(content: bytes) -> None:
     assert problems
 
 
-@pytest.mark.parametrize(
+@each(
     ("content", "line", "message"),
     [
         (b"", 1, "empty file"),

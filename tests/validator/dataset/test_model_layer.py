@@ -13,6 +13,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.each import each
 from tests.model_release import (
     ASSIGNMENT,
     CANDIDATES,
@@ -190,8 +191,8 @@ def test_the_order_of_stored_rows_changes_nothing(
     np.testing.assert_array_equal(layer.actions(), other.actions())
 
 
-@pytest.mark.parametrize("contract", InputContract)
-@pytest.mark.parametrize(("table", "column"), COLUMNS, ids=lambda value: getattr(value, "name", value))
+@each("contract", InputContract)
+@each(("table", "column"), COLUMNS, ids=lambda value: getattr(value, "name", value))
 def test_a_contract_refuses_every_column_of_another_track(
     layer: ModelLayer, contract: InputContract, table: str, column: Any
 ) -> None:

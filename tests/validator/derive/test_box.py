@@ -10,6 +10,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 from tests.validator.derive.oracle import boxes, gap_m, polygons
 
 from branchdrive.derive.box import Boxes, box_gap
@@ -88,7 +89,7 @@ ANALYTIC = {
 }
 
 
-@pytest.mark.parametrize("truth", ANALYTIC.values(), ids=ANALYTIC)
+@each("truth", ANALYTIC.values(), ids=ANALYTIC)
 def test_gap_and_direction_are_the_analytic_ones(truth: Truth) -> None:
     found = box_gap(boxes(truth.a), boxes(truth.b))
     assert found.gap_m[0] == pytest.approx(truth.gap_m, abs=1e-12)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.derive.discrepancy import (
     CORE,
@@ -63,7 +64,7 @@ def nudged(values: Any, place: int, by: float) -> Any:
     return changed
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "change", "expected"),
     [
         ("position_m", lambda h: {"x_m": nudged(h.x_m, 3, 0.3), "y_m": nudged(h.y_m, 3, -0.4)}, 0.5),
@@ -157,7 +158,7 @@ def test_pairs_side_by_side_differ_as_they_do_alone(a: int, b: int) -> None:
         np.testing.assert_array_equal(together[i], alone)
 
 
-@pytest.mark.parametrize("name", History._fields)
+@each("name", History._fields)
 def test_other_shapes_of_histories_are_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f"`{name if name != 'x_m' else 'y_m'}` has shape"):
         core_discrepancy(history(drives=2)._replace(**{name: np.zeros((3, FRAMES))}), history(drives=2))

@@ -6,6 +6,7 @@ import dataclasses
 import json
 
 import pytest
+from tests.each import each
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.derive.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
@@ -120,7 +121,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
+@each("case", REFUSED)
 def test_a_profile_cannot_be_built_around_what_its_contract_refuses(case: str) -> None:
     state, controls, message = REFUSED[case]
     with pytest.raises(UsageError, match=message):

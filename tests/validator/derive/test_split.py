@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.derive.split import CALIBRATION, SHARES, Calibration, assign_split, check_split, split_digest
 
@@ -73,7 +74,7 @@ def test_the_plain_definition_agrees(sizes: list[int], num_types: int, seed: int
     assert assign_split(*these, seed=seed) == oracle(these, seed)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@each("seed", range(10))
 def test_a_cluster_that_fills_a_partition_to_the_brim_fits(seed: int) -> None:
     these = groups([2, 1] * 20, num_types=4, seed=seed)  # 60 groups: 42, 9 and 9
     assert assign_split(*these, seed=seed) == oracle(these, seed)
@@ -234,7 +235,7 @@ VIOLATIONS: dict[str, tuple[dict[str, str], dict[str, Any], list[tuple[str, str]
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", VIOLATIONS)
+@each("case", VIOLATIONS)
 def test_what_is_wrong_is_found(case: str) -> None:
     assignment, demands, expected = VIOLATIONS[case]
     assert [tuple(found[:2]) for found in check_split(IDS, CLUSTERS, assignment, **demands)] == expected

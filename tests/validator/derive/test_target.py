@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 from tests.validator.derive import oracle_target
 
 from branchdrive.derive.risk import risk_evidence
@@ -115,7 +116,7 @@ def risk(ego_speed_mps: float, actors: list[tuple[float, float]]) -> Risk:
     return Risk(*(np.ma.getdata(evidence[name])[None, 1:] for name in names))
 
 
-@pytest.mark.parametrize(
+@each(
     ("ego_mps", "actors", "ttc_s", "separation_m"),
     [
         pytest.param(10, [(44, -5)], 40 / 15 - 2.5, 40 - 2.5 * 15, id="head-on"),

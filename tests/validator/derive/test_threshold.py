@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.derive.discrepancy import CORE, EXTENDED
 from branchdrive.derive.threshold import PEDESTRIAN_GAP, VARIABLES, fit_thresholds, passes
@@ -71,7 +72,7 @@ def test_the_order_of_groups_and_pairs_decides_nothing(seed: int) -> None:
     assert (passes(values, a).core[order][:, pairs] == passes(values[order][:, pairs], b).core).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_value_at_the_threshold_passes_and_the_next_one_does_not(name: str) -> None:
     limit = 0.0 if name == "tick_offset" else 3.0
     fitted = fit_thresholds(discrepancies(100, **{name: 3.0}), has_pedestrian=[True] * 100)

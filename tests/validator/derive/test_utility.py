@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.derive.target import TARGETS, Targets
 from branchdrive.derive.utility import (
@@ -46,8 +47,8 @@ def test_quantiles_of_a_target_that_is_never_there_are_no_numbers() -> None:
     assert np.isnan(fit_scale(targets(values)).q05).tolist() == [True, False, False, False, False]
 
 
-@pytest.mark.parametrize("name", WEIGHED)
-@pytest.mark.parametrize(("value", "expected"), [(-5, 0), (0, 0), (2.5, 0.25), (10, 1), (99, 1), (math.nan, math.nan)])
+@each("name", WEIGHED)
+@each(("value", "expected"), [(-5, 0), (0, 0), (2.5, 0.25), (10, 1), (99, 1), (math.nan, math.nan)])
 def test_desirability_rises_with_progress_and_falls_with_discomfort(name: str, value: float, expected: float) -> None:
     row = np.zeros(6)
     row[NAMES.index(name)] = value

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
+import pickle
 import tempfile
 from collections.abc import Callable, Collection
 from functools import cache
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.content_cache import kept
 from tests.validator.audit.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
 from tests.validator.derive.benchmark.samples import noise, paths_of, risk_fit
 
@@ -61,7 +62,7 @@ class BenchmarkDraft(ReleaseDraft):
         for name in PREDICTED:
             self.put_first(name, made.frames[name])
         self.checkpoints = dict(made.checkpoints)
-        self.documents.update(copy.deepcopy(made.documents))
+        self.documents.update(pickle.loads(pickle.dumps(made.documents)))
         self.texts[TABLES_FILE] = made.text
         self.before_seal(self._write_checkpoints)
 
@@ -191,7 +192,7 @@ class _Made:
 
 @cache
 def _made() -> _Made:
-    return _Made()
+    return kept("benchmark", _Made)
 
 
 def _protocol() -> BenchmarkProtocol:

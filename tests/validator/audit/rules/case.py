@@ -6,10 +6,14 @@ import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache, wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+import pytest
 from tests import synthetic
+from tests.content_cache import kept
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.audit.rules.release import ReleaseDraft, detached_draft, release_draft
@@ -183,11 +187,45 @@ def judged(draft: Draft, folder: Path) -> Report:
     root = draft.write(folder / "dataset")
     if not isinstance(draft, ReleaseDraft):
         return validate(root)
-    return validate(root, raw=draft.raw_root(root), executor=remembering)
+    with pytest.MonkeyPatch.context() as patch:
+        for place in PURE:
+            module, name = place.rsplit(".", 1)
+            patch.setattr(place, remembered(getattr(import_module(module), name)))
+        return validate(root, raw=draft.raw_root(root), executor=remembering)
 
 
-_remembered: dict[str, bytes] = {}
-"""Audits of shards, pickled as between processes, by all that they depend on."""
+PURE = (
+    "branchdrive.audit.release.audit.schema_violations",
+    "branchdrive.audit.release.benchmark_view.read_protocol",
+    "branchdrive.audit.rules.benchmark_results.results_document",
+    "branchdrive.audit.rules.leakage.held_targets",
+    "branchdrive.audit.rules.leakage.neighbours_p",
+    "branchdrive.audit.rules.leakage.ranked_targets",
+    "branchdrive.audit.rules.leakage.score_differences",
+    "branchdrive.audit.rules.leakage.statistic_differences",
+    "branchdrive.audit.survey.schema_violations",
+    "branchdrive.derive.leakage.parity.fit_logistic",
+)
+"""Functions of their arguments alone that most of a judgement's time goes into.
+
+Every rule runs on every case; what one of these said of equal arguments before is not computed again, since most
+defects leave most tables and documents as they are.
+"""
+
+
+@cache
+def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, whose results are kept by the content of its arguments; each caller gets a copy."""
+    known: dict[bytes, bytes] = {}
+
+    @wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        key = hashlib.sha256(pickle.dumps((arguments, options))).digest()
+        if key not in known:
+            known[key] = pickle.dumps(function(*arguments, **options))
+        return pickle.loads(known[key])
+
+    return call
 
 
 def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
@@ -199,7 +237,19 @@ def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterato
         files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
         claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
         key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.extraction))
-        if key not in _remembered:
-            ((_, outcome),) = in_process(function, [task])
-            _remembered[key] = pickle.dumps(outcome)
-        yield index, pickle.loads(_remembered[key])
+        yield index, _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
+
+
+def _alone(function: Callable[[Any], Any], task: Any) -> Any:
+    ((_, outcome),) = in_process(function, [task])
+    return outcome
+
+
+_shards: dict[str, bytes] = {}
+"""Audits of shards, pickled as between processes, by all that they depend on."""
+
+
+def _audited(key: str, audit: Callable[[], Any]) -> Any:
+    if key not in _shards:
+        _shards[key] = pickle.dumps(kept(f"shard-{key[:32]}", audit))
+    return pickle.loads(_shards[key])

@@ -6,8 +6,8 @@ A lie in a table or a document is a single defect only where all that honestly f
 
 from __future__ import annotations
 
-import copy
 import hashlib
+import pickle
 import tempfile
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from tests import synthetic, synthetic_release
+from tests.content_cache import kept
 from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.audit.rules.draft import Draft
 
@@ -74,6 +75,12 @@ class Built:
 @cache
 def built() -> Built:
     """Layers of the synthetic release; shared by all callers, so never changed in place."""
+    made = kept("release", _made)
+    synthetic.shared(made.tables)
+    return made
+
+
+def _made() -> Built:
     with tempfile.TemporaryDirectory() as folder:
         raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()).write(Path(folder) / "raw")
         scan = scan_raw(raw, in_process)
@@ -81,7 +88,7 @@ def built() -> Built:
         nobody = Unavailable("the tests train no network")
         build_leakage(scan, layers, Path(folder), seed=SEED, classifier=nobody)
         build_model(scan, layers)
-    return Built(scan, layers, synthetic.shared(_arrow(layers)))
+    return Built(scan, layers, _arrow(layers))
 
 
 def _built_layers(scan: RawScan, options: BuildOptions) -> BuiltLayers:
@@ -106,7 +113,7 @@ class ReleaseDraft(Draft):
         source = synthetic_release.raw_tables() if "raw" in layers else {}
         super().__init__({**source, **built().tables}, {**synthetic_release.raw_descriptor(), "layers": layers})
         self.raw = raw
-        self.documents = copy.deepcopy(built().layers.documents)
+        self.documents = pickle.loads(pickle.dumps(built().layers.documents))
         self.reseal("card")
 
     def frame(self, table: str) -> Frame:

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from tests import synthetic
+from tests.each import Loop, each
 from tests.synthetic import BRANCH_TICK, Plan
 
 from branchdrive.audit.check import SHARD_RULES
@@ -85,10 +86,10 @@ class Cell(NamedTuple):
 CELLS = [Cell(name, column) for name, table in TABLES.items() for column in table.columns]
 
 
-def cells(accept: Any) -> pytest.MarkDecorator:
+def cells(accept: Any) -> Loop:
     chosen = [cell for cell in CELLS if accept(cell.column)]
     assert chosen
-    return pytest.mark.parametrize("cell", chosen, ids=str)
+    return each("cell", chosen, ids=str)
 
 
 def is_extent(column: Column) -> bool:
@@ -141,7 +142,7 @@ def beyond(column: Column) -> Iterator[Any]:
 
 
 @cells(lambda c: "float" in c.type and not is_extent(c))
-@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf], ids=str)
+@each("number", [math.nan, math.inf, -math.inf], ids=str)
 def test_not_finite(cell: Cell, number: float) -> None:
     assert_fails("BD-VAL-001", cell.table, cell.column.name, wrap(cell, number), **beside(cell))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from tests import synthetic
+from tests.each import each
 
 from branchdrive.audit.examine import examine
 from branchdrive.audit.view import ShardView
@@ -67,9 +68,9 @@ def counted(places: np.ndarray[Any, Any], shard: str = SHARD) -> dict[str, int]:
     return {str(rollout_id): int(count) for rollout_id, count in zip(ids, counts, strict=True)}
 
 
-@pytest.mark.parametrize("seed", [11, 23, 37])
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("column", VALUES)
+@each("seed", [11, 23, 37])
+@each("sign", [1, -1])
+@each("column", VALUES)
 def test_values_just_outside_the_tolerance(column: str, sign: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     values = evidence()[column].to_pylist()
@@ -84,8 +85,8 @@ def test_values_just_outside_the_tolerance(column: str, sign: int, seed: int) ->
     assert found(with_cells({column: changed})) == {VALUES[column]: counted(outside)}
 
 
-@pytest.mark.parametrize("seed", [11, 23])
-@pytest.mark.parametrize("name", MASKED)
+@each("seed", [11, 23])
+@each("name", MASKED)
 def test_masks_switched_off(name: str, seed: int) -> None:
     rule, columns = MASKED[name]
     masks = evidence()[f"{name}_available"].to_pylist()
@@ -95,8 +96,8 @@ def test_masks_switched_off(name: str, seed: int) -> None:
     assert found(with_cells(changes)) == {rule: counted(on)}
 
 
-@pytest.mark.parametrize("value", [0.0, 1e-9, 7.0, 49.0])
-@pytest.mark.parametrize("name", MASKED)
+@each("value", [0.0, 1e-9, 7.0, 49.0])
+@each("name", MASKED)
 def test_masks_switched_on(name: str, value: float) -> None:
     rule, columns = MASKED[name]
     masks = np.array(evidence(QUIET_SHARD)[f"{name}_available"].to_pylist())

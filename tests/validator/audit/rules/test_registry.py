@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from tests.each import each
 from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
 from tests.validator.audit.rules.case import INHERITED, RECOMMENDED, judged
 from tests.validator.audit.rules.release import BUILT
@@ -18,7 +19,7 @@ from branchdrive.contract.layer import LAYERS
 
 REGISTRIES = (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES, RELEASE_RULES)
 
-each_rule = pytest.mark.parametrize("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
+each_rule = each("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
 
 
 def test_rules_and_functions_correspond_one_to_one() -> None:

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import pytest
+from tests.each import each
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts, header_bytes
@@ -34,7 +35,7 @@ def test_facts_are_read_from_the_header_alone() -> None:
     assert checkpoint_facts(content, len(content) + 28) == FACTS
 
 
-@pytest.mark.parametrize(
+@each(
     ("content", "words"),
     [
         (b"", "too short"),
@@ -57,7 +58,7 @@ def test_what_is_no_checkpoint_is_refused(content: bytes, words: str) -> None:
         checkpoint_facts(content, len(content))
 
 
-@pytest.mark.parametrize(
+@each(
     ("tensor", "num_bytes", "words"),
     [
         ({}, 4, "has no type, shape and place"),

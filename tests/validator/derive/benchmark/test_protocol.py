@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 from tests.repo.checkout import ROOT
 from tests.validator.contract.mutation import mutated
 
@@ -81,7 +82,7 @@ def test_members_of_families_have_names() -> None:
     assert names == ["M3-M1.macro_nmae", "M3-M1.macro_nmae", *["O-M3-action_prior.value.balanced"] * 2]
 
 
-@pytest.mark.parametrize(
+@each(
     ("change", "words"),
     [
         (lambda d: d["models"].append(d["models"][0]), "models share a name"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from tests.each import each
 
 from branchdrive.derive.guard.calibration import ALPHA, DELTA, conformal
 from branchdrive.derive.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
@@ -17,7 +17,7 @@ def test_the_numbers_are_those_of_the_protocol() -> None:
     assert f"at most {ALPHA:g}." in LEARN_THEN_TEST
 
 
-@pytest.mark.parametrize(
+@each(
     "limit",
     [
         "exchangeable",

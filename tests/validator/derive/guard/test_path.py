@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.each import each
 
 from branchdrive.derive.guard.path import TOLERANCE_M, envelope, price_grid, selection_path, violations
 
@@ -99,7 +100,7 @@ def test_the_envelope_rises_and_is_the_least_that_bounds_the_losses(losses: np.n
     assert all(found[place].tolist() == losses[: place + 1].any(axis=0).tolist() for place in range(7))
 
 
-@pytest.mark.parametrize(
+@each(
     ("gains", "risks", "prices", "message"),
     [
         ([[0.0, 1]], [[0.0, 1, 1]], [1.0], "are not both"),

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binomtest, t
+from tests.each import each
 
 from branchdrive.derive.guard.rate import rate_interval
 
@@ -84,8 +85,8 @@ def test_no_event_and_event_mirror_each_other(events: list[bool]) -> None:
     assert low <= np.mean(events) <= high
 
 
-@pytest.mark.parametrize("by_cluster", [False, True])
-@pytest.mark.parametrize(("rate", "correlation"), [(0.01, 0.0), (0.01, 0.8), (0.05, 0.4), (0.2, 0.8)])
+@each("by_cluster", [False, True])
+@each(("rate", "correlation"), [(0.01, 0.0), (0.01, 0.8), (0.05, 0.4), (0.2, 0.8)])
 def test_an_interval_covers_what_it_says(rate: float, correlation: float, by_cluster: bool) -> None:
     """A bootstrap covers 0.44 to 0.66 at a rate of 0.01."""
     rng = np.random.default_rng(4)

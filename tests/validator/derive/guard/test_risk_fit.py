@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from tests.each import each
 from tests.validator.derive.guard.banks import banks
 
 from branchdrive.derive.guard.path import price_grid
@@ -100,7 +101,7 @@ def test_candidates_have_keys_not_places() -> None:
     np.testing.assert_allclose(there, here[:, order], atol=1e-12)
 
 
-@pytest.mark.parametrize(
+@each(
     "changes",
     [
         {"logistic": [0.1] + [0.0] * (K - 1)},

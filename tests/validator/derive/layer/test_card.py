@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 import pytest
+from tests.each import each
 from tests.validator.dataset.invented import make_descriptor
 from tests.validator.derive.layer.release import (
     DIGEST,
@@ -138,7 +139,7 @@ def test_warnings_stand_on_top(release: Release) -> None:
     assert top[1].startswith("> **Warning.** The leakage gate fails")
 
 
-@pytest.mark.parametrize(
+@each(
     "claim",
     [
         "No closed-loop claim", "The best candidate is not the best action", "Trajectories are not independent samples",

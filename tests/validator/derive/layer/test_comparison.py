@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.each import each
 
 from branchdrive.derive.layer.comparison import document_problems
 
@@ -23,7 +24,7 @@ def test_a_document_does_not_differ_from_itself(document: Any) -> None:
     assert document_problems(document, document) == []
 
 
-@pytest.mark.parametrize(
+@each(
     ("expected", "found", "problems"),
     [
         ({"a": 1}, {"a": 2}, [("/a", "1", "2")]),

@@ -7,6 +7,7 @@ import json
 from typing import Any
 
 import pytest
+from tests.each import each
 from tests.model_release import BARE, CANDIDATES, DESCRIPTOR, make_arrays, make_frames
 
 from branchdrive.contract.columns import LAYER_TABLES
@@ -105,8 +106,8 @@ def test_a_change_is_told_by_its_place(path: tuple[Any, ...], value: Any, place:
     assert [problem.place for problem in feature_problems(document, DESCRIPTOR)] == [place]
 
 
-@pytest.mark.parametrize("contract", InputContract)
-@pytest.mark.parametrize(("table", "column", "track"), INPUT_COLUMNS)
+@each("contract", InputContract)
+@each(("table", "column", "track"), INPUT_COLUMNS)
 def test_a_contract_admits_exactly_its_tracks(contract: InputContract, table: str, column: str, track: str) -> None:
     if track in contract.tracks:
         assert admit_column(contract, table, column).name == column

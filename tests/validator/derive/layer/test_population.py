@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.each import each
 from tests.validator.derive.layer.release import FLAGS, concat, numbered, paper_groups, paper_pairs, reaching, shuffled
 
 from branchdrive.derive.layer.fidelity import with_validity
@@ -28,7 +28,7 @@ def stages(groups: Any) -> dict[str, Any]:
     return {stage["stage"]: stage for stage in population_document(groups, num_policies=13)["stages"]}
 
 
-@pytest.mark.parametrize("stage", PAPER)
+@each("stage", PAPER)
 def test_the_table_is_that_of_the_paper(stage: str) -> None:
     found = stages(paper_groups())[stage]
     groups, total, trajectories = PAPER[stage]

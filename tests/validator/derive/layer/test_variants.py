@@ -6,6 +6,7 @@ import hashlib
 from typing import Any
 
 import pytest
+from tests.each import each
 from tests.validator.derive.layer.release import concat, numbered, paper_groups, reaching, shuffled
 
 from branchdrive.contract.document import dump_json, parse_json
@@ -88,7 +89,7 @@ INVALID: dict[str, tuple[Any, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", INVALID)
+@each("case", INVALID)
 def test_what_cannot_be_declared_is_refused(case: str) -> None:
     declared, message = INVALID[case]
     with pytest.raises(UsageError, match=message):

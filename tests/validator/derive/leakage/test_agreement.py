@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.each import each
 
 from branchdrive.derive.leakage.agreement import rows_agree
 
@@ -26,7 +27,7 @@ def test_rounding_is_forgiven_on_request() -> None:
     assert rows_agree(scores, atol=1e-6)
 
 
-@pytest.mark.parametrize(
+@each(
     ("rows", "expected"),
     [
         ([np.nan, np.nan], True),

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.each import each
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 
 from branchdrive.derive.leakage.inputs import ReplayInputs
@@ -86,7 +87,7 @@ def test_it_shows_shapes() -> None:
     assert INPUTS.in_partition("test").tolist() == [False, False, True, False, False, False]
 
 
-@pytest.mark.parametrize(
+@each(
     ("values", "message"),
     [
         ({"group_ids": ("b", "a", "c", "d", "e", "f")}, "not sorted"),

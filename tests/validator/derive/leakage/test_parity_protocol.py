@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from tests.each import each
 
 from branchdrive.derive.leakage.parity_protocol import ParityProtocol
 
@@ -14,7 +15,7 @@ def test_the_defaults_are_the_papers_where_it_names_them() -> None:
     assert (protocol.alpha, protocol.num_permutations, protocol.num_resamples) == (0.05, 10_000, 2_000)
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "value"),
     [
         ("alpha", 0.0),

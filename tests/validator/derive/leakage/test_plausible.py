@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+from tests.each import each
 
 from branchdrive.derive.leakage.plausible import is_plausible
 
 
-@pytest.mark.parametrize(
+@each(
     ("reached", "drawn", "p", "expected"),
     [
         (93, 199, 0.4658, True),

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from tests.each import each
 
 from branchdrive.derive.leakage.protocol import Protocol
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "value", "says"),
     [
         ("num_permutations", 0, "at least 1"),

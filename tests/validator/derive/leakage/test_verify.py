@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.each import each
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 from tests.validator.derive.leakage.test_audit import CLEAN, audited
 from tests.validator.derive.leakage.test_inputs import without_nominal_replay
@@ -112,7 +113,7 @@ LIES: list[tuple[str, Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("path", "value", "pointer"), LIES, ids=[f"{path}={value}" for path, value, _ in LIES])
+@each(("path", "value", "pointer"), LIES, ids=[f"{path}={value}" for path, value, _ in LIES])
 def test_a_lie_is_found_at_its_place(clean: dict[str, Any], path: str, value: Any, pointer: str) -> None:
     document: Any = copy.deepcopy(clean)
     *parents, last = [int(key) if key.isdigit() else key for key in path.split("/")]

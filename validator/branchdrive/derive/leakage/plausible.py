@@ -2,7 +2,7 @@
 
 Of ``B`` permutations ``k`` reach a statistic, by the statement; of the first ``n`` of them ``c`` do. The permutations
 are exchangeable, so ``c`` is hypergeometric: ``P(c) = C(k, c) C(B - k, n - c) / C(B, n)``. With ``n = B`` only
-``c = k`` is possible.
+``c = k`` is possible. Either tail holds ``P(c)``, so where that alone is large enough no tail is summed up.
 
 Source: this project's choice.
 """
@@ -35,10 +35,15 @@ def is_plausible(reached: int, drawn: int, p: float, num_permutations: int) -> b
 
 
 def _two_sided(c: int, n: int, k: int, total: int) -> float:
-    """Twice the smaller of both tails of the hypergeometric distribution, each with `c` itself."""
+    """Twice the smaller of both tails of the hypergeometric distribution, each with `c` itself.
+
+    Where ``2 P(c)`` is at least `LEAST_TAIL`, that.
+    """
     least, most = max(0, n - (total - k)), min(n, k)
     if not least <= c <= most:
         return 0.0
+    if (alone := 2 * _probability(c, n, k, total)) >= LEAST_TAIL:
+        return alone
     below = math.fsum(_probability(x, n, k, total) for x in range(least, c + 1))
     above = math.fsum(_probability(x, n, k, total) for x in range(c, most + 1))
     return 2 * min(below, above)
