@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 ACCURACY = 1e-10
 """Largest distance of an accepted point from the minimum, weights and offset together."""
 
-SOLVERS = {"CLARABEL": {"max_threads": 1}, "SCS": {}}
+SOLVERS = {"CLARABEL": {"max_threads": 1}, "SCS": {"max_iters": 500}}
 """Solvers and their options, in the order in which they are tried."""
 
 

@@ -124,7 +124,7 @@ def test_a_solver_that_fails_is_followed_by_the_next(error: Exception, monkeypat
 
 def test_without_any_solver_the_steps_start_at_0(monkeypatch: pytest.MonkeyPatch) -> None:
     called = ended(monkeypatch, lambda problem, solver: None, "user_limit")
-    monkeypatch.setattr(program, "SOLVERS", dict.fromkeys(program.SOLVERS, {}))
+    monkeypatch.setattr(program, "SOLVERS", {"CLARABEL": {}, "SCS": {}})
     regression = example(LOGISTIC, 7)
     assert regression.certificate(solved(regression)).distance <= program.ACCURACY
     assert called == ["CLARABEL", "SCS"]
