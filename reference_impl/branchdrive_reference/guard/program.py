@@ -99,7 +99,7 @@ def _starts(problem: Any) -> Iterator[tuple[str, Array | None]]:
                 # What cvxpy warns of, the certificate judges.
                 warnings.simplefilter("ignore")
                 problem.solve(solver=solver, **options)
-        except (cvxpy.error.SolverError, ArithmeticError, ValueError) as error:
+        except (cvxpy.error.SolverError, ArithmeticError, TypeError, ValueError) as error:
             yield f"{solver} failed ({error})", None
             continue
         known = weights.value is not None and offset.value is not None

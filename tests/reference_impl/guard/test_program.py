@@ -107,7 +107,11 @@ def test_inaccurate_is_accepted_by_certificate(monkeypatch: pytest.MonkeyPatch) 
     assert called == ["CLARABEL"]
 
 
-@pytest.mark.parametrize("error", [cp.error.SolverError("numbers"), ZeroDivisionError("division"), ValueError("NaN")])
+@pytest.mark.parametrize(
+    "error",
+    [cp.error.SolverError("numbers"), ZeroDivisionError("division"), ValueError("NaN"), TypeError("unknown setting")],
+    ids=lambda error: type(error).__name__,
+)
 def test_a_solver_that_fails_is_followed_by_the_next(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     original = cp.Problem.solve
 
