@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 ACCURACY = 1e-10
 """Largest distance of an accepted point from the minimum, weights and offset together."""
 
-SOLVERS = {"CLARABEL": {"max_threads": 1}, "SCS": {}}
+SOLVERS = {"CLARABEL": {"max_threads": 1}, "SCS": {"max_iters": 500}}
 """Solvers and their options, in the order in which they are tried."""
 
 
@@ -99,7 +99,7 @@ def _starts(problem: Any) -> Iterator[tuple[str, Array | None]]:
                 # What cvxpy warns of, the certificate judges.
                 warnings.simplefilter("ignore")
                 problem.solve(solver=solver, **options)
-        except (cvxpy.error.SolverError, ArithmeticError, ValueError) as error:
+        except (cvxpy.error.SolverError, ArithmeticError, TypeError, ValueError) as error:
             yield f"{solver} failed ({error})", None
             continue
         known = weights.value is not None and offset.value is not None

@@ -100,6 +100,29 @@ def test_the_same_training_gives_the_same_fit(fit: RiskFit) -> None:
     assert fitted() == fit
 
 
+def test_neither_the_solver_nor_the_last_bits_of_predictions_decide(
+    fit: RiskFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("branchdrive_reference.guard.program.SOLVERS", {})
+    signs = np.random.default_rng(4).choice([-1.0, 1.0], TRAIN.scalars.shape)
+    moved = fitted(scalars=TRAIN.scalars * (1 + 2e-16 * signs))
+    for name in ("logistic", "logistic_offset", "severity", "severity_offset", "centre", "spread"):
+        np.testing.assert_allclose(getattr(moved, name), getattr(fit, name), rtol=0, atol=1e-9)
+    for name, grid in fit.grids.items():
+        assert moved.grids[name].dual_price == pytest.approx(grid.dual_price, rel=1e-9)
+        np.testing.assert_allclose(moved.grids[name].prices, grid.prices, rtol=1e-9)
+
+
+def test_a_feature_that_varies_by_rounding_is_no_feature(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("branchdrive_reference.guard.program.SOLVERS", {})
+    far = TRAIN.scalars.copy()
+    far[..., 2] = 2e6 / 3
+    found = fitted(scalars=far)
+    place = [feature.name for feature in FEATURES].index("nominal_displacement_m")
+    assert found.spread[place] == 1.0
+    assert abs(found.logistic[place]) < 1e-6
+
+
 def test_groups_without_a_separation_have_no_part(fit: RiskFit) -> None:
     # Groups that lack a separation are added: nothing changes, however wrong the rest of them is.
     values = np.concatenate([TRAIN.outcomes.values, np.full((2, 13, 6), 1e3)])

@@ -20,8 +20,6 @@ from branchdrive.cli.main import run
 from branchdrive.derive.benchmark.protocol import default_protocol
 from branchdrive.derive.utility import fit_scale
 from branchdrive.errors import ToolError
-from branchdrive_reference.benchmark import fold
-from branchdrive_reference.benchmark.command import train
 from branchdrive_reference.guard.regression import LOGISTIC, Regression, polished
 
 cp = pytest.importorskip("cvxpy")
@@ -107,7 +105,11 @@ def test_inaccurate_is_accepted_by_certificate(monkeypatch: pytest.MonkeyPatch) 
     assert called == ["CLARABEL"]
 
 
-@pytest.mark.parametrize("error", [cp.error.SolverError("numbers"), ZeroDivisionError("division"), ValueError("NaN")])
+@pytest.mark.parametrize(
+    "error",
+    [cp.error.SolverError("numbers"), ZeroDivisionError("division"), ValueError("NaN"), TypeError("unknown setting")],
+    ids=lambda error: type(error).__name__,
+)
 def test_a_solver_that_fails_is_followed_by_the_next(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     original = cp.Problem.solve
 
@@ -124,7 +126,7 @@ def test_a_solver_that_fails_is_followed_by_the_next(error: Exception, monkeypat
 
 def test_without_any_solver_the_steps_start_at_0(monkeypatch: pytest.MonkeyPatch) -> None:
     called = ended(monkeypatch, lambda problem, solver: None, "user_limit")
-    monkeypatch.setattr(program, "SOLVERS", dict.fromkeys(program.SOLVERS, {}))
+    monkeypatch.setattr(program, "SOLVERS", {"CLARABEL": {}, "SCS": {}})
     regression = example(LOGISTIC, 7)
     assert regression.certificate(solved(regression)).distance <= program.ACCURACY
     assert called == ["CLARABEL", "SCS"]
@@ -149,7 +151,22 @@ def test_giving_up_says_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "scale" not in str(found.value)
 
 
+def test_what_is_nearly_right_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    regression = example(LOGISTIC, 9)
+    best = polished(regression, np.zeros(7))
+    monkeypatch.setattr(program, "SOLVERS", {})
+    for beside, accepted in ((1e-12, True), (1e-9, False)):
+        monkeypatch.setattr(program, "polished", lambda *_, beside=beside: best + np.append(np.zeros(6), beside))
+        if accepted:
+            assert solved(regression)[-1] == best[-1] + beside
+        else:
+            with pytest.raises(program.ProgramError, match=r"expected a point at most 1e-10"):
+                solved(regression)
+
+
 def test_a_fit_that_is_not_solved_ends_in_exit_code_4(monkeypatch: pytest.MonkeyPatch) -> None:
+    fold = pytest.importorskip("branchdrive_reference.benchmark.fold")
+    train = pytest.importorskip("branchdrive_reference.benchmark.command.train")
     training, protocol = banks(20, seed=3), default_protocol()
     data = SimpleNamespace(part=lambda _: SimpleNamespace(targets=training.outcomes), nominal=0)
     workspace = SimpleNamespace(release=SimpleNamespace(root=Path("release")), folds=Path("folds"))
@@ -157,7 +174,7 @@ def test_a_fit_that_is_not_solved_ends_in_exit_code_4(monkeypatch: pytest.Monkey
     monkeypatch.setattr(fold, "_out_of_fold", lambda *_, **__: training.scalars)
     monkeypatch.setattr(fold, "utility_scale", lambda *_: fit_scale(training.outcomes))
     monkeypatch.setattr(program, "polished", lambda regression, start: start + 1.0)
-    monkeypatch.setattr(train, "run", lambda *_: fold.fit_guard(workspace, protocol, data, device="cpu"))  # type: ignore[arg-type]
+    monkeypatch.setattr(train, "run", lambda *_: fold.fit_guard(workspace, protocol, data, device="cpu"))
     stdout, stderr = io.StringIO(), io.StringIO()
     assert run(["train", "release"], stdout, stderr) == 4
     (line,) = stderr.getvalue().splitlines()

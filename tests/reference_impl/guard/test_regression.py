@@ -54,6 +54,9 @@ def test_minima_that_are_known() -> None:
     assert polished(rate, np.zeros(2)) == pytest.approx([0.0, np.log(1 / 3)], abs=1e-12)
     mean = Regression(nothing, np.linspace(0.0, 1.0, 8), HUBER, signs=signs, penalty=1e-3)
     assert polished(mean, np.zeros(2)) == pytest.approx([0.0, 0.5], abs=1e-12)
+    # From 0 every row lies beyond the kinks, where the loss has no curvature.
+    far = Regression(nothing, np.linspace(2.0, 3.0, 8), HUBER, signs=signs, penalty=1e-3)
+    assert polished(far, np.zeros(2)) == pytest.approx([0.0, 2.5], abs=1e-12)
     # Least squares with a ridge: w = sum x y / (sum x^2 + n r); a weight of the other sign is exactly 0.
     x = np.array([-1.0, 1.0])
     for sign, weight in ((0.0, 0.5 / 1.1), (1.0, 0.5 / 1.1), (-1.0, 0.0)):
