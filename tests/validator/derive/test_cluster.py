@@ -84,3 +84,16 @@ def test_clusters_are_the_components_of_the_close_routes(seed: int, num_routes: 
     found = route_clusters(towns, routes)
     assert list(dict.fromkeys(found.tolist())) == list(range(found.max() + 1))
     assert ((found[:, None] == found) == (expected[:, None] == expected)).all()
+
+
+def test_parallel_routes_at_the_limit_are_not_close_in_any_direction() -> None:
+    along, zero = np.linspace(0.0, 300.0, 7), np.zeros(7)
+    found = []
+    for angle in np.linspace(0.0, 6.0, 50):
+        cos, sin = np.cos(angle), np.sin(angle)
+        routes = [
+            resample_polyline(cos * along - sin * (zero + side), sin * along + cos * (zero + side))
+            for side in (0.0, 2.0)
+        ]
+        found.append(route_clusters(["town"] * 2, np.stack(routes)).tolist())
+    assert found == [[0, 1]] * 50

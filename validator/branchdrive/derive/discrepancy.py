@@ -127,7 +127,7 @@ def core_discrepancy(replay: History, nominal: History) -> Array:
     x, y = (_difference(getattr(replay, name), getattr(nominal, name)) for name in ("x_m", "y_m"))
     heading = np.degrees(np.abs(wrap_rad(_without_infinity(replay.yaw_rad) - _without_infinity(nominal.yaw_rad))))
     columns = [
-        np.sqrt(x * x + y * y).max(axis=1),  # rounds alike on every processor, which `hypot` does not
+        np.sqrt(x * x + y * y).max(axis=1),
         _missing_apart(heading, replay.yaw_rad, nominal.yaw_rad).max(axis=1),
         *(
             _difference(getattr(replay, name), getattr(nominal, name)).max(axis=1)
