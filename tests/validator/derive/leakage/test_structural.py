@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from tests.validator.derive import random_words
@@ -61,7 +63,7 @@ def test_p_of_neighbours_is_that_of_orders_in_whole_numbers() -> None:
     drawn = [random_words.order(random_words.row(0, "leakage/neighbours", b, len(homes))) for b in range(1_999)]
 
     def shared(order: list[int]) -> int:
-        return sum(homes[a] == homes[b] for a, b in zip(order, order[1:], strict=False))
+        return sum(homes[a] == homes[b] for a, b in pairwise(order))
 
     reached = sum(shared(order) >= shared(list(range(len(homes)))) for order in drawn)
     assert neighbours_p(homes) == (1 + reached) / 2_000
