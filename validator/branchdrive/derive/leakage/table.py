@@ -131,8 +131,12 @@ def tabulate(features: ArrayLike, *, columns: tuple[Column, ...] | None = None, 
     x = np.where(unavailable, median, x)
     with np.errstate(over="ignore", invalid="ignore"):
         # Equal and opposite in every bit for the middle two of an even number, whose deviations tie.
-        signed = (x / 2 - low / 2) + (x / 2 - high / 2)
-        signed = np.where(x == median, 0.0, np.where(np.isfinite(median), signed, x - median))
+        half = x / 2
+        signed = half - low / 2
+        signed += np.subtract(half, high / 2, out=half)
+        if not np.isfinite(median).all():
+            signed = np.where(np.isfinite(median), signed, np.where(x == median, 0.0, x - median))
+    signed[unavailable] = 0.0
     deviation = np.abs(signed)
     sd = robust_sd(deviation, unavailable) if sd is None else sd
     raw: dict[Kind, NDArray[Any]] = {"value": x, "deviation": deviation, "unavailable": unavailable}
