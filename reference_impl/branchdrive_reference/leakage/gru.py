@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from branchdrive.derive.leakage.sequence import SequenceScores, SequenceTask
+from branchdrive.derive.stream import orders, words
 from branchdrive_reference.learning.execution import deterministic
 
 __all__ = ["GruClassifier", "gru"]
@@ -61,7 +62,8 @@ class GruClassifier:
             best, best_loss, best_epoch, epoch = network.weights(), float("inf"), 1, 0
             while epoch < self.max_epochs and epoch - best_epoch < self.patience:
                 epoch += 1
-                for groups in torch.randperm(len(train)).split(self.batch_groups):
+                drawn = orders(words(seed, "leakage/gru/batches", 1, len(train), first_row=epoch))[0]
+                for groups in torch.from_numpy(drawn).split(self.batch_groups):
                     optimizer.zero_grad()
                     network.loss(train[groups]).backward()
                     optimizer.step()

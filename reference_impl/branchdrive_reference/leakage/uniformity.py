@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.derive.leakage.gate import leakage_gate
+from branchdrive.derive.leakage.permutation import draw
 from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
 
 __all__ = ["GateSize", "Uniformity", "gate_size", "uniformity"]
@@ -53,10 +54,8 @@ def gate_size(features: ArrayLike, *, seeds: Iterable[int], protocol: Protocol) 
     p_values: dict[str, list[float]] = {name: [] for name in STATISTICS}
     failed = []
     for seed in seeds:
-        shuffled = np.random.Generator(np.random.Philox(seed)).permuted(
-            np.broadcast_to(np.arange(x.shape[1])[:, None], (len(x), x.shape[1], 1)), axis=1
-        )
-        gate = leakage_gate(np.take_along_axis(x, shuffled, axis=1), seed=seed, protocol=protocol)
+        shuffled = draw(0, 1, len(x), x.shape[1], seed=seed, stream="leakage/gate-size")[0]
+        gate = leakage_gate(np.take_along_axis(x, shuffled[:, :, None], axis=1), seed=seed, protocol=protocol)
         failed.append(gate.verdict == "fail")
         for test in gate.tests:
             p_values[test.name].append(test.p)

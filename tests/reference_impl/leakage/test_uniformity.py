@@ -27,7 +27,9 @@ def size() -> GateSize:
 @pytest.mark.parametrize("name", STATISTICS)
 def test_p_values_are_uniform_over_seeds(size: GateSize, name: str) -> None:
     assert len(size.p_values[name]) == 1000
-    assert kstest(size.p_values[name], "uniform").pvalue > 0.01
+    # Ranks tie, and equal statistics count as reached: there p may be larger than uniform, never smaller.
+    alternative = "greater" if name == "rank_max_t" else "two-sided"
+    assert kstest(size.p_values[name], "uniform", alternative=alternative).pvalue > 0.01
 
 
 def test_the_gate_fails_no_more_often_than_it_says(size: GateSize) -> None:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
+from tests.validator.derive import random_words
 
 from branchdrive.derive.retention import NUM_RESAMPLES, TARGET_SHARES, Retention, retention
 
@@ -138,3 +139,16 @@ def test_wrong_arguments_are_refused(case: str) -> None:
     arguments: dict[str, Any] = {"partition_of": ["train"] * 2, "partitions": ["train"], "seed": 0, **change}
     with pytest.raises(ValueError, match=message):
         retention(banks(0, 1), **arguments)
+
+
+def test_an_interval_follows_from_words_in_whole_numbers() -> None:
+    failing, size = [0, 3, 1, 0, 12, 0, 2], 7
+    passed = sorted(12 - number for number in failing)
+    ratios = []
+    for b in range(NUM_RESAMPLES):
+        drawn = random_words.row(9, "fidelity/retention/train", b, size)
+        ratios.append(sum(passed[random_words.below(word, size)] for word in drawn) / (12 * size))
+    ratios.sort()
+    ends = [(h := 1999 * q, j := int(h)) and ratios[j] + (h - j) * (ratios[j + 1] - ratios[j]) for q in (0.025, 0.975)]
+    pair, _ = of_train(banks(*failing), 9)
+    assert (pair.low, pair.high) == pytest.approx(tuple(ends), rel=1e-14)

@@ -89,4 +89,4 @@ def normals(values: Words) -> NDArray[np.float64]:
     """
     fields = np.ascontiguousarray(values).view(np.uint16).reshape(len(values), -1, _FIELDS_PER_NORMAL)
     centred = fields.sum(axis=2, dtype=np.int64) - _FIELDS_PER_NORMAL * _LARGEST_FIELD // 2
-    return centred / 2.0**16
+    return np.asarray(centred * 2.0**-16)

@@ -38,11 +38,9 @@ def test_the_digest_is_of_contents() -> None:
     ("name", "place"),
     [("availability", (5, 4, 1)), ("discrepancy", (0, 0, 11)), ("ego", (3, 2, 15, 5)), ("controls", (1, 1, 79, 2))],
 )
-def test_a_sixth_decimal_changes_the_digest_and_a_last_bit_does_not(name: str, place: tuple[int, ...]) -> None:
-    value = round(float(getattr(INPUTS, name)[place]), 3)
-    digest = with_value(name, place, value).digest()
-    assert with_value(name, place, abs(value - 2e-6)).digest() != digest
-    assert with_value(name, place, np.nextafter(value, 0.0)).digest() == digest
+def test_every_bit_is_in_the_digest(name: str, place: tuple[int, ...]) -> None:
+    value = float(getattr(INPUTS, name)[place])
+    assert with_value(name, place, np.nextafter(value, 0.0)).digest() != INPUTS.digest()
     assert with_value(name, place, np.nan).digest() != INPUTS.digest()
 
 

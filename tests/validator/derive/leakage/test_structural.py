@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from tests.validator.derive import random_words
 
-from branchdrive.derive.leakage.structural import held_targets, ranked_targets
+from branchdrive.derive.leakage.structural import held_targets, neighbours_p, ranked_targets
 
 GROUPS, ACTIONS = 40, 3
 
@@ -53,3 +56,19 @@ def test_a_ranking_is_found() -> None:
     targets[..., 0] = np.exp(variables[:, :1])
     assert [(t.variable, t.target) for t in ranked_targets(variables, targets, available)] == [(0, 0)]
     assert held_targets(variables, targets, available) == []
+
+
+def test_p_of_neighbours_is_that_of_orders_in_whole_numbers() -> None:
+    homes = ["train"] * 5 + ["test", "val", "val", "train", "test", "test"]
+    drawn = [random_words.order(random_words.row(0, "leakage/neighbours", b, len(homes))) for b in range(1_999)]
+
+    def shared(order: list[int]) -> int:
+        return sum(homes[a] == homes[b] for a, b in pairwise(order))
+
+    reached = sum(shared(order) >= shared(list(range(len(homes)))) for order in drawn)
+    assert neighbours_p(homes) == (1 + reached) / 2_000
+
+
+def test_identities_that_run_by_partition_tell_it() -> None:
+    assert neighbours_p(["train"] * 30 + ["val"] * 30) == 1 / 2_000
+    assert neighbours_p(["train", "val"] * 30) > 0.5

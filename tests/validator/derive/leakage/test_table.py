@@ -129,3 +129,14 @@ def test_the_largest_sum_is_a_number_that_float32_holds(num_groups: int) -> None
 def test_wrong_shapes_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="features have"):
         tabulate(np.zeros(shape))
+
+
+@pytest.mark.parametrize("num_actions", [4, 5])
+def test_the_middle_two_deviate_alike_in_every_bit(num_actions: int) -> None:
+    x = exchangeable(40, num_actions, 3, seed=0)
+    table = tabulate(x)
+    place = [column.kind for column in table.columns].index("deviation")
+    ranks = table.ranks.reshape(40, num_actions, -1)[:, :, place : place + 3]
+    middle = np.argsort(x, axis=1)[:, [(num_actions - 1) // 2, num_actions // 2]]
+    first, second = np.moveaxis(np.take_along_axis(ranks, middle, axis=1), 1, 0)
+    np.testing.assert_array_equal(first, second)

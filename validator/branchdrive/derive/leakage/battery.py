@@ -81,7 +81,8 @@ class Battery:
             ValueError: The shape is wrong, or there are fewer groups than folds.
         """
         table = tabulate(features)
-        bandwidth = median_distance(table.values) if protocol.bandwidth is None else protocol.bandwidth
+        steps = table.steps.reshape(table.num_groups, table.num_actions, -1).astype(np.float64)
+        bandwidth = median_distance(steps, unit=table.step) if protocol.bandwidth is None else protocol.bandwidth
         omega = frequencies(len(table.columns), protocol.num_frequencies, seed=seed)
         return cls._on(table, Reference(table.columns, table.sd, bandwidth, omega), protocol)
 

@@ -4,10 +4,10 @@ Of every group and action there is one replay up to the branch; the nominal's ro
 of the nominal drive, since the nominal itself differs from its replays by design. Action metadata, identifiers
 as values, paths, what follows the branch and outcomes have no place here.
 
-The digest is SHA-256 over a line of JSON that names everything, and the arrays, rounded to 6 decimals, in
-little-endian float64.
+The digest is SHA-256 over a line of JSON that names everything, and the arrays in little-endian float64. They
+follow from raw columns by arithmetic that every processor rounds alike, so all bits count.
 
-Source: paper VI-A.
+Source: paper VI-A; spec/13-leakage.md#inputs.
 """
 
 from __future__ import annotations
@@ -26,9 +26,6 @@ from branchdrive.derive.threshold import VARIABLES
 __all__ = ["ReplayInputs"]
 
 Array = NDArray[np.float64]
-
-_DECIMALS = 6
-"""Decimals of values that enter the digest."""
 
 _ARRAYS = ("availability", "discrepancy", "ego", "controls")
 
@@ -123,10 +120,7 @@ class ReplayInputs:
         return np.array([partition == name for partition in self.partitions], np.bool_)
 
     def digest(self) -> str:
-        """SHA-256 of names, identifiers and values to 6 decimals, 64 hexadecimal digits; NaN is one value, and so is 0.
-
-        Rounded, because the last bits of a turned position are another machine's own affair.
-        """
+        """SHA-256 of names, identifiers and values, 64 hexadecimal digits; NaN is one value, and so is 0."""
         head = {
             "group_ids": self.group_ids,
             "partitions": self.partitions,
@@ -140,7 +134,7 @@ class ReplayInputs:
         }
         sha = hashlib.sha256(json.dumps(head, sort_keys=True, separators=(",", ":")).encode() + b"\n")
         for name in _ARRAYS:
-            values = np.round(getattr(self, name), _DECIMALS) + 0.0
+            values = getattr(self, name) + 0.0
             sha.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
         return sha.hexdigest()
 

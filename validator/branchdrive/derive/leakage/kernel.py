@@ -32,18 +32,19 @@ Steps = NDArray[np.float32]
 _STREAM = "leakage/frequencies"
 
 
-def median_distance(values: Array) -> float:
+def median_distance(values: Array, *, unit: float = 1.0) -> float:
     """Median of the positive distances between rows of one group, 1 where no two rows differ.
 
     Args:
-        values: ``[groups, rows, columns]``.
+        values: ``[groups, rows, columns]``; of whole numbers, squares are exact in any order of summation.
+        unit: What a value of 1 stands for.
     """
     square = np.einsum("gac,gac->ga", values, values)
     distance = square[:, :, None] + square[:, None, :] - 2 * values @ values.transpose(0, 2, 1)
     first, second = np.triu_indices(values.shape[1], 1)
     apart = distance[:, first, second]
     apart = apart[apart > 1e-12 * max(square.max(initial=0.0), 1e-300)]
-    return float(np.sqrt(np.median(apart))) if apart.size else 1.0
+    return float(np.sqrt(np.median(apart)) * unit) if apart.size else 1.0
 
 
 def frequencies(num_columns: int, num_frequencies: int, *, seed: int) -> Array:

@@ -126,10 +126,17 @@ def tabulate(features: ArrayLike, *, columns: tuple[Column, ...] | None = None, 
     x = checked(features)
     num_groups, num_actions, _ = x.shape
     unavailable = np.isnan(x)
-    median = median_of_available(x, ~unavailable)
+    low, high = _middle(x, ~unavailable)
+    median = _half_way(low, high)
     x = np.where(unavailable, median, x)
     with np.errstate(over="ignore", invalid="ignore"):
-        signed = np.where(x == median, 0.0, x - median)
+        # Equal and opposite in every bit for the middle two of an even number, whose deviations tie.
+        half = x / 2
+        signed = half - low / 2
+        signed += np.subtract(half, high / 2, out=half)
+        if not np.isfinite(median).all():
+            signed = np.where(np.isfinite(median), signed, np.where(x == median, 0.0, x - median))
+    signed[unavailable] = 0.0
     deviation = np.abs(signed)
     sd = robust_sd(deviation, unavailable) if sd is None else sd
     raw: dict[Kind, NDArray[Any]] = {"value": x, "deviation": deviation, "unavailable": unavailable}
@@ -180,9 +187,18 @@ def _varying(raw: dict[Kind, NDArray[Any]]) -> tuple[Column, ...]:
 
 def median_of_available(x: Array, available: NDArray[np.bool_]) -> Array:
     """Median over the available rows of each group, ``[groups, 1, features]``; 0 where there is none."""
+    return _half_way(*_middle(x, available))
+
+
+def _middle(x: Array, available: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """The middle two of the available rows of each group, or the middle one twice, each ``[groups, 1, features]``."""
     ordered = np.sort(x, axis=1)
     count = available.sum(axis=1, keepdims=True)
     low, high = (np.take_along_axis(ordered, np.maximum(place, 0), axis=1) for place in ((count - 1) // 2, count // 2))
+    return low, high
+
+
+def _half_way(low: Array, high: Array) -> Array:
     with np.errstate(invalid="ignore"):
         median = np.where(low == high, low, low / 2 + high / 2)
     return np.where(np.isnan(median), 0.0, median)

@@ -254,7 +254,7 @@ def place_made_remarkable(d: ReleaseDraft) -> None:
     audit(d)["gate"]["places"][0]["p"] = 0.01
 
 
-@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/1"}, findings=2)
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/1"}, findings=5)
 def critical_value_that_many_exceed(d: ReleaseDraft) -> None:
     gate = audit(d)["gate"]
     gate["minimum_detectable_effect"]["critical"][1] = gate["tests"][1]["observed"] + 0.001
@@ -278,7 +278,7 @@ def offsets_found_beyond_any_statistic(d: ReleaseDraft) -> None:
 
 
 @mutant(
-    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/7/gate_share"}, findings=3
+    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/7/gate_share"}, findings=2
 )
 def offset_missed_that_is_found(d: ReleaseDraft) -> None:
     effect = audit(d)["gate"]["minimum_detectable_effect"]
