@@ -1,34 +1,60 @@
-"""A folder whose files run as soon as somebody imports a module by a common name, and say so."""
+"""A folder whose files leave a mark as soon as somebody imports a module by a common name, and commands run in it."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
-__all__ = ["hostile_folder", "infest"]
+__all__ = ["infest", "marks", "run_command"]
 
-MARK = "EXECUTED"
-"""How the files begin that hostile code leaves behind, beside itself."""
-
-_MODULES = (
-    "re", "pickle", "struct", "numpy", "json", "sitecustomize", "usercustomize", "selectors", "signal", "threading",
-    "multiprocessing", "pyarrow", "torch", "numba", "pymunk", "cvxpy", "matplotlib", "logging", "branchdrive",
-    "branchdrive_reference", "_bootlocale", "rich", "yaml", "scipy", "pandas",
+_NAMES = (
+    "_bootlocale", "asyncio", "branchdrive", "branchdrive_reference", "collections", "concurrent", "ctypes", "cvxpy",
+    "email", "encodings", "importlib", "json", "jsonschema", "logging", "matplotlib", "multiprocessing", "numba",
+    "numpy", "pandas", "pickle", "pyarrow", "pymunk", "re", "rich", "scipy", "selectors", "signal", "sitecustomize",
+    "struct", "threading", "torch", "usercustomize", "yaml",
 )  # fmt: skip
-_PACKAGES = ("concurrent", "importlib", "encodings", "ctypes", "asyncio", "collections", "email", "jsonschema")
+_CODE = "open({mark!r} + __name__, 'w').close()\n"
+_FILES = {
+    ".numba_config.yaml": "cache_dir: kernels\ndisable_jit: 1\n",
+    "matplotlibrc": "backend: module://re\n",
+    "evil-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n",
+    "evil-1.0.dist-info/entry_points.txt": "[branchdrive.commands]\nvalidate = pickle\ncollect = re\nevil = struct\n"
+    "[branchdrive.leakage]\na = json:classifier\n[numba_extensions]\ninit = re:init\n[pydantic]\nplugin = re:plugin\n",
+    "branchdrive-9.egg-info/PKG-INFO": "Metadata-Version: 2.1\nName: branchdrive\nVersion: 9\n"
+    "Requires-Dist: numpy>=99\n",
+}
 
-_CODE = "import os\nopen(os.path.join({folder!r}, 'EXECUTED-' + __name__), 'w').close()\nraise SystemExit(99)\n"
 
-_ENTRY_POINTS = """[branchdrive.commands]
-validate = pickle
-collect = re
-hostile = struct
+def infest(folder: Path, marks_dir: Path) -> Path:
+    """Put hostile modules into `folder`, and packages of the same names into a folder in it, which is returned."""
+    marks_dir.mkdir(exist_ok=True)
+    packages = folder / "packages"
+    code = _CODE.format(mark=f"{marks_dir}/")
+    for name in _NAMES:
+        (packages / name).mkdir(parents=True)
+        (packages / name / "__init__.py").write_text(code)
+        (folder / f"{name}.py").write_text(code)
+    for place in (folder, packages):
+        for path, text in _FILES.items():
+            (place / path).parent.mkdir(exist_ok=True)
+            (place / path).write_text(text)
+    return packages
 
-[branchdrive.leakage]
-agru = json:classifier
 
-[numba_extensions]
-init = numba:init
+def marks(marks_dir: Path) -> list[str]:
+    """Names of the hostile modules that somebody has imported."""
+    return sorted(path.name for path in marks_dir.iterdir())
 
-[pydantic]
-plugin = json:plugin
-"""
+
+def run_command(
+    script: str, *arguments: object, cwd: Path, path: str | None = None
+) -> subprocess.CompletedProcess[str]:
+    """A console script of this installation, in the folder `cwd` and with nothing but `path` as `PYTHONPATH`."""
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
+    return subprocess.run(
+        [Path(sys.executable).with_name(script), *map(str, arguments)],
+        cwd=cwd, capture_output=True, text=True, timeout=300, check=False,
+        env=environment | ({} if path is None else {"PYTHONPATH": path}),
+    )  # fmt: skip

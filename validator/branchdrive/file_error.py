@@ -76,9 +76,9 @@ def machine_faults(path: str | os.PathLike[str]) -> Iterator[None]:
         PlatformError: The machine is to blame.
     """
     try:
-        with named(path):
-            yield
+        yield
     except OSError as error:
         if is_machine_fault(error):
+            error.filename = os.fspath(path)  # the whole path, also where a folder's descriptor was used
             raise PlatformError(file_error_text(error)) from error
         raise

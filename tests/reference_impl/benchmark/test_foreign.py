@@ -158,7 +158,7 @@ def test_figures_that_cannot_be_drawn_open_nothing(benchmarked: Path) -> None:
     for command in ("evaluate", "benchmark"):
         words = [sys.executable, "-c", code, command, str(benchmarked)]
         done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
-        assert (done.returncode, done.stdout) == (2, "")
+        assert (done.returncode, done.stdout) == (4, "")
         assert "pip install 'branchdrive[plots]', or use `--no-figures`" in done.stderr
     assert contents(benchmarked) == before
 

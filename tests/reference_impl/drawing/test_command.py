@@ -201,4 +201,4 @@ def test_without_the_extra_the_error_is_the_line_that_installs_it(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, _, err = draw(invented, "--output", tmp_path / "p")
     told = "branchdrive: `draw` needs the package 'matplotlib': pip install 'branchdrive[sim,plots]'\n"
-    assert (code, err) == (2, told)
+    assert (code, err) == (4, told)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from tests.validator.audit.datasets import DEPARTURES, cells, write, write_with
 
 from branchdrive.audit.engine import validate
 from branchdrive.audit.worker import Died, Executor, Failed, in_process, isolated
+from branchdrive.errors import PlatformError
 
 # Tasks: module-level functions, because they travel to other processes.
 
@@ -70,6 +72,14 @@ def leave_quietly(value: int) -> int:
     os._exit(0)
 
 
+def broken_import(value: int) -> int:
+    return value
+
+
+if parent_process() is not None and "BROKEN_IMPORT" in os.environ:
+    raise ImportError("libarrow cannot be opened", name="pyarrow")
+
+
 def results(executor: Executor, function: Callable[[Any], Any], tasks: list[Any]) -> dict[int, Any]:
     found = list(executor(function, tasks))
     assert len({index for index, _ in found}) == len(found)
@@ -112,6 +122,12 @@ def test_a_process_that_dies_once_is_tried_again(executor: Executor, tmp_path: P
     tasks = [(str(tmp_path), value) for value in range(6)]
     assert results(executor, die_once, tasks) == {i: 2 * i for i in range(6)}
     assert (tmp_path / "3").exists()
+
+
+def test_a_module_that_workers_cannot_import_is_no_death(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BROKEN_IMPORT", "1")
+    with pytest.raises(PlatformError, match="a worker process cannot be loaded: libarrow"):
+        results(isolated(2), broken_import, [1, 2])
 
 
 def test_every_task_may_die() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.hostile_folder import infest, marks
 from tests.reference_impl.collect.running import session_of, wait_for
 from tests.validator.build.running import QUICK
 
@@ -140,3 +142,12 @@ def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.Monk
         audit_apart(task_of(NOBODY), Parts(), interrupt)
     (pid,) = started
     wait_for(lambda: not session_of(pid), timeout_s=5.0)
+
+
+def test_it_runs_nothing_of_the_current_folder(task_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    infest(tmp_path, tmp_path / "marks")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", ["", ".", "packages", *sys.path])
+    monkeypatch.setenv("PYTHONPATH", ":.:packages")
+    assert audit_apart(task_of(NOBODY), Parts())["gate"]
+    assert marks(tmp_path / "marks") == []

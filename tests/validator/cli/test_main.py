@@ -123,12 +123,21 @@ def test_control_characters_of_names_stay_out_of_messages(tmp_path: Path) -> Non
 
 
 def test_an_extra_that_is_not_installed_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = {"validate": "branchdrive.cli.validate", "collect": "branchdrive_reference.absent.command"}
-    monkeypatch.setattr(command_line, "_command_modules", lambda: modules)
-    code, out, err = call(run, "collect", "somewhere")
-    assert (code, out) == (2, "")
-    assert "`collect` needs the package" in err
-    assert "pip install 'branchdrive[sim]'" in err
+    for package, remedy in (
+        ("pymunk", "`collect` needs the package 'pymunk': pip install 'branchdrive[sim]'"),
+        ("cvxpy", "`collect` needs the package 'cvxpy': pip install 'branchdrive[guard]'"),
+        ("pyarrow", "`collect` needs the package 'pyarrow': pip install 'pyarrow>=18'"),
+        (
+            "nowhere",
+            "`collect` cannot be loaded: No module named 'nowhere'; reinstall the package that this belongs to",
+        ),
+    ):
+
+        def absent(name: str, package: str = package) -> Any:
+            raise ModuleNotFoundError(f"No module named {package!r}", name=package)
+
+        monkeypatch.setattr(command_line, "_load", absent)
+        assert call(run, "collect", "somewhere") == (4, "", f"branchdrive: {remedy}\n")
 
 
 # --- verdicts become exit codes
@@ -201,10 +210,12 @@ def test_output_that_fails_leaves_nothing_behind(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "replace", full)
-    code, out, err = call(validate_run, valid_root, "--output", tmp_path / "report")
-    assert (code, out) == (2, "")
-    assert "No space left on device" in err
+    monkeypatch.setattr(Path, "write_text", full)
+    target = tmp_path / "report"
+    code, out, err = call(validate_run, valid_root, "--output", target)
+    assert (code, out) == (4, "")
+    hint = "make room on its disk and run the same command again"
+    assert err == f"branchdrive-validate: {target}: No space left on device; {hint}\n"
     assert list(tmp_path.iterdir()) == []
 
 

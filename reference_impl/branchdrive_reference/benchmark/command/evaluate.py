@@ -60,7 +60,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Evaluate and print the tables.
 
     Raises:
-        UsageError: The options do not go together, nothing is predicted, or an extra is not installed.
+        PlatformError: An extra is not installed.
+        UsageError: The options do not go together, or nothing is predicted.
         DatasetError: The release or the predictions cannot be read.
     """
     if (args.predictions is None) != (args.name is None):

@@ -27,7 +27,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Export, compare with torch, write.
 
     Raises:
-        UsageError: An extra is not installed, the release has no such model, or it cannot rank.
+        PlatformError: An extra is not installed.
+        UsageError: The release has no such model, or it cannot rank.
         DatasetError: The release or a checkpoint cannot be read.
     """
     check_output(args.output, outside=args.release)

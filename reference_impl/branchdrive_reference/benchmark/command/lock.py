@@ -22,7 +22,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Lock, and print the digest of the lock.
 
     Raises:
-        UsageError: The extra is not installed, or a checkpoint is missing or was trained otherwise.
+        PlatformError: The extra is not installed.
+        UsageError: A checkpoint is missing or was trained otherwise.
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("lock")

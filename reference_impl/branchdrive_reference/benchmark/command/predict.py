@@ -29,7 +29,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Predict and publish.
 
     Raises:
-        UsageError: The extra is not installed, nothing is locked, or a checkpoint is not the one that was locked.
+        PlatformError: The extra is not installed.
+        UsageError: Nothing is locked, or a checkpoint is not the one that was locked.
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("predict")

@@ -45,7 +45,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Train.
 
     Raises:
-        UsageError: The extra is not installed, no model is called so, or another command is at work on the release.
+        PlatformError: The extra is not installed.
+        UsageError: No model is called so, or another command is at work on the release.
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("train")

@@ -1,0 +1,18 @@
+"""Collecting in a folder full of hostile module names: nothing there runs, and nothing changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.hostile_folder import infest, marks, run_command
+
+from branchdrive_reference.collect.campaign import collect
+
+
+def test_collect_runs_nothing_of_a_folder(tmp_path: Path) -> None:
+    infest(tmp_path, tmp_path / "marks")
+    done = run_command("branchdrive", "collect", "out", "--groups", 2, "--seed", 1, "--jobs", 2, cwd=tmp_path, path="")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"identity  {collect(tmp_path / 'here', num_groups=2, seed=1).identity}\n" in done.stdout
+    assert marks(tmp_path / "marks") == []
+    assert not (tmp_path / "kernels").exists()  # where a hostile configuration of numba wants its cache

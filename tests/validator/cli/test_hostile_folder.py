@@ -1,0 +1,30 @@
+"""Commands of the core in a folder full of hostile module names: nothing there runs, and nothing changes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from tests.hostile_folder import infest, marks, run_command
+
+
+def report_of(root: Path | str, cwd: Path) -> dict[str, Any]:
+    done = run_command("branchdrive-validate", root, "--jobs", 2, "--format", "json", cwd=cwd, path="")
+    assert done.stderr == ""
+    document: dict[str, Any] = json.loads(done.stdout)
+    del document["dataset"]["path"]
+    return document
+
+
+def test_validate_runs_nothing_of_a_folder(valid_root: Path, tmp_path: Path) -> None:
+    marks_dir, dataset = tmp_path / "marks", shutil.copytree(valid_root, tmp_path / "dataset")
+    packages = infest(dataset, marks_dir)
+    (tmp_path / "clean").mkdir()
+    outside = report_of(dataset, tmp_path / "clean")
+    assert outside["verdict"] == "invalid"
+    assert {finding["rule"] for finding in outside["findings"]} == {"BD-LAY-004", "BD-LAY-009"}
+    assert [report_of(".", dataset), report_of("..", packages)] == [outside] * 2
+    assert report_of(valid_root, dataset)["verdict"] == "valid"
+    assert marks(marks_dir) == []

@@ -1,0 +1,111 @@
+"""What a machine lacks is said in one line, with exit code 4, and is no finding about data."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from tests.validator.audit import datasets
+
+import branchdrive
+from branchdrive import environment
+from branchdrive.audit.worker import in_process, isolated
+from branchdrive.cli.main import run, validate_run
+from branchdrive.environment import check_environment, check_libraries, extra, requirements
+from branchdrive.errors import PlatformError, ToolError
+
+
+@pytest.fixture(autouse=True)
+def _forgotten() -> None:
+    """Nothing was found out before."""
+    check_environment.cache_clear()
+
+
+def validated(root: Path | str) -> tuple[int, str, str]:
+    stdout, stderr = io.StringIO(), io.StringIO()
+    return validate_run([str(root)], stdout, stderr), stdout.getvalue(), stderr.getvalue()
+
+
+def test_every_requirement_of_the_distribution_is_a_lowest_version() -> None:
+    declared = metadata.requires("branchdrive") or []
+    assert len(requirements()) == len(declared)
+    assert {"numpy", "pyarrow", "pydantic"} <= {one.name for one in requirements() if not one.extra}
+    assert {"sim", "models", "guard", "export", "plots"} <= {one.extra for one in requirements()}
+
+
+def test_versions_compare_by_their_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    bound = next(one.bound for one in requirements() if one.name == "pyarrow")
+    for found, is_old in {
+        "15.0.0": True, "9.0": True, "17.99.99": True, bound: False, f"{bound}.0.0": False, f"{bound}.0rc1": False,
+        "100": False, "unknown": True,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(environment, "version", lambda name, found=found: found if name == "pyarrow" else "999")
+        if is_old:
+            with pytest.raises(PlatformError, match=rf"pyarrow>={bound}, found {found}; run: pip install 'pyarrow>="):
+                check_libraries("")
+        else:
+            check_libraries("")
+
+
+def test_a_library_that_is_too_old_is_one_line_and_exit_code_4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = datasets.write(tmp_path / "dataset")
+    true = metadata.version
+    monkeypatch.setattr(environment, "version", lambda name: "15.0.0" if name == "pyarrow" else true(name))
+    line = "branchdrive-validate: branchdrive needs pyarrow>=18, found 15.0.0; run: pip install 'pyarrow>=18'\n"
+    assert validated(root) == (4, "", line)
+    monkeypatch.delitem(vars(branchdrive), "validate", raising=False)
+    with pytest.raises(PlatformError, match="found 15"):
+        branchdrive.validate  # noqa: B018
+    with pytest.raises(SystemExit) as stop:  # whoever asks for help gets it
+        run(["--help"], io.StringIO(), io.StringIO())
+    assert stop.value.code == 0
+
+
+def test_a_platform_without_the_calls_we_need_says_so_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "geteuid", "register_at_fork"):
+        monkeypatch.delattr(os, name)
+    monkeypatch.setattr(os, "supports_dir_fd", set())
+    monkeypatch.setattr(sys, "platform", "win32")
+    told = "branchdrive needs a POSIX system; win32 lacks os.O_DIRECTORY, os.O_NOFOLLOW, os.O_NONBLOCK, os.geteuid, "
+    told += "os.register_at_fork, os.open(dir_fd=...): use Linux or macOS, or WSL on Windows"
+    assert validated(tmp_path) == (4, "", f"branchdrive-validate: {told}\n")
+    for name in ("open_dataset", "DatasetWriter", "validate"):
+        monkeypatch.delitem(vars(branchdrive), name, raising=False)
+        with pytest.raises(ToolError, match="win32 lacks os"):
+            getattr(branchdrive, name)
+
+
+def test_an_extra_is_blamed_for_what_it_brings_alone() -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    told = {
+        "torch": r"a thing needs the package 'torch': pip install 'branchdrive\[models\]', or go without$",
+        "torch.nowhere": "a thing cannot be loaded: No module named 'torch.nowhere'; reinstall",
+        "llvmlite": "a thing cannot be loaded: No module named 'llvmlite'; reinstall",
+    }
+    for name, message in told.items():
+        with pytest.raises(PlatformError, match=message), extra("models", of="a thing", otherwise="go without"):
+            missing(name)
+    with pytest.raises(PlatformError, match="cannot import name 'nothing' from 'json'"), extra("sim", of="a thing"):
+        from json import nothing  # type: ignore[attr-defined]  # noqa: F401
+
+
+def cannot_import(task: int) -> int:
+    raise ImportError("libarrow.so: cannot open shared object file", name="pyarrow")
+
+
+def lacks(task: int) -> int:
+    raise PlatformError("no room")
+
+
+def test_what_a_task_lacks_ends_the_run_and_is_no_result() -> None:
+    for executor in (in_process, isolated(1)):
+        with pytest.raises(PlatformError, match="this command cannot be loaded: libarrow"):
+            list(executor(cannot_import, [1]))
+        with pytest.raises(PlatformError, match="no room"):
+            list(executor(lacks, [1]))
