@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import parse_json
+from branchdrive.contract.document import parse_json, schema_violations
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.descriptor_file import read_descriptor
@@ -252,7 +252,7 @@ class ModelLayer:
         document = _document(self.root, VARIANTS_FILE)
         try:
             declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
-        except (LookupError, TypeError, UsageError) as error:
+        except UsageError as error:
             raise DatasetError(
                 f"{self.root}: {VARIANTS_FILE!r} declares no variants; run `branchdrive-validate`"
             ) from error
@@ -326,8 +326,13 @@ def _document(root: Path, path: str) -> dict[str, Any]:
     content = read_file(root, path, spec_limits().max_document_bytes)
     try:
         document = parse_json(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DatasetError(f"{root}: {path!r}: {error}; run `branchdrive-validate`") from error
-    if not isinstance(document, dict):
-        raise DatasetError(f"{root}: {path!r} holds no JSON object; run `branchdrive-validate`")
-    return document
+    layer, _, name = path.partition("/")
+    for problem in schema_violations(document, LAYERS[layer].documents[name].schema)[:1]:
+        raise DatasetError(
+            f"{root}: {path!r}: {problem.pointer or '/'} is {problem.found}, expected {problem.expected}; "
+            "run `branchdrive-validate`"
+        )
+    read: dict[str, Any] = document
+    return read

@@ -194,11 +194,15 @@ def retention_reaches_its_targets(view: ReleaseView) -> Iterator[ReleaseCheck]:
         if row["criterion"] == "core" and row["partition"] == "test" and row["met"] is not None
     ]
     missed = [
-        (f"/rows/{i}/share", f"at least {percent(row['target'], 0)} of {row['unit']}s", percent(row["share"]))
+        (f"/rows/{i}/share", f"at least {percent(row['target'], 0)} of {row['unit']}s", _share(row["share"]))
         for i, row in rows
         if not row["met"]
     ]
     yield problems_found(RETENTION, len(rows), missed)
+
+
+def _share(share: float | None) -> str:
+    return "no share" if share is None else percent(share)
 
 
 @release_rule("BD-FID-012")

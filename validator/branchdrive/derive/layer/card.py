@@ -123,7 +123,7 @@ def _population(population: Document) -> list[str]:
         groups = stage["groups"]
         cells = [
             stage["title"],
-            *(_count(None if groups is None else groups[name]) for name in names),
+            *(_count(None if groups is None else groups.get(name)) for name in names),
             _count(stage["total"]),
             _count(stage["trajectories"]),
         ]
@@ -233,7 +233,7 @@ def _threshold(variable: Document, thresholds: Document) -> str:
 
 def _retained(row: Document) -> list[str]:
     share, interval, target = "-", "-", f"{percent(row['target'], 0)}, not judged"
-    if row["share"] is not None:
+    if None not in (row["share"], row["low"], row["high"]):
         share, interval = percent(row["share"]), f"{percent(row['low'])} to {percent(row['high'])}"
         target = f"{percent(row['target'], 0)}, {'met' if row['met'] else '**not met**'}"
     passed = f"{row['num_passed']:,} of {row['num_units']:,}"

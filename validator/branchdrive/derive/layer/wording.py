@@ -65,8 +65,7 @@ def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> l
 
 def population_sentences(population: Mapping[str, Any]) -> list[str]:
     """What the population table does not say by itself: near duplicates that were left out, empty partitions."""
-    stages = {stage["stage"]: stage for stage in population["stages"]}
-    frozen, valid = stages["frozen"], stages["core_valid"]
+    valid, _, frozen = population["stages"][-3:]  # core-valid, extended-valid and frozen groups
     sentences = []
     left_out = valid["total"] - frozen["total"]
     if left_out:

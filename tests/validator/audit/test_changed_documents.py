@@ -1,0 +1,161 @@
+"""Documents of strangers: one that conforms to its schema ends in a verdict, whatever else it says.
+
+Every document of a release is changed at one place: a key or an entry is removed, a value is replaced, a list is
+turned around or lengthened. A change that breaks the schema is the matter of one rule and must be seen as such; any
+other reaches the rules that read the document, the card, the tables and the readers, none of which may fail on it.
+"""
+
+from __future__ import annotations
+
+import copy
+import random
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tests.validator.audit.changed_release import ChangedRelease
+from tests.validator.audit.rules.release import release_draft
+from tests.validator.contract.conforming import conforming
+from tests.validator.contract.mutation import OF_EVERY_TYPE
+
+from branchdrive.audit.tally import Tally
+from branchdrive.contract.document import dump_json, schema_violations
+from branchdrive.contract.layer import LAYERS
+from branchdrive.dataset.model_layer import open_model
+from branchdrive.errors import DatasetError, UsageError
+
+Place = tuple[str | int, ...]
+
+REMOVED = object()
+NUM_CHANGES = {"benchmark/results.json": 40, "benchmark/lock.json": 80}
+"""Changes of documents that are large or costly to judge; of the others `MOST`."""
+MOST = 400
+
+
+@pytest.fixture(scope="module")
+def release() -> ChangedRelease:
+    """A valid release with all documents; its documents are not to be changed."""
+    return ChangedRelease()
+
+
+def places(value: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
+    """Every value below the root with the keys that lead to it."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, member in items:
+        yield (*place, key), member
+        yield from places(member, (*place, key))
+
+
+def replacements(value: Any) -> Iterator[Any]:
+    """What may stand in the place of a value: nothing, every type, its neighbours, and what is out of all bounds."""
+    yield REMOVED
+    yield from OF_EVERY_TYPE
+    yield from ("NaN", "x" * 150)
+    match value:
+        case bool():
+            yield not value
+        case int() | float():
+            yield from (value + 1, value - 1, -value, value * 1e6, float(value))
+        case str():
+            yield from (f"{value}x", value[::-1], value[:-1] + ("1" if value[-1:] == "0" else "0"))
+        case list():
+            yield from (value + value[:1], value[:-1], value[::-1], [*value, None], value[:1] * len(value))
+        case dict():
+            yield {**value, "extra": 0}
+            yield dict(zip(value, reversed(value.values()), strict=True))
+
+
+def changes(path: str, document: Any) -> list[tuple[Place, Any]]:
+    """Changes of a document: all of them, or a sample that is always the same."""
+    found = [(place, new) for place, value in places(document) for new in replacements(value)]
+    size = min(NUM_CHANGES.get(path, MOST), len(found))
+    return random.Random(f"changes of {path}").sample(found, size)
+
+
+def changed(document: Any, place: Place, new: Any) -> Any:
+    """The document with one change."""
+    result = copy.deepcopy(document)
+    parent = result
+    for key in place[:-1]:
+        parent = parent[key]
+    if new is REMOVED:
+        del parent[place[-1]]
+    else:
+        parent[place[-1]] = copy.deepcopy(new)
+    return result
+
+
+def schema_of(path: str) -> str:
+    layer, _, name = path.partition("/")
+    return LAYERS[layer].documents[name].schema
+
+
+def failures(release: ChangedRelease, path: str, document: Any) -> list[str]:
+    """Errors of the rules that read a document."""
+    return [f"{tally.rule_id}: {error}" for tally in release.tallies(path, document) for error in tally.errors]
+
+
+def test_every_document_of_a_release_is_changed_here(release: ChangedRelease) -> None:
+    declared = {f"{layer}/{name}" for layer, about in LAYERS.items() for name in about.documents}
+    assert release.documents.keys() == declared
+    for path, document in release.documents.items():
+        assert any(path in read for read in release.reads.values()), path
+        tallies: list[Tally] = release.tallies(path, document)
+        assert {tally.status for tally in tallies} <= {"pass", "skipped", "fail", "inconclusive"}, path
+
+
+def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -> None:
+    errors: list[tuple[str, Place, Any, str]] = []
+    conforming: Counter[str] = Counter()
+    for path, document in release.documents.items():
+        for place, new in changes(path, document):
+            other = changed(document, place, new)
+            if schema_violations(other, schema_of(path)):
+                continue
+            conforming[path] += 1
+            errors += [(path, place, new, error) for error in failures(release, path, other)]
+    assert errors == []
+    assert all(conforming[path] > 2 for path in release.documents), conforming
+
+
+def conforming_document(path: str) -> st.SearchStrategy[Any]:
+    """Documents that conform to a schema; conditions between values leave few of some, which are filtered."""
+    return conforming(schema_of(path)).filter(lambda document: not schema_violations(document, schema_of(path)))
+
+
+ANY = ("canonical/source.json", "quality/thresholds.json", "quality/retention.json", "quality/population.json",
+       "quality/variants.json", "quality/ledger.json", "benchmark/openings.json")  # fmt: skip
+"""Documents of a size that Hypothesis can draw as a whole."""
+
+
+@pytest.mark.parametrize("path", ANY)
+@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_any_document_that_conforms_ends_in_a_verdict(release: ChangedRelease, path: str, data: Any) -> None:
+    assert failures(release, path, data.draw(conforming_document(path))) == []
+
+
+def test_readers_refuse_a_changed_document_in_words(tmp_path: Path) -> None:
+    draft = release_draft()
+    root, refused = draft.write(tmp_path / "dataset"), 0
+    for path in ("model/features.json", "model/normalisation.json", "quality/variants.json"):
+        original = (root / path).read_bytes()
+        for place, new in changes(path, draft.documents[path])[:120]:
+            document = changed(draft.documents[path], place, new)
+            (root / path).write_bytes(dump_json(document))
+            try:
+                layer = open_model(root)
+                layer.scalings()
+                if path.startswith("quality"):
+                    layer.groups(variant="extended")
+            except (DatasetError, UsageError) as error:
+                refused += 1
+                assert str(error).isprintable(), (path, place, new)
+            else:  # what the reader does not judge
+                assert not schema_violations(document, schema_of(path)), (path, place, new)
+        (root / path).write_bytes(original)
+    assert refused > 100
