@@ -204,6 +204,8 @@ PURE = (
     "branchdrive.audit.rules.leakage.statistic_differences",
     "branchdrive.audit.survey.schema_violations",
     "branchdrive.derive.leakage.parity.fit_logistic",
+    "branchdrive.derive.leakage.parity.held_out_score",
+    "branchdrive.derive.leakage.redraw._prefix",
 )
 """Functions of their arguments alone that most of a judgement's time goes into.
 

@@ -18,6 +18,7 @@ from branchdrive.contract.document import dump_json, parse_json, schema_violatio
 from branchdrive.derive.leakage import parity, redraw
 from branchdrive.derive.leakage.audit import AuditProtocol
 from branchdrive.derive.leakage.inputs import ReplayInputs
+from branchdrive.derive.leakage.ridge import Ridge
 from branchdrive.derive.leakage.sequence import Unavailable
 from branchdrive.derive.leakage.verify import (
     Difference,
@@ -53,8 +54,9 @@ def clean() -> dict[str, Any]:
 def _repeated_parts() -> Iterator[None]:
     """Most lies leave what is drawn and fitted as it is."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((parity, "fit_logistic"), (redraw, "_prefix")):
+        for module, name in ((parity, "fit_logistic"), (parity, "held_out_score"), (redraw, "_prefix")):
             patch.setattr(module, name, remembered(getattr(module, name)))
+        patch.setattr(Ridge, "of", staticmethod(remembered(Ridge.of)))
         yield
 
 
