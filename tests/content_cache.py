@@ -17,12 +17,12 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-__all__ = ["kept", "kept_folder"]
+__all__ = ["kept", "kept_folder", "remembered"]
 
 Value = TypeVar("Value")
 
@@ -91,3 +91,18 @@ def kept_folder(name: str, build: Callable[[Path], object], copy: Path) -> Path:
     with _built(_folder() / name, build) as path:
         shutil.copytree(path, copy)
     return copy
+
+
+@cache
+def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, whose results are kept by the content of its arguments; each caller gets a copy."""
+    known: dict[bytes, bytes] = {}
+
+    @wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        key = hashlib.sha256(pickle.dumps((arguments, options))).digest()
+        if key not in known:
+            known[key] = pickle.dumps(function(*arguments, **options))
+        return pickle.loads(known[key])
+
+    return call

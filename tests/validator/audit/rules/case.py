@@ -6,14 +6,13 @@ import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache, wraps
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import pytest
 from tests import synthetic
-from tests.content_cache import kept
+from tests.content_cache import kept, remembered
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.audit.rules.release import ReleaseDraft, detached_draft, release_draft
@@ -205,27 +204,14 @@ PURE = (
     "branchdrive.audit.rules.leakage.statistic_differences",
     "branchdrive.audit.survey.schema_violations",
     "branchdrive.derive.leakage.parity.fit_logistic",
+    "branchdrive.derive.leakage.parity.held_out_score",
+    "branchdrive.derive.leakage.redraw._prefix",
 )
 """Functions of their arguments alone that most of a judgement's time goes into.
 
 Every rule runs on every case; what one of these said of equal arguments before is not computed again, since most
 defects leave most tables and documents as they are.
 """
-
-
-@cache
-def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function, whose results are kept by the content of its arguments; each caller gets a copy."""
-    known: dict[bytes, bytes] = {}
-
-    @wraps(function)
-    def call(*arguments: Any, **options: Any) -> Any:
-        key = hashlib.sha256(pickle.dumps((arguments, options))).digest()
-        if key not in known:
-            known[key] = pickle.dumps(function(*arguments, **options))
-        return pickle.loads(known[key])
-
-    return call
 
 
 def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.content_cache import kept
 from tests.validator.derive.leakage.classifiers import Regression, Undecided
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 
@@ -46,7 +47,7 @@ def statuses(document: dict[str, Any]) -> set[str]:
 
 @pytest.fixture(scope="module")
 def clean() -> dict[str, Any]:
-    return audited(CLEAN)
+    return kept(f"audit-{CLEAN.digest()[:32]}-True", lambda: audited(CLEAN))
 
 
 def test_clean_replays_pass(clean: dict[str, Any]) -> None:

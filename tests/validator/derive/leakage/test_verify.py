@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.content_cache import kept, remembered
 from tests.each import each
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 from tests.validator.derive.leakage.test_audit import CLEAN, audited
 from tests.validator.derive.leakage.test_inputs import without_nominal_replay
 
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.derive.leakage import parity, redraw
 from branchdrive.derive.leakage.audit import AuditProtocol
+from branchdrive.derive.leakage.inputs import ReplayInputs
+from branchdrive.derive.leakage.ridge import Ridge
 from branchdrive.derive.leakage.sequence import Unavailable
 from branchdrive.derive.leakage.verify import (
     Difference,
@@ -36,9 +40,24 @@ def every(document: dict[str, Any]) -> list[Difference]:
     return [*found, *score_differences(document, CLEAN)]
 
 
+def stated(inputs: ReplayInputs, classifier: Unavailable | None = None) -> dict[str, Any]:
+    """Document of an audit."""
+    return kept(f"audit-{inputs.digest()[:32]}-{classifier is None}", lambda: audited(inputs, classifier))
+
+
 @pytest.fixture(scope="module")
 def clean() -> dict[str, Any]:
-    return audited(CLEAN)
+    return stated(CLEAN)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _repeated_parts() -> Iterator[None]:
+    """Most lies leave what is drawn and fitted as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in ((parity, "fit_logistic"), (parity, "held_out_score"), (redraw, "_prefix")):
+            patch.setattr(module, name, remembered(getattr(module, name)))
+        patch.setattr(Ridge, "of", staticmethod(remembered(Ridge.of)))
+        yield
 
 
 def test_a_right_document_has_no_difference(clean: dict[str, Any]) -> None:
@@ -56,7 +75,7 @@ def test_other_right_documents_have_none(kind: str) -> None:
         "without nominal replays": changed(CLEAN, **without_nominal_replay(CLEAN, list(range(60)))),
         "small": replay_inputs(3, seed=0),
     }[kind]
-    document = audited(inputs, Unavailable("because") if kind == "without a classifier" else None)
+    document = stated(inputs, Unavailable("because") if kind == "without a classifier" else None)
     assert [difference for check in OWN for difference in check(document)] == []
     assert input_differences(document, inputs) == statistic_differences(document, inputs) == []
     assert score_differences(document, inputs) == []
@@ -138,7 +157,7 @@ def test_other_inputs_are_noticed(clean: dict[str, Any]) -> None:
 def test_a_fail_cannot_be_told_as_a_pass() -> None:
     leak = np.array(CLEAN.discrepancy)
     leak[:, 2] += 1.0
-    document = audited(changed(CLEAN, discrepancy=leak), Unavailable("because"))
+    document = stated(changed(CLEAN, discrepancy=leak), Unavailable("because"))
     assert document["gate"]["verdict"] == "fail"
     document["gate"]["verdict"] = "pass"
     assert [difference.pointer for difference in gate_differences(document)] == ["/gate/verdict"]
@@ -153,7 +172,7 @@ def test_a_fail_is_no_pass_under_another_p_value_and_critical_value(p: float) ->
     leak = np.array(CLEAN.discrepancy)
     leak[:, 2] += 1.0
     inputs = changed(CLEAN, discrepancy=leak)
-    document = audited(inputs, Unavailable("because"))
+    document = stated(inputs, Unavailable("because"))
     gate = document["gate"]
     for test in gate["tests"]:
         test.update(p=p, p_adjusted=min(1.0, 4 * p))

@@ -34,6 +34,7 @@ Source: Clopper and Pearson 1934; Korn and Graubard 1998; the rule without varia
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,7 @@ def rate_interval(events: Array, weights: Array, place_of: NDArray[np.intp]) -> 
     return low, high
 
 
+@cache
 def _student(freedom: int) -> float:
     """Upper quantile of Student's law: ``f / (f + t^2)`` follows ``Beta(f / 2, 1 / 2)``."""
     share = beta_quantile(2 * _TAIL, freedom / 2, 0.5)
