@@ -38,7 +38,8 @@ _cache_folders: set[Path] = set()
 def kernel(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
     """Compile `function`, keeping its type."""
     compiled = numba.njit(cache=True, fastmath=False)(function)
-    _cache_folders.add(Path(compiled.stats.cache_path))
+    if (folder := compiled.stats.cache_path) is not None:
+        _cache_folders.add(Path(folder))
     return cast("Callable[_Parameters, _Result]", compiled)
 
 
