@@ -1,7 +1,7 @@
-"""A release in memory whose documents are replaced one at a time, judged by the rules that read them.
+"""A release in memory whose documents and tables are replaced one at a time, judged by the rules that read them.
 
-The valid release is read once and every rule judged on it, with a note of the documents that each rule, and each
-result shared by rules, has read: a changed document is judged by the rules that read it, everything else is kept.
+The valid release is read once and every rule judged on it, with a note of the documents and tables that each rule,
+and each result shared by rules, has read: what changes is judged by the rules that read it, everything else is kept.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+import pyarrow as pa
 import pytest
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 
@@ -23,8 +24,13 @@ from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.tally import Tally
 from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import dump_json
+from branchdrive.contract.layer import LAYERS
+from branchdrive.derive.layer.frame import Alignment, Frame
 
 T = TypeVar("T")
+
+CONTEXTS = "contexts"
+"""The table that says which groups the other tables of the model layer are about."""
 
 SLOW = ("BD-LKG-003", "BD-LKG-012")
 """Rules that draw permutations again, once others found that protocol and counts are the specification's."""
@@ -51,20 +57,40 @@ class Watched(dict[str, Any]):
 
 
 class WatchedView(ReleaseView):
-    """A view that notes what is read, and takes what several rules need from `known` where it is still right."""
+    """A view that notes what is read, and keeps what was computed from a source and does not hang on the change.
 
-    def __init__(self, source: ReleaseView, documents: Mapping[str, Any], changed: str | None = None) -> None:
+    Documents are noted by path, tables by name.
+    """
+
+    def __init__(self, source: ReleaseView, changed: str = "", **parts: Mapping[str, Any]) -> None:
         self._open: list[set[str]] = []
         self._known: dict[Any, tuple[Any, set[str]]] = {}
+        parts = {name: parts.get(name, getattr(source, name)) for name in ("tables", "documents", "contents")}
         super().__init__(
-            source.descriptor, source.tables, Watched(documents, self._note), Watched(source.contents, self._note),
-            source.raw, source.files, source.problems, digests=source.digests, sizes=source.sizes,
+            source.descriptor, **{name: Watched(part, self._note) for name, part in parts.items()},
+            raw=source.raw, files=source.files, problems=source.problems, digests=source.digests, sizes=source.sizes,
         )  # fmt: skip
-        self.distrusted = source.distrusted
-        for name in ("_frames", "_expected", "_aligned"):
-            setattr(self, name, getattr(source, name))
+        stale = {changed, *(LAYERS["model"].tables if changed == CONTEXTS else ())}
+        self._frames = {name: frame for name, frame in source._frames.items() if name != changed}
+        self._aligned = {name: found for name, found in source._aligned.items() if name not in stale}
+        if changed != CONTEXTS:
+            self._expected = dict(source._expected)
         if isinstance(source, WatchedView):
             self._known = {key: found for key, found in source._known.items() if changed not in found[1]}
+
+    def rows(self, table: str) -> Frame:
+        self._note(table)
+        return super().rows(table)
+
+    def expected(self, table: str) -> Frame:
+        if table in LAYERS["model"].tables:
+            self._note(CONTEXTS)
+        return super().expected(table)
+
+    def aligned(self, table: str) -> Alignment:
+        self.expected(table)
+        self._note(table)
+        return super().aligned(table)
 
     def _note(self, path: str) -> None:
         for asked in self._open:
@@ -96,7 +122,7 @@ class ChangedRelease:
 
     Attributes:
         documents: Its documents by path; not to be changed.
-        reads: Documents that each rule reads.
+        reads: Documents and tables that each rule reads.
     """
 
     def __init__(self) -> None:
@@ -105,7 +131,7 @@ class ChangedRelease:
             root = BenchmarkDraft().write(Path(folder) / "dataset")
             patch.setattr(audit, "_judge", lambda view, rule_id: views.append(view) or Tally(rule_id))
             engine.validate(root)
-        self.view = WatchedView(views[0], views[0].documents)
+        self.view = WatchedView(views[0])
         self.documents = dict(views[0].documents)
         self.reads: dict[str, set[str]] = {}
         for rule_id in (rule_id for rule_id in CATALOGUE if rule_id in RELEASE_RULES and rule_id not in SLOW):
@@ -115,8 +141,17 @@ class ChangedRelease:
 
     def tallies(self, path: str, document: Any) -> list[Tally]:
         """What the rules that read a document say about another one that conforms to its schema."""
-        view = WatchedView(self.view, {**self.view.documents, path: document}, path)
-        view.contents[path] = content = dump_json(document)
+        content = dump_json(document)
+        view = WatchedView(
+            self.view, path, documents={**self.view.documents, path: document},
+            contents={**self.view.contents, path: content},
+        )  # fmt: skip
         view.digests[path] = hashlib.sha256(content).hexdigest()
-        rules = [rule_id for rule_id, read in self.reads.items() if path in read]
-        return [audit._judge(view, rule_id) for rule_id in rules]
+        return self._judged(view, path)
+
+    def table_tallies(self, name: str, table: pa.Table) -> list[Tally]:
+        """What the rules that read a table say about another one with its columns."""
+        return self._judged(WatchedView(self.view, name, tables={**self.view.tables, name: table}), name)
+
+    def _judged(self, view: WatchedView, changed: str) -> list[Tally]:
+        return [audit._judge(view, rule_id) for rule_id, read in self.reads.items() if changed in read]

@@ -65,7 +65,8 @@ def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> l
 
 def population_sentences(population: Mapping[str, Any]) -> list[str]:
     """What the population table does not say by itself: near duplicates that were left out, empty partitions."""
-    valid, _, frozen = population["stages"][-3:]  # core-valid, extended-valid and frozen groups
+    frozen = population["stages"][-1]  # the last one; a document of a stranger may call it otherwise
+    valid = next((stage for stage in population["stages"] if stage["stage"] == "core_valid"), frozen)
     sentences = []
     left_out = valid["total"] - frozen["total"]
     if left_out:
