@@ -64,7 +64,7 @@ def conforming(
         case "string":
             return st.text(_UNICODE, min_size=schema.get("minLength", 0), max_size=schema.get("maxLength"))
         case "integer":
-            return st.integers(schema.get("minimum"), schema.get("maximum"))
+            return _integers(schema.get("minimum"), schema.get("maximum"))
         case "number":
             return _numbers(schema)
         case "boolean":
@@ -82,7 +82,13 @@ def _numbers(schema: Mapping[str, Any]) -> SearchStrategy[float]:
     last = None if high is None else math.floor(high)
     if first is not None and last is not None and first > last:
         return numbers
-    return numbers | st.integers(first, last)
+    return numbers | _integers(first, last)
+
+
+def _integers(first: int | None, last: int | None) -> SearchStrategy[int]:
+    """Integers of at most 20 characters; a document holds no longer ones, whatever its schema."""
+    largest = 10**19 - 1
+    return st.integers(-largest if first is None else first, largest if last is None else last)
 
 
 def _objects(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tests.content_cache import kept
+from tests.content_cache import kept, remembered
 from tests.validator.audit.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
 from tests.validator.derive.benchmark.samples import noise, paths_of, risk_fit
 
@@ -73,7 +73,8 @@ class BenchmarkDraft(ReleaseDraft):
 
     @property
     def protocol(self) -> BenchmarkProtocol:
-        return read_protocol(self.documents[PROTOCOL])
+        protocol: BenchmarkProtocol = remembered(read_protocol)(self.documents[PROTOCOL])
+        return protocol
 
     @property
     def data(self) -> BenchmarkData:
@@ -118,7 +119,7 @@ def _openings(d: BenchmarkDraft) -> None:
 def _results(d: BenchmarkDraft) -> None:
     lock = d.documents[RANKING_LOCK]
     found = risk_fit_of(lock), noise_of(lock["outcome_noise"])
-    d.documents[RESULTS] = results_document(d.protocol, d.data, d.predictions, *found, warnings=d.warnings)
+    d.documents[RESULTS] = remembered(results_document)(d.protocol, d.data, d.predictions, *found, warnings=d.warnings)
 
 
 def _tables(d: BenchmarkDraft) -> None:

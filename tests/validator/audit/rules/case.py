@@ -203,6 +203,7 @@ PURE = (
     "branchdrive.audit.rules.leakage.score_differences",
     "branchdrive.audit.rules.leakage.statistic_differences",
     "branchdrive.audit.survey.schema_violations",
+    "branchdrive.derive.benchmark.protocol.schema_violations",
     "branchdrive.derive.leakage.parity.fit_logistic",
     "branchdrive.derive.leakage.parity.held_out_score",
     "branchdrive.derive.leakage.redraw._prefix",
