@@ -2,7 +2,7 @@
 
 With standardised features ``f`` of an intervention, ``d`` its executed separation minus the nominal one::
 
-    logistic   min mean log(1 + exp(z)) - [d < -eps] z + r |w|^2          z = w f + b
+    logistic   min mean log(1 + exp(z)) - [d < -eps - 1e-9] z + r |w|^2          z = w f + b
     severity   min mean huber_1(v f + c - min(max(-d - eps, 0), 3)) + r |v|^2
 
 both under the signs that `risk_features.FEATURES` demands of the weights. Out of fold, because residuals of
@@ -24,7 +24,7 @@ from branchdrive.derive.guard.path import TOLERANCE_M, price_grid
 from branchdrive.derive.guard.risk_features import FEATURES, risk_features, seed_spread_m
 from branchdrive.derive.guard.risk_fit import SEVERITY_M, PriceGrid, RiskFit, probability, standardised
 from branchdrive.derive.target import TARGETS, Targets
-from branchdrive.derive.utility import PROFILES, Profile, Scale, predicted_utility
+from branchdrive.derive.utility import PROFILES, TIE, Profile, Scale, predicted_utility
 from branchdrive.errors import UsageError
 from branchdrive_reference.guard.knapsack import dual_price
 from branchdrive_reference.guard.program import cvxpy, solve
@@ -80,7 +80,7 @@ def fit_risk(
     known = outcomes.available[..., _SEPARATION].all(axis=1)
     found, separation = scalars[:, known], outcomes.values[known, :, _SEPARATION]
     difference = np.delete(separation - separation[:, nominal, None], nominal, axis=1)
-    violated = difference < -tolerance_m
+    violated = difference < -tolerance_m - TIE
     if not violated.any() or violated.all():
         raise UsageError(
             f"{int(violated.sum())} of {violated.size} interventions of {len(separation)} training groups lose "
