@@ -6,13 +6,12 @@ no operation is reordered or fused and equal inputs give equal bits in every pro
 
 from __future__ import annotations
 
+import importlib
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
-
-import numba
-from numba.core import config
 
 from branchdrive_reference.kernel_cache import drop_stale_kernels
 
@@ -24,10 +23,27 @@ _Result = TypeVar("_Result")
 Records = Any
 """A structured array or one of its rows; its fields are declared by the dtype that the docstring names."""
 
-# numba reads `.numba_config.yaml` of the current folder whenever it compiles, and unpickles cached kernels from a
-# folder that this file may name. No such file is wanted, least of all one of a dataset.
-config._config_fname = os.devnull
-config.reload_config()  # type: ignore[no-untyped-call]
+
+def _load_numba() -> Any:
+    """numba, deaf to the current folder: no file of a dataset may configure it, name its cache or break its import.
+
+    It reads ``.numba_config.yaml`` when it is loaded and whenever it compiles, and unpickles cached kernels from a
+    folder that this file may name; without a reader of YAML it does not look for one.
+    """
+    reader = sys.modules.get("yaml")
+    sys.modules["yaml"] = None  # type: ignore[assignment]
+    try:
+        from numba.core import config
+    finally:
+        del sys.modules["yaml"]
+        if reader is not None:
+            sys.modules["yaml"] = reader
+    config._config_fname = os.devnull  # somebody else may have loaded numba before
+    config.reload_config()  # type: ignore[no-untyped-call]
+    return importlib.import_module("numba")
+
+
+numba = _load_numba()
 
 drop_stale_kernels(Path(__file__).resolve().parent)
 

@@ -41,8 +41,9 @@ def test_every_requirement_of_the_distribution_is_a_lowest_version() -> None:
 def test_versions_compare_by_their_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     bound = next(one.bound for one in requirements() if one.name == "pyarrow")
     for found, is_old in {
-        "15.0.0": True, "9.0": True, "17.99.99": True, bound: False, f"{bound}.0.0": False, f"{bound}.0rc1": False,
-        "100": False, "unknown": True,
+        "15.0.0": True, "9.0": True, "17.99.99": True, bound: False, f"{bound}.0.0": False, f"{bound}.0rc1": True,
+        f"{bound}.1rc1": False,
+        "100": False, "unknown": False, "1!2.0": False,
     }.items():  # fmt: skip
         monkeypatch.setattr(environment, "version", lambda name, found=found: found if name == "pyarrow" else "999")
         if is_old:

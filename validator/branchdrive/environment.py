@@ -22,6 +22,10 @@ __all__ = ["Requirement", "check_environment", "check_libraries", "extra", "impo
 
 _DISTRIBUTION = "branchdrive"
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<bound>[\d.]+)(?:; extra == ['\"](?P<extra>\w+)['\"])?")
+_VERSION = re.compile(
+    r"(?P<epoch>[1-9]\d*!)?(?:0!)?(?P<release>\d+(?:\.\d+)*)[-_.]?(?P<early>a|b|c|rc|alpha|beta|pre|dev)?"
+)
+"""Epoch, release numbers, and what makes a version an early one of its release."""
 
 
 class Requirement(NamedTuple):
@@ -82,7 +86,7 @@ def check_libraries(*extras: str) -> None:
     for one in requirements():
         if one.extra in extras:
             found = _installed(one.name)
-            if found is not None and _numbers(found) < _numbers(one.bound):
+            if found is not None and _is_older(found, one.bound):
                 old.append((one, found))
     if old:
         needed = ", ".join(f"{one.name}>={one.bound}, found {found}" for one, found in old)
@@ -97,10 +101,19 @@ def _installed(name: str) -> str | None:
         return None
 
 
-def _numbers(text: str) -> list[int]:
-    """Release numbers of a version without zeros at the end, which change nothing."""
-    release = re.match(r"\d+(\.\d+)*", text)
-    numbers = [int(number) for number in release[0].split(".")] if release else []
+def _is_older(found: str, bound: str) -> bool:
+    """Whether a version comes before another; one without numbers, of a build from sources say, is not judged."""
+    parts, least = _VERSION.match(found), _VERSION.match(bound)
+    if parts is None or least is None:
+        return False
+    mine, its = (_numbers(version["release"]) for version in (parts, least))
+    is_early = mine == its and parts["early"] is not None
+    return parts["epoch"] is None and (mine < its or is_early)
+
+
+def _numbers(release: str) -> list[int]:
+    """Numbers of a release without zeros at the end, which change nothing."""
+    numbers = [int(number) for number in release.split(".")]
     while numbers and numbers[-1] == 0:
         numbers.pop()
     return numbers

@@ -35,7 +35,8 @@ def python_command(*arguments: str) -> list[str]:
 
 def child_environment() -> dict[str, str]:
     """Environment of a child that `python_command` starts: it finds what this process finds, by absolute paths."""
-    return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, sys.path))}
+    with _starting:  # another thread may have the environment of a start
+        return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, sys.path))}
 
 
 def spawn_context() -> SpawnContext:
@@ -74,9 +75,9 @@ def _safe_start() -> Iterator[None]:
     """
     with _starting:
         before = {name: os.environ.get(name) for name in (_SAFE, _PATH)}
-        _set_environment(_SAFE, "1")
-        _set_environment(_PATH, os.pathsep.join(filter(os.path.isabs, (before[_PATH] or "").split(os.pathsep))))
         try:
+            _set_environment(_SAFE, "1")
+            _set_environment(_PATH, os.pathsep.join(filter(os.path.isabs, (before[_PATH] or "").split(os.pathsep))))
             yield
         finally:
             for name, value in before.items():

@@ -6,7 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from branchdrive.errors import UsageError
+from branchdrive.errors import PlatformError
 
 __all__ = ["GROUPS_PER_SHARD", "DiskNeed", "disk_need", "free_disk_bytes"]
 
@@ -45,10 +45,10 @@ class DiskNeed:
         """Refuse a collection that does not fit.
 
         Raises:
-            UsageError: It does not.
+            PlatformError: It does not.
         """
         if self.needed_bytes > self.free_bytes:
-            raise UsageError(
+            raise PlatformError(
                 f"{root}: {self.num_groups:,} groups do not fit on this disk: {self}; "
                 "make room, choose another folder or fewer groups"
             )

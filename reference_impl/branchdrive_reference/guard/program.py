@@ -99,8 +99,10 @@ def _starts(problem: Any) -> Iterator[tuple[str, Array | None]]:
                 # What cvxpy warns of, the certificate judges.
                 warnings.simplefilter("ignore")
                 problem.solve(solver=solver, **options)
-        except (cvxpy.error.SolverError, ArithmeticError, TypeError, ValueError) as error:
-            yield f"{solver} failed ({error})", None
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # however a solver fails, the next one is tried; a panic in Rust is no Exception
+            yield f"{solver} failed ({type(error).__name__}: {error})", None
             continue
         known = weights.value is not None and offset.value is not None
         start = np.append(weights.value, offset.value).astype(np.float64) if known else None

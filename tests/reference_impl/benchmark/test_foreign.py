@@ -152,11 +152,22 @@ def test_neither_torch_nor_cvxpy_is_needed(benchmarked: Path, columns: Columns, 
     assert (tmp_path / "a/b/figures/prediction.png").is_file()
 
 
+WITHOUT_MATPLOTLIB = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name == "matplotlib":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Missing())
+from branchdrive.cli.main import main
+sys.exit(main())
+"""
+
+
 def test_figures_that_cannot_be_drawn_open_nothing(benchmarked: Path) -> None:
     before = contents(benchmarked)
-    code = "import sys; sys.modules['matplotlib'] = None; from branchdrive.cli.main import main; sys.exit(main())"
     for command in ("evaluate", "benchmark"):
-        words = [sys.executable, "-c", code, command, str(benchmarked)]
+        words = [sys.executable, "-P", "-c", WITHOUT_MATPLOTLIB, command, str(benchmarked)]
         done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
         assert (done.returncode, done.stdout) == (4, "")
         assert "pip install 'branchdrive[plots]', or use `--no-figures`" in done.stderr

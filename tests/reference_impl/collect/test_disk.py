@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from branchdrive.errors import UsageError
+from branchdrive.errors import PlatformError
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, disk_need
 
 
@@ -39,7 +39,9 @@ def test_the_need_reads_well(tmp_path: Path, free_bytes: list[int]) -> None:
     assert str(need) == f"about {need.needed_bytes / 2**30:.1f} GiB needed, 3.0 GiB free"
     need.check(tmp_path)
     free_bytes[0] = need.needed_bytes - 1
-    with pytest.raises(UsageError, match=r"2,467 groups do not fit on this disk: about .* make room, choose another"):
+    with pytest.raises(
+        PlatformError, match=r"2,467 groups do not fit on this disk: about .* make room, choose another"
+    ):
         disk_need(tmp_path, 2_467, jobs=2).check(tmp_path)
 
 

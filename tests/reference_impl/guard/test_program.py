@@ -142,7 +142,8 @@ def test_giving_up_says_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(
         program.ProgramError,
         match=r"^the fit of the test was not solved: expected a point at most 1e-10 from the minimum; "
-        r"CLARABEL failed \(numbers\) and left no numbers; SCS ended with 'unbounded' and left no numbers; 0 was the "
+        r"CLARABEL failed \(SolverError: numbers\) and left no numbers; "
+        r"SCS ended with 'unbounded' and left no numbers; 0 was the "
         r"last start, Newton steps from there at a residual of \d\.\de-\d+ with a curvature of \d\.\de-\d+, at most "
         r"inf from the minimum$",
     ) as found:

@@ -264,3 +264,9 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
         wait_for(lambda: place.exists() and place.read_text() != "")
         parent.kill()
     wait_for(lambda: not Path(f"/proc/{place.read_text()}").exists(), timeout_s=10.0)
+
+
+def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("branchdrive.audit.worker._allowed_bytes", lambda: 1.5 * 2**30)
+    with pytest.raises(PlatformError, match=r"no more than 1\.5 GiB of memory here.*raise `ulimit -v`"):
+        results(isolated(1), leave_quietly, [1])

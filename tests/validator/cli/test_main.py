@@ -210,7 +210,7 @@ def test_output_that_fails_leaves_nothing_behind(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr("os.fsync", full)
     target = tmp_path / "report"
     code, out, err = call(validate_run, valid_root, "--output", target)
     assert (code, out) == (4, "")

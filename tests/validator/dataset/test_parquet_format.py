@@ -21,7 +21,7 @@ from tests import synthetic
 from branchdrive.audit.shard import type_problems
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.parquet import decode_table
+from branchdrive.dataset.parquet import decode_table, encode_table
 from branchdrive.dataset.table_file import conform
 from branchdrive.errors import DecodeError, LimitError
 
@@ -255,3 +255,27 @@ def test_what_need_not_be_read_is_refused_by_its_name() -> None:
     ):
         with pytest.raises(DecodeError, match=f"(?i){named}"):
             decode_table(content)
+
+
+def test_columns_that_are_called_like_the_key_of_the_arrow_schema_are_read() -> None:
+    names = ["ARROW:schema", "aARROW:schema", "value"]
+    table = pa.table({name: pa.array(["a", "b"]) for name in names})
+    assert decode_table(encode_table(table)).column_names == names
+
+
+def test_text_that_a_delta_encoding_repeats_is_counted_before_much_of_it_is_written_out() -> None:
+    num_rows, num_characters, limit = 1_024, 1 << 20, 1 << 24
+    table = pa.table({"text": pa.array(["x" * num_characters] * num_rows, pa.large_string())})
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, use_dictionary=False, column_encoding="DELTA_BYTE_ARRAY", compression="zstd")
+    del table
+    content, before = sink.getvalue().to_pybytes(), pa.default_memory_pool()
+    counted = pa.proxy_memory_pool(before)
+    pa.set_memory_pool(counted)
+    try:
+        with pytest.raises(LimitError, match=f"the limit is {limit}"):
+            decode_table(content, limits=replace(spec_limits(), max_table_decoded_bytes=limit))
+    finally:
+        pa.set_memory_pool(before)
+    assert len(content) < 100_000
+    assert counted.max_memory() < 400 * num_characters

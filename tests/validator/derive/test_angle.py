@@ -62,5 +62,6 @@ def test_cosine_and_sine_are_sums_and_products_of_rounded_numbers(angle: float) 
 
 
 def test_no_angle_has_no_cosine() -> None:
-    assert np.isnan(cos_sin([math.nan, 0.0])[0]).tolist() == [True, False]
+    angles = [math.nan, math.inf, 2.0**31, 1e300, math.nextafter(2.0**31, 0), 0.0]
+    assert np.isnan(cos_sin(angles)).tolist() == [[True] * 4 + [False] * 2] * 2
     assert cos_sin(np.zeros((2, 0)))[1].shape == (2, 0)

@@ -7,6 +7,7 @@ Source: spec/09-security.md#limits.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
@@ -151,9 +152,26 @@ def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Fa
                 "needs the guard `if __name__ == '__main__':`"
             )
         try:
-            return pool.submit(_attempt, function, task).result()
+            result = pool.submit(_attempt, function, task).result()
         except BrokenProcessPool:
-            return Died()
+            result = Died()
+    if isinstance(result, Died) and (allowed := _allowed_bytes()) < spec_limits().max_worker_bytes:
+        raise PlatformError(
+            f"a worker process died, and processes may take no more than {allowed / 2**30:.1f} GiB of memory here, "
+            f"where a dataset may need {spec_limits().max_worker_bytes / 2**30:.1f} GiB; raise `ulimit -v` and "
+            "`ulimit -d`"
+        )
+    return result
+
+
+def _allowed_bytes() -> float:
+    """Memory that the system lets a process of this one take."""
+    try:
+        import resource
+    except ImportError:  # no such limit on this platform
+        return math.inf
+    limits = [limit for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA) for limit in resource.getrlimit(kind)]
+    return min((float(limit) for limit in limits if limit != resource.RLIM_INFINITY), default=math.inf)
 
 
 def isolated(jobs: int) -> Executor:

@@ -70,27 +70,28 @@ def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: Tex
         code = action()
         stdout.flush()
     except KeyboardInterrupt as interrupt:
-        stderr.write(f"{prog}: interrupted\n")
+        _say(stderr, f"{prog}: interrupted\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
     except BrokenPipeError:
         _discard_output(stdout)
         return EXIT_INTERRUPTED
     except ToolError as error:
-        stderr.write(f"{prog}: {_on_one_line(str(error))}\n")
+        _say(stderr, f"{prog}: {_on_one_line(str(error))}\n")
         return EXIT_FAILED
     except BranchDriveError as error:
-        stderr.write(f"{prog}: {_on_one_line(str(error))}\n")
+        _say(stderr, f"{prog}: {_on_one_line(str(error))}\n")
         return EXIT_USAGE
     except OSError as error:
-        stderr.write(f"{prog}: {_on_one_line(file_error_text(error))}\n")
+        _say(stderr, f"{prog}: {_on_one_line(file_error_text(error))}\n")
+        _discard_if_full(stdout)
         return EXIT_FAILED if is_machine_fault(error) else EXIT_USAGE
     except ImportError as error:
-        stderr.write(f"{prog}: {_on_one_line(str(import_fault(error, 'this command')))}\n")
+        _say(stderr, f"{prog}: {_on_one_line(str(import_fault(error, 'this command')))}\n")
         return EXIT_FAILED
     except Exception as error:  # a bug is no verdict on a dataset: it must not end in exit code 1
         from traceback import format_exc
 
-        stderr.write(f"{format_exc()}{prog}: {type(error).__name__} in the tool itself; please report it\n")
+        _say(stderr, f"{format_exc()}{prog}: {type(error).__name__} in the tool itself; please report it\n")
         return EXIT_FAILED
     return code
 
@@ -100,11 +101,27 @@ def _on_one_line(message: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in message)
 
 
-def _discard_output(stdout: TextIO) -> None:
+def _say(stderr: TextIO, text: str) -> None:
+    """Write a message; where nobody can hear it, the exit code still says what happened."""
+    try:
+        stderr.write(text)
+        stderr.flush()
+    except (OSError, ValueError):
+        _discard_output(stderr)
+
+
+def _discard_if_full(stdout: TextIO) -> None:
+    try:
+        stdout.flush()
+    except (OSError, ValueError):
+        _discard_output(stdout)
+
+
+def _discard_output(stream: TextIO) -> None:
     """Let the interpreter's last flush go nowhere, because whoever read the output has left."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stdout.fileno())
+        os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
 
 
@@ -161,11 +178,19 @@ def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     return _carry_out("branchdrive-validate", action, stdout, stderr)
 
 
+def _open_streams() -> tuple[TextIO, TextIO]:
+    """Standard output and error; what the caller closed goes nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+    return sys.stdout, sys.stderr
+
+
 def main() -> int:
     """Entry point of `branchdrive`."""
-    return run(sys.argv[1:], sys.stdout, sys.stderr)
+    return run(sys.argv[1:], *_open_streams())
 
 
 def validate_main() -> int:
     """Entry point of `branchdrive-validate`."""
-    return validate_run(sys.argv[1:], sys.stdout, sys.stderr)
+    return validate_run(sys.argv[1:], *_open_streams())

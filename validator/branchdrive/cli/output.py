@@ -30,6 +30,10 @@ def check_output(path: Path | None, *, outside: Path | None = None, is_folder: b
         raise UsageError(f"--output: folder {str(place)!r} does not exist")
     if not is_folder and path.is_dir():
         raise UsageError(f"--output: {str(path)!r} is a folder; name a file")
+    if not is_folder and os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
+        raise UsageError(  # a file is replaced by renaming another one over it, which would end a device or a link
+            f"--output: {str(path)!r} is no regular file; name a file, or leave --output out and redirect"
+        )
     if outside is not None and _is_dataset(outside) and _lies_in(place, outside):
         raise UsageError(
             f"--output: {str(path)!r} lies inside the dataset {str(outside)!r}, which would not be valid with "

@@ -11,7 +11,6 @@ from typing import TextIO
 
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
-from branchdrive.file_error import named
 
 SUMMARY = "check a dataset against the specification"
 
@@ -51,6 +50,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.audit.waiver import load_waivers
     from branchdrive.audit.worker import isolated
     from branchdrive.cli.text import render_report
+    from branchdrive.dataset.durable import replace_file
 
     for root in (args.dataset, args.raw):
         check_output(args.output, outside=root)
@@ -72,19 +72,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     else:
         text = render_report(report, stdout, args.output)
     if args.output is not None:
-        _replace(args.output, text)
+        replace_file(args.output, text.encode())
     else:
         stdout.write(text)
         stdout.flush()
     return report.exit_code
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file so that it is never seen half-written."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with named(path):
-            partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -32,17 +32,17 @@ def make_dir(folder: Path) -> None:
 def write_file(path: Path, content: bytes | memoryview) -> None:
     """Write a file and make its content durable; its name is durable once the folder is synchronised.
 
-    A file that does not get all its content, on a full disk for example, is removed.
+    A file that does not get all its content, on a full disk for example, is removed; one that cannot be opened stays.
     """
-    try:
-        with named(path), path.open("wb") as stream:
+    with named(path), path.open("wb") as stream:
+        try:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
-    except OSError:
-        with suppress(OSError):  # the first error is the one to tell
-            path.unlink()
-        raise
+        except OSError:
+            with suppress(OSError):  # the first error is the one that counts
+                path.unlink()
+            raise
 
 
 def partial_path(path: Path) -> Path:
@@ -53,7 +53,11 @@ def partial_path(path: Path) -> Path:
 def replace_file(path: Path, content: bytes) -> None:
     """Create or replace a file so that a reader sees the old or the new content, whole."""
     partial = partial_path(path)
-    write_file(partial, content)
+    try:
+        write_file(partial, content)
+    except OSError as error:
+        error.filename = os.fspath(path)  # the name that the caller knows
+        raise
     move(partial, path)
 
 

@@ -3,7 +3,8 @@
 Equal tables give equal bytes (for one version of pyarrow), whatever their chunks and string
 encoding in memory. Reading takes bytes that are already in memory and decodes every value:
 no filter is pushed down and no statistic is believed, because both belong to whoever wrote the file.
-Types are Parquet's: of the Arrow schema that a writer may have stored, only the metadata of columns is read.
+Types are Parquet's: of the Arrow schema that a writer may have stored, metadata and nullability of columns alone
+are read.
 
 Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 """
@@ -27,7 +28,7 @@ __all__ = ["decode_table", "encode_table", "written_out_bytes"]
 _ROW_GROUP_ROWS = 100_000
 _COMPRESSION_LEVEL = 3
 _BATCH_ROWS = 65_536
-_PLAIN_BATCH_ROWS = 1_024
+_PLAIN_BATCH_ROWS = 128
 """Rows that are decoded at once where text comes written out, of which a page can hold a thousandfold."""
 _TICK = "tick"
 _ARROW_KEY = b"ARROW:schema"
@@ -136,11 +137,11 @@ def _batches(file: pq.ParquetFile, batch_rows: int, label: str, limits: Limits) 
     """All rows of the file, as long as they keep within the limits, with text as dictionary arrays."""
     num_rows, num_bytes = 0, 0
     for decoded in file.iter_batches(batch_size=batch_rows, use_threads=False):
+        num_rows += decoded.num_rows
+        _check_size(num_rows, num_bytes + decoded.nbytes, label, limits)  # before text is encoded, which may shrink it
         decoded.validate(full=True)
         batch = _encoded(decoded)
-        num_rows += batch.num_rows
         num_bytes += batch.nbytes
-        _check_size(num_rows, num_bytes, label, limits)
         yield batch
 
 
@@ -155,11 +156,15 @@ def _with_metadata(table: pa.Table, stored: pa.Schema) -> pa.Table:
     """The table with metadata and nullability as they are stored, and with lists whose elements have one name."""
     import pyarrow as pa
 
-    fields = []
-    for field, found in zip(stored, table.schema, strict=True):
-        is_list = pa.types.is_list(found.type)
-        fields.append(field.with_type(pa.list_(found.type.value_type) if is_list else found.type))
-    return table.cast(pa.schema(fields, stored.metadata))
+    if len(stored) != table.num_columns:
+        raise DecodeError(f"the footer names {len(stored)} columns and the data {table.num_columns}")
+    fields, columns = [], []
+    # By position: hiding the Arrow schema changes a column's name that reads like its key.
+    for field, column in zip(stored, table.columns, strict=True):
+        kind = pa.list_(column.type.value_type) if pa.types.is_list(column.type) else column.type
+        fields.append(field.with_type(kind))
+        columns.append(column if column.type == kind else column.cast(kind))
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields, stored.metadata))
 
 
 def written_out_bytes(table: pa.Table) -> int:

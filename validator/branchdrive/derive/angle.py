@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _COS = [(-1) ** n / math.factorial(2 * n) for n in range(9)]
 _SIN = [(-1) ** n / math.factorial(2 * n + 1) for n in range(8)]
 _ANGLES_AT_ONCE = 4096
+_FURTHEST_RAD = 2.0**31
 
 
 def wrap_rad(angle_rad: ArrayLike) -> NDArray[np.float64]:
@@ -32,9 +33,10 @@ def cos_sin(angle_rad: ArrayLike) -> tuple[Array, Array]:
 
         cos r = sum_{n = 0 .. 8} (-1)^n r^(2 n) / (2 n)!        sin r = r sum_{n = 0 .. 7} (-1)^n r^(2 n) / (2 n + 1)!
 
-    Further angles lose about 1e-16 for every quarter turn.
+    Further angles lose about 1e-16 for every quarter turn; from ``2^31`` on both are NaN.
     """
     angle = np.asarray(angle_rad, np.float64)
+    angle = np.where(np.abs(angle) < _FURTHEST_RAD, angle, np.nan)
     flat = angle.reshape(-1)
     cos, sin = np.empty_like(flat), np.empty_like(flat)
     for start in range(0, len(flat), _ANGLES_AT_ONCE):  # blocks that stay in the cache

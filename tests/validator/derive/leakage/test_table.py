@@ -140,3 +140,13 @@ def test_the_middle_two_deviate_alike_in_every_bit(num_actions: int) -> None:
     middle = np.argsort(x, axis=1)[:, [(num_actions - 1) // 2, num_actions // 2]]
     first, second = np.moveaxis(np.take_along_axis(ranks, middle, axis=1), 1, 0)
     np.testing.assert_array_equal(first, second)
+
+
+def test_infinities_on_both_sides_of_the_middle_are_further_than_all_others() -> None:
+    x = np.array([[[-np.inf], [-1.0], [1.0], [np.inf]], [[-np.inf], [-np.inf], [np.inf], [np.inf]]])
+    table = tabulate(x)
+    steps = table.steps[:, :, 0]
+    assert np.isfinite(steps).all()
+    limit = step_limit(2)
+    assert steps[:, 0].tolist() == [-limit, -limit]
+    assert steps[:, 3].tolist() == [limit, limit]

@@ -134,8 +134,9 @@ def tabulate(features: ArrayLike, *, columns: tuple[Column, ...] | None = None, 
         half = x / 2
         signed = half - low / 2
         signed += np.subtract(half, high / 2, out=half)
-        if not np.isfinite(median).all():
-            signed = np.where(np.isfinite(median), signed, np.where(x == median, 0.0, x - median))
+        is_finite = np.isfinite(low) & np.isfinite(high)
+        if not is_finite.all():
+            signed = np.where(is_finite, signed, np.where(x == median, 0.0, x - median))
     signed[unavailable] = 0.0
     deviation = np.abs(signed)
     sd = robust_sd(deviation, unavailable) if sd is None else sd

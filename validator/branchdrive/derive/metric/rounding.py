@@ -34,7 +34,7 @@ def slack(magnitude: ArrayLike) -> Array:
 
 
 def sums(counts: Array, values: Array) -> Array:
-    """``sum_g c_g v_g`` for whole numbers ``[R, N]`` and finite values ``[N, K]``: ``[R, K]``, rounded once."""
+    """``sum_g c_g v_g`` for whole numbers ``[R, N]`` and values ``[N, K]`` up to 1e290: ``[R, K]``, rounded once."""
     num_columns, terms = values.shape[1], float(np.abs(counts).max(initial=1.0)) * len(values)
     high = _multiples(values, terms)
     both = counts @ np.concatenate([high, _multiples(values - high, terms)], axis=1)
