@@ -84,8 +84,9 @@ def collect(
 
     Raises:
         UsageError: The folder holds something else or nothing to be resumed, another collector works
-            on it, the groups do not fit on the disk, a scenario type is unknown, or the dataset is
-            finished with fewer groups: what is finished keeps its version.
+            on it, a scenario type is unknown, or the dataset is finished with fewer groups: what is finished
+            keeps its version.
+        PlatformError: The groups do not fit on the disk.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     begin_s = time.perf_counter()
