@@ -7,6 +7,7 @@ import signal
 import time
 from multiprocessing import parent_process
 from pathlib import Path
+from typing import Any
 
 
 def double(value: int) -> int:
@@ -60,6 +61,22 @@ def broken_import(value: int) -> int:
 def sleep_and_tell(place: str) -> None:
     Path(place).write_text(str(os.getpid()))
     time.sleep(600)
+
+
+def die_at_rules(task: Any) -> Any:
+    from branchdrive.audit.shard import audit_shard
+
+    if task.folder == "raw/shard-00001" and task.descriptor is not None:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return audit_shard(task)
+
+
+def die_at_file(task: Any) -> Any:
+    from branchdrive.audit.shard import audit_shard
+
+    if "raw/shard-00001/actors.parquet" in task.files:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return audit_shard(task)
 
 
 if parent_process() is not None and "BROKEN_IMPORT" in os.environ:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,6 +19,8 @@ from tests.validator.audit.datasets import DEPARTURES, cells, write, write_with
 from tests.validator.audit.tasks import (
     allocate,
     broken_import,
+    die_at_file,
+    die_at_rules,
     die_on_three,
     die_once,
     double,
@@ -169,25 +169,9 @@ def test_reports_do_not_depend_on_the_process(tmp_path: Path) -> None:
     assert there == validate_all(roots)
 
 
-def _die_at_rules(task: Any) -> Any:
-    from branchdrive.audit.shard import audit_shard
-
-    if task.folder == "raw/shard-00001" and task.descriptor is not None:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return audit_shard(task)
-
-
-def _die_at_file(task: Any) -> Any:
-    from branchdrive.audit.shard import audit_shard
-
-    if "raw/shard-00001/actors.parquet" in task.files:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return audit_shard(task)
-
-
 def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write(tmp_path / "dataset", cells("observations", "speed_mps", {3: 1000.0}))
-    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", _die_at_file)
+    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", die_at_file)
     report = validate(root, executor=isolated(2))
     assert (report.verdict, report.errors) == ("invalid", ())
     found = {(finding.rule, finding.location.get("file")) for finding in report.findings}
@@ -199,7 +183,7 @@ def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: 
 def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     valid_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", _die_at_rules)
+    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", die_at_rules)
     report = validate(valid_root, executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert report.errors == ("raw/shard-00001: the worker died twice although every file decodes on its own",)
