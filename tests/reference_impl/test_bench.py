@@ -137,7 +137,7 @@ def test_a_step_that_fails_is_no_measurement(bare: Path) -> None:
 def test_the_selector_and_plain_torch_rank_alike(bare: Path, tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     ours, theirs, difference = ranking.rows(tmp_path / "bench", release=bare, repeats=2)
-    assert ours.what == "rank 4 candidates of one context, 3 seeds of M3, one thread\nexported selector"
+    assert ours.what == "rank 13 candidates of one context, 3 seeds of M3, one thread\nexported selector"
     assert re.fullmatch(r"[0-9.]+ ms, 95 % within [0-9.]+ ms", ours.measured) and ours.bar == "<= 2 ms"
     assert re.fullmatch(r"[0-9.]+ ms, [0-9.]+x the selector's", theirs.measured)
     assert 0 <= float(difference.measured) <= float(difference.bar.removeprefix("<= "))
