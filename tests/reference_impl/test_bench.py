@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from tests.reference_impl.benchmark.small_release import make_release, write_protocol
+from tests.content_cache import kept_folder
+from tests.reference_impl.benchmark.small_release import invoke, make_release, write_protocol
+from tests.reference_impl.collect.kept_collection import kept_collection
 
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.bench import benchmark, highway_env, paper, ranking, release
-from branchdrive_reference.bench.memory import peak_bytes, reset_peak, run_measured
+from branchdrive_reference.bench.memory import Measured, peak_bytes, reset_peak, run_measured
 from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.simulator import measure_ticks_per_s
-from branchdrive_reference.collect.campaign import collect
 
 MIB = 2**20
 HOLD = "import time; held = bytearray({} << 20); time.sleep(0.6)"
 PARENT = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {HOLD.format(60)!r}]); print('over')"
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    """A release without a benchmark."""
+    return kept_folder("bare-release", make_release, tmp_path / "bare")
 
 
 def test_speed_is_measured() -> None:
@@ -81,8 +89,7 @@ def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
 
 
 def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    collect(source, num_groups=8, seed=1)
+    source = kept_collection(tmp_path / "source", num_groups=8, seed=1)
     before = {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
     bench = ReleaseBench(source, calibration=(1, 1), num_seeds=2, repeats=1, jobs=1)
     rows = {row.what.splitlines()[0]: row for row in release.rows(tmp_path / "bench", bench)}
@@ -106,9 +113,13 @@ def test_a_build_that_fails_is_no_measurement(tmp_path: Path) -> None:
         list(release.rows(tmp_path, ReleaseBench(tmp_path / "empty")))
 
 
-def test_a_benchmark_is_measured_step_by_step(tmp_path: Path) -> None:
-    root, protocol = make_release(tmp_path / "release"), write_protocol(tmp_path / "protocol.json")
-    rows = list(benchmark.rows(root, jobs=1, protocol_file=protocol))
+def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_here(command: str, *arguments: str) -> Measured:
+        return Measured(0, invoke(command, *arguments), 0.1, peak_bytes(os.getpid()), 0, 0)
+
+    monkeypatch.setattr(benchmark, "run_branchdrive", run_here)
+    protocol = write_protocol(tmp_path / "protocol.json", max_epochs=1)
+    rows = list(benchmark.rows(bare, jobs=1, protocol_file=protocol))
     assert [(row.what.split()[0], row.bar) for row in rows] == [
         ("train", "<= 120 s"), ("train", ""), ("predict", ""), ("evaluate:", ""), ("statistics", "<= 2 s"),
     ]  # fmt: skip
@@ -117,9 +128,15 @@ def test_a_benchmark_is_measured_step_by_step(tmp_path: Path) -> None:
     assert float(rows[-1].measured.removesuffix(" s")) > 0
 
 
-def test_the_selector_and_plain_torch_rank_alike(tmp_path: Path) -> None:
+def test_a_step_that_fails_is_no_measurement(bare: Path) -> None:
+    (bare / ".staging").write_text("in the way")
+    with pytest.raises(BranchDriveError, match="`branchdrive train` ended with 2"):
+        list(benchmark.rows(bare, jobs=1))
+
+
+def test_the_selector_and_plain_torch_rank_alike(bare: Path, tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
-    ours, theirs, difference = ranking.rows(tmp_path, repeats=2)
+    ours, theirs, difference = ranking.rows(tmp_path / "bench", release=bare, repeats=2)
     assert ours.what == "rank 13 candidates of one context, 3 seeds of M3, one thread\nexported selector"
     assert re.fullmatch(r"[0-9.]+ ms, 95 % within [0-9.]+ ms", ours.measured) and ours.bar == "<= 2 ms"
     assert re.fullmatch(r"[0-9.]+ ms, [0-9.]+x the selector's", theirs.measured)

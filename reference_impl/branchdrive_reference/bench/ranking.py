@@ -47,19 +47,22 @@ Array = NDArray[np.float32]
 Predict = Callable[[Array, Array], NDArray[Any]]
 
 
-def rows(folder: Path, *, repeats: int = _REPEATS) -> Iterator[Row]:
-    """Latency of both on a small release that is made below `folder`, and how far their predictions differ."""
-    root = folder / "release"
-    collect(root, num_groups=_NUM_GROUPS, seed=_SEED)
-    build_release(root)
-    layer = open_model(root)
+def rows(folder: Path, *, release: Path | None = None, repeats: int = _REPEATS) -> Iterator[Row]:
+    """Latency of both on a release, and how far their predictions differ.
+
+    Args:
+        folder: An empty folder, for the models.
+        release: A release; None makes a small one below `folder`.
+        repeats: Rankings that are timed.
+    """
+    layer = open_model(_made(folder / "release") if release is None else release)
     checkpoints = _checkpoints(layer, folder / "checkpoints")
     training = layer.targets("train")
     scale = fit_scale(Targets(training.scalars, training.scalars_available))
     content = export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
     plain, contexts = _plain(checkpoints, layer), contexts_of(layer, "train")
     ours_ms, theirs_ms = _latencies((_exported(content), plain), contexts, scale, repeats)
-    what = f"rank 13 candidates of one context, {len(checkpoints)} seeds of {_MODEL}, one thread"
+    what = f"rank {len(layer.actions())} candidates of one context, {len(checkpoints)} seeds of {_MODEL}, one thread"
     ours, theirs = statistics.median(ours_ms), statistics.median(theirs_ms)
     yield Row(
         f"{what}\nexported selector", f"{ours:.2f} ms, 95 % within {np.quantile(ours_ms, 0.95):.2f} ms", "<= 2 ms"
@@ -67,6 +70,12 @@ def rows(folder: Path, *, repeats: int = _REPEATS) -> Iterator[Row]:
     yield Row(f"{what}\nplain torch", f"{theirs:.2f} ms, {theirs / ours:.1f}x the selector's")
     found = largest_difference(content, plain, contexts)
     yield Row("predictions of the selector against plain torch", f"{found:.1e}", f"<= {TOLERANCE:.0e}")
+
+
+def _made(root: Path) -> Path:
+    collect(root, num_groups=_NUM_GROUPS, seed=_SEED)
+    build_release(root)
+    return root
 
 
 def _checkpoints(layer: ModelLayer, folder: Path) -> list[Checkpoint]:

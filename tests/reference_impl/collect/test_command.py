@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.reference_impl.collect.running import finished_rollouts, start, wait_for
 
 from branchdrive import DatasetWriter, open_dataset, validate
@@ -29,7 +30,7 @@ def branchdrive(*arguments: object) -> tuple[int, str, str]:
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    root = tmp_path_factory.mktemp("collected") / "dataset"
+    root = kept_collection(tmp_path_factory.mktemp("collected") / "dataset", num_groups=GROUPS, seed=SEED)
     return root, collect(root, num_groups=GROUPS, seed=SEED).identity
 
 

@@ -9,18 +9,19 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.reference_impl.collect.kept_collection import identity_of
 from tests.reference_impl.collect.running import finished_rollouts, session_of, start, wait_for
 
 from branchdrive.dataset.layout import DESCRIPTOR_FILE
 from branchdrive_reference.collect.campaign import collect
 
-SEED, GROUPS = 3, 3
+SEED, GROUPS = 3, 2
 
 
 @pytest.fixture(scope="module")
 def identity(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Of the same collection, left alone."""
-    return collect(tmp_path_factory.mktemp("collected") / "dataset", num_groups=GROUPS, seed=SEED).identity
+    return identity_of(GROUPS, SEED, tmp_path_factory.mktemp("identity"))
 
 
 def test_a_killed_collection_is_resumed_at_once(tmp_path: Path, identity: str) -> None:

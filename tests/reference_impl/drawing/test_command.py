@@ -12,12 +12,12 @@ import matplotlib
 import pyarrow.compute as pc
 import pytest
 from matplotlib.text import Text
+from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.reference_impl.drawing.invented import scene_of, write_invented
 from tests.synthetic import BRANCH_TICK, bare_descriptor, bare_tables, base_tables, descriptor, write_dataset
 
 from branchdrive import Rollout, open_dataset
 from branchdrive.cli.main import run
-from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.drawing.picture import SIZE_PX, draw_scene, title
 
 SEED, GROUPS = 3, 2
@@ -41,9 +41,7 @@ def lane_at_the_branch(nominal: Rollout) -> object:
 
 @pytest.fixture(scope="module")
 def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("collected") / "d"
-    collect(root, num_groups=GROUPS, seed=SEED)
-    return root
+    return kept_collection(tmp_path_factory.mktemp("collected") / "d", num_groups=GROUPS, seed=SEED)
 
 
 @pytest.fixture(scope="module")

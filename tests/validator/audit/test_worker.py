@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
@@ -20,64 +16,23 @@ from tests import synthetic
 from tests.reference_impl.collect.running import wait_for
 from tests.repo.checkout import ROOT
 from tests.validator.audit.datasets import DEPARTURES, cells, write, write_with
+from tests.validator.audit.tasks import (
+    allocate,
+    broken_import,
+    die_at_file,
+    die_at_rules,
+    die_on_three,
+    die_once,
+    double,
+    exhaust_memory_on_three,
+    interrupt,
+    leave_quietly,
+    raise_on_three,
+)
 
 from branchdrive.audit.engine import validate
 from branchdrive.audit.worker import Died, Executor, Failed, in_process, isolated
 from branchdrive.errors import PlatformError
-
-# Tasks: module-level functions, because they travel to other processes.
-
-
-def double(value: int) -> int:
-    return 2 * value
-
-
-def die_on_three(value: int) -> int:
-    if value == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 2 * value
-
-
-def die_once(task: tuple[str, int]) -> int:
-    """Kill the own process the first time that the task is seen."""
-    marks, value = task
-    mark = Path(marks) / str(value)
-    if value == 3 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 2 * value
-
-
-def raise_on_three(value: int) -> int:
-    if value == 3:
-        raise ValueError("three\x1b[31m\nsecond line")
-    return 2 * value
-
-
-def exhaust_memory_on_three(value: int) -> int:
-    if value == 3:
-        raise MemoryError
-    return 2 * value
-
-
-def allocate(num_bytes: int) -> int:
-    return len(bytearray(num_bytes))
-
-
-def interrupt(value: int) -> int:
-    raise KeyboardInterrupt
-
-
-def leave_quietly(value: int) -> int:
-    os._exit(0)
-
-
-def broken_import(value: int) -> int:
-    return value
-
-
-if parent_process() is not None and "BROKEN_IMPORT" in os.environ:
-    raise ImportError("libarrow cannot be opened", name="pyarrow")
 
 
 def results(executor: Executor, function: Callable[[Any], Any], tasks: list[Any]) -> dict[int, Any]:
@@ -214,25 +169,9 @@ def test_reports_do_not_depend_on_the_process(tmp_path: Path) -> None:
     assert there == validate_all(roots)
 
 
-def _die_at_rules(task: Any) -> Any:
-    from branchdrive.audit.shard import audit_shard
-
-    if task.folder == "raw/shard-00001" and task.descriptor is not None:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return audit_shard(task)
-
-
-def _die_at_file(task: Any) -> Any:
-    from branchdrive.audit.shard import audit_shard
-
-    if "raw/shard-00001/actors.parquet" in task.files:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return audit_shard(task)
-
-
 def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write(tmp_path / "dataset", cells("observations", "speed_mps", {3: 1000.0}))
-    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", _die_at_file)
+    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", die_at_file)
     report = validate(root, executor=isolated(2))
     assert (report.verdict, report.errors) == ("invalid", ())
     found = {(finding.rule, finding.location.get("file")) for finding in report.findings}
@@ -244,7 +183,7 @@ def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: 
 def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     valid_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", _die_at_rules)
+    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", die_at_rules)
     report = validate(valid_root, executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert report.errors == ("raw/shard-00001: the worker died twice although every file decodes on its own",)
@@ -252,14 +191,12 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     assert report.findings == ()
 
 
-def sleep_and_tell(place: str) -> None:
-    Path(place).write_text(str(os.getpid()))
-    time.sleep(600)
-
-
 def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     place = tmp_path / "worker"
-    code = f"from tests.validator.audit.test_worker import *\nlist(isolated(1)(sleep_and_tell, [{str(place)!r}]))"
+    code = (
+        f"from branchdrive.audit.worker import isolated\nfrom tests.validator.audit.tasks import sleep_and_tell\n"
+        f"list(isolated(1)(sleep_and_tell, [{str(place)!r}]))"
+    )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
         wait_for(lambda: place.exists() and place.read_text() != "")
         parent.kill()

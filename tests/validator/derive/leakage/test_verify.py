@@ -11,7 +11,7 @@ import pytest
 from tests.content_cache import kept, remembered
 from tests.each import each
 from tests.validator.derive.leakage.replays import changed, replay_inputs
-from tests.validator.derive.leakage.test_audit import CLEAN, audited
+from tests.validator.derive.leakage.test_audit import CLEAN, audited, clean_document
 from tests.validator.derive.leakage.test_inputs import without_nominal_replay
 
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
@@ -47,7 +47,7 @@ def stated(inputs: ReplayInputs, classifier: Unavailable | None = None) -> dict[
 
 @pytest.fixture(scope="module")
 def clean() -> dict[str, Any]:
-    return stated(CLEAN)
+    return clean_document()
 
 
 @pytest.fixture(scope="module", autouse=True)
