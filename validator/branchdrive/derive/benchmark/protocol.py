@@ -29,9 +29,9 @@ from branchdrive.derive.utility import Profile
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel", "Guard", "Member",
-    "Partitions", "ProfileWeights", "Shuffles", "Statistics", "default_protocol", "protocol_digest",
-    "protocol_problem", "read_protocol",
+    "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel",
+    "Guard", "Member", "Partitions", "ProfileWeights", "Shuffles", "Statistics", "default_protocol",
+    "protocol_digest", "protocol_problem", "read_protocol",
 ]  # fmt: skip
 
 NORMATIVE = "benchmark-protocol.json"
