@@ -50,7 +50,7 @@ def poor_end(*argv: object) -> str:
 def poor_ends(root: Path, path: str, size: int, *commands: tuple[object, ...]) -> list[str]:
     """How commands end poorly on a dataset whose file at `path` is changed, with a manifest that agrees."""
     original, found = (root / path).read_bytes(), []
-    for what, content in changed_contents(path, original, size):
+    for what, content in changed_contents(f"{commands[0][0]} {path}", original, size):
         (root / path).write_bytes(content)
         if path != MANIFEST_FILE:
             write_manifest(root, build_manifest(root))

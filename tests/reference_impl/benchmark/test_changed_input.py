@@ -37,7 +37,7 @@ def test_a_changed_release_is_used_or_refused_in_words(
     monkeypatch.chdir(tmp_path)
     for place, path in enumerate(FILES):
         root = shutil.copytree(done, tmp_path / str(place))
-        assert poor_ends(root, path, 2, (step, root, *STEPS[step])) == [], path
+        assert poor_ends(root, path, 1, (step, root, *STEPS[step])) == [], path
         shutil.rmtree(root)
 
 
@@ -46,7 +46,7 @@ def test_a_changed_protocol_is_used_or_refused_in_words(
     done: Path, small_protocol: Path, tmp_path: Path, step: str
 ) -> None:
     file = tmp_path / "protocol.json"
-    for number, (what, content) in enumerate(changed_contents(f"{step}.json", small_protocol.read_bytes(), 8)):
+    for number, (what, content) in enumerate(changed_contents(f"{step}.json", small_protocol.read_bytes(), 4)):
         file.write_bytes(content)
         root = shutil.copytree(done, tmp_path / str(number))
         assert poor_end(step, root, *STEPS[step], "--protocol", file) == "", what

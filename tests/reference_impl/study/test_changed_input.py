@@ -12,11 +12,11 @@ from branchdrive.audit.worker import in_process
 from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 
 
-@pytest.mark.parametrize("path", [DESCRIPTOR_FILE, MANIFEST_FILE])
+@pytest.mark.parametrize(("path", "size"), [(DESCRIPTOR_FILE, 20), (MANIFEST_FILE, 4)])
 def test_a_changed_dataset_is_shown_or_refused_in_words(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, size: int
 ) -> None:
     monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda jobs: in_process)
     root = samples.written(tmp_path / "d")
     draw = ("draw", root, "--output", tmp_path / "p", "--group", "g0", "--format", "svg")
-    assert poor_ends(root, path, 25, ("study", root), draw) == []
+    assert poor_ends(root, path, size, ("study", root), draw) == []
