@@ -26,6 +26,7 @@ from tests.validator.contract.conforming import conforming
 from branchdrive.audit.tally import Tally
 from branchdrive.contract.document import dump_json, schema_violations
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.resources import schema_dir
 from branchdrive.dataset.model_layer import open_model
 from branchdrive.errors import DatasetError, UsageError
 
@@ -76,6 +77,19 @@ def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -
             errors += [(path, place, new, error) for error in failures(release, path, other)]
     assert errors == []
     assert all(conforming[path] > 2 for path in release.documents), conforming
+
+
+READ_BY_COMMANDS = {"descriptor", "action-bank", "action-encoding", "policy", "waivers"}
+"""Schemas of what commands read beside documents of layers, which `tests.changed_input` changes."""
+
+NOT_READ = {"branch-group", "columns", "layers", "limits", "mask", "report", "rollout", "rules"}
+"""Schemas of resources of this package, of typed views, and of what the validator writes."""
+
+
+def test_no_schema_of_a_document_is_left_out(release: ChangedRelease) -> None:
+    changed_here = {schema_of(path).removesuffix(".schema.json") for path in release.documents}
+    known = {file.name.removesuffix(".schema.json") for file in schema_dir().glob("*.schema.json")}
+    assert known == changed_here | READ_BY_COMMANDS | NOT_READ
 
 
 def conforming_document(path: str) -> st.SearchStrategy[Any]:
