@@ -7,7 +7,6 @@ other reaches the rules that read the document, the card, the tables and the rea
 
 from __future__ import annotations
 
-import copy
 import math
 import random
 from collections import Counter
@@ -21,18 +20,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.validator.audit.changed_release import ChangedRelease
 from tests.validator.audit.rules.release import release_draft
+from tests.validator.contract.changing import Place, changed, sample
 from tests.validator.contract.conforming import conforming
-from tests.validator.contract.mutation import OF_EVERY_TYPE
 
 from branchdrive.audit.tally import Tally
 from branchdrive.contract.document import dump_json, schema_violations
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.resources import schema_dir
 from branchdrive.dataset.model_layer import open_model
 from branchdrive.errors import DatasetError, UsageError
 
-Place = tuple[str | int, ...]
-
-REMOVED = object()
 NUM_CHANGES = {
     "benchmark/results.json": 15,
     "benchmark/lock.json": 40,
@@ -47,53 +44,6 @@ MOST = 100
 def release() -> ChangedRelease:
     """A valid release with all documents; its documents are not to be changed."""
     return ChangedRelease()
-
-
-def places(value: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
-    """Every value below the root with the keys that lead to it."""
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, member in items:
-        yield (*place, key), member
-        yield from places(member, (*place, key))
-
-
-def replacements(value: Any) -> Iterator[Any]:
-    """What may stand in the place of a value: nothing, every type, its neighbours, and what is out of all bounds."""
-    yield REMOVED
-    yield from OF_EVERY_TYPE
-    yield from ("NaN", "x" * 150)
-    match value:
-        case bool():
-            yield not value
-        case int() | float():
-            yield from (value + 1, value - 1, -value, value * 1e6, float(value))
-        case str():
-            yield from (f"{value}x", value[::-1], value[:-1] + ("1" if value[-1:] == "0" else "0"))
-        case list():
-            yield from (value + value[:1], value[:-1], value[::-1], [*value, None], value[:1] * len(value))
-        case dict():
-            yield {**value, "extra": 0}
-            yield dict(zip(value, reversed(value.values()), strict=True))
-
-
-def changes(path: str, document: Any) -> list[tuple[Place, Any]]:
-    """Changes of a document: all of them, or a sample that is always the same."""
-    found = [(place, new) for place, value in places(document) for new in replacements(value)]
-    size = min(NUM_CHANGES.get(path, MOST), len(found))
-    return random.Random(f"changes of {path}").sample(found, size)
-
-
-def changed(document: Any, place: Place, new: Any) -> Any:
-    """The document with one change."""
-    result = copy.deepcopy(document)
-    parent = result
-    for key in place[:-1]:
-        parent = parent[key]
-    if new is REMOVED:
-        del parent[place[-1]]
-    else:
-        parent[place[-1]] = copy.deepcopy(new)
-    return result
 
 
 def schema_of(path: str) -> str:
@@ -119,7 +69,7 @@ def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -
     errors: list[tuple[str, Place, Any, str]] = []
     conforming: Counter[str] = Counter()
     for path, document in release.documents.items():
-        for place, new in changes(path, document):
+        for place, new in sample(path, document, NUM_CHANGES.get(path, MOST)):
             other = changed(document, place, new)
             if schema_violations(other, schema_of(path)):
                 continue
@@ -127,6 +77,19 @@ def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -
             errors += [(path, place, new, error) for error in failures(release, path, other)]
     assert errors == []
     assert all(conforming[path] > 2 for path in release.documents), conforming
+
+
+READ_BY_COMMANDS = {"descriptor", "action-bank", "action-encoding", "policy", "waivers"}
+"""Schemas of what commands read beside documents of layers, which `tests.changed_input` changes."""
+
+NOT_READ = {"branch-group", "columns", "layers", "limits", "mask", "report", "rollout", "rules"}
+"""Schemas of resources of this package, of typed views, and of what the validator writes."""
+
+
+def test_no_schema_of_a_document_is_left_out(release: ChangedRelease) -> None:
+    changed_here = {schema_of(path).removesuffix(".schema.json") for path in release.documents}
+    known = {file.name.removesuffix(".schema.json") for file in schema_dir().glob("*.schema.json")}
+    assert known == changed_here | READ_BY_COMMANDS | NOT_READ
 
 
 def conforming_document(path: str) -> st.SearchStrategy[Any]:
@@ -151,7 +114,7 @@ def test_readers_refuse_a_changed_document_in_words(tmp_path: Path) -> None:
     root, refused = draft.write(tmp_path / "dataset"), 0
     for path in ("model/features.json", "model/normalisation.json", "quality/variants.json"):
         original = (root / path).read_bytes()
-        for place, new in changes(path, draft.documents[path])[:60]:
+        for place, new in sample(path, draft.documents[path], 60):
             document = changed(draft.documents[path], place, new)
             (root / path).write_bytes(dump_json(document))
             try:

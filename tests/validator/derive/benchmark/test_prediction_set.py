@@ -151,3 +151,13 @@ def test_more_models_than_anybody_judges_are_refused() -> None:
 def test_names_of_joined_models_differ() -> None:
     with pytest.raises(DatasetError, match="predictions of a model 'M0' already"):
         prediction_set().joined(prediction_set())
+
+
+def test_more_models_than_the_draws_of_a_protocol_leave_room_for_are_refused() -> None:
+    protocol = small_protocol()
+    drawn = protocol.model_copy(update={"statistics": protocol.statistics.model_copy(update={"resamples": 5000})})
+    many = frames()
+    many["predictions"]["seed"] = np.arange(len(many["predictions"]["seed"])) % 50
+    (problem,) = prediction_problems(many, data(), drawn)
+    assert (problem.kind, problem.table) == ("owners", "predictions")
+    assert problem.found.endswith("resamples together; the limit is 524288")

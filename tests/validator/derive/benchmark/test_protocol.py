@@ -13,8 +13,10 @@ from tests.validator.contract.mutation import mutated
 
 from branchdrive.contract.resources import load_resource
 from branchdrive.derive.benchmark.protocol import (
+    MAX_DRAWS,
     MAX_MEMBERS,
     MAX_OWNERS,
+    MAX_SHUFFLED,
     default_protocol,
     protocol_digest,
     protocol_problem,
@@ -135,9 +137,42 @@ def test_bounds_are_reached_but_not_passed() -> None:
     large["families"].append(large_family(MAX_MEMBERS - 45))
     for one in large["models"]:
         one["seeds"] = list(range(64))
-    large["statistics"] |= {"flips": 20000, "resamples": 5000}
+    large["statistics"] |= {"flips": 20000, "resamples": 2000}
     assert sum(len(found.members) for found in read_protocol(large).families) == MAX_MEMBERS
     assert sum(len(found.seeds) for found in read_protocol(large).models) == MAX_OWNERS
+
+
+@each(
+    ("resamples", "seeds", "profiles", "shuffles", "words"),
+    [
+        (2048, 64, 4, 20, None),
+        (2049, 64, 4, 20, "256 pairs of a model and a seed have 524544 resamples together; the limit is 524288"),
+        (5000, 26, 4, 20, None),
+        (5000, 27, 4, 20, "108 pairs of a model and a seed have 540000 resamples together"),
+        (2048, 1, 64, 20, None),
+        (5000, 1, 64, 20, "4 models have under all profiles 1280000 resamples together; the limit is 524288"),
+        (100, 64, 4, 21, None),
+        (100, 64, 4, 22, "16896 predictions are shuffled; the limit is 16384"),
+    ],
+)
+def test_draws_of_a_protocol_are_bounded(
+    resamples: int, seeds: int, profiles: int, shuffles: int, words: str | None
+) -> None:
+    """Within its schema alone, a protocol could ask for hours and gigabytes."""
+    large = document() | {"name": "large"}
+    for one in large["models"]:
+        one["seeds"] = list(range(seeds))
+    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(profiles - 4)]
+    large["statistics"]["resamples"], large["shuffles"]["seeds"] = resamples, list(range(shuffles))
+    problem = protocol_problem(large)
+    assert problem == words if words is None else words in str(problem)
+
+
+def test_models_that_predict_are_bounded_as_those_that_are_declared() -> None:
+    found = default_protocol()
+    assert found.draws_problem(4, 262) is None
+    assert "263 pairs" in str(found.draws_problem(4, 263))
+    assert "66 models" in str(found.draws_problem(66, 66))
 
 
 def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -> None:
@@ -156,6 +191,8 @@ def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -
 def test_bounds_are_those_of_the_specification() -> None:
     chapter = (ROOT / "spec" / "14-benchmark.md").read_text("utf-8")
     assert f"MUST NOT be more than {MAX_OWNERS} pairs of a model and a seed" in chapter
+    assert f"MUST each be at most {MAX_DRAWS}, and" in chapter
+    assert f"seeds of shuffles at most {MAX_SHUFFLED}, for" in chapter
     assert f"at most {MAX_MEMBERS} members together" in chapter
     assert f"at most {MAX_OWNERS} seeds together" in chapter
     assert f"at most {MAX_MEMBERS} members together" in load_resource("protocol.schema.json")["description"]

@@ -62,6 +62,11 @@ def prediction_problems(
         if len(owners[name]) > MAX_OWNERS:
             expected = f"at most {MAX_OWNERS} pairs of a model and a seed"
             return [PredictionProblem("owners", name, {}, expected, f"{len(owners[name])} pairs")]
+        models = {model for model, _ in owners[name]}
+        problem = None if protocol is None else protocol.draws_problem(len(models), len(owners[name]))
+        if problem is not None:
+            expected = "no more models and seeds than the protocol's draws leave room for"
+            return [PredictionProblem("owners", name, {}, expected, problem)]
     for owner in sorted(owners["predictions"] | owners["predicted_trajectories"]):
         partitions = {part for name in TABLES for part in places[name].partitions(owner)}
         partitions |= _wanted(owner, data, protocol)

@@ -29,9 +29,9 @@ from branchdrive.derive.utility import Profile
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "MAX_MEMBERS", "MAX_OWNERS", "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel", "Guard", "Member",
-    "Partitions", "ProfileWeights", "Shuffles", "Statistics", "default_protocol", "protocol_digest",
-    "protocol_problem", "read_protocol",
+    "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel",
+    "Guard", "Member", "Partitions", "ProfileWeights", "Shuffles", "Statistics", "default_protocol",
+    "protocol_digest", "protocol_problem", "read_protocol",
 ]  # fmt: skip
 
 NORMATIVE = "benchmark-protocol.json"
@@ -44,6 +44,12 @@ MAX_MEMBERS = 256
 
 MAX_OWNERS = 256
 """Pairs of a model and a seed, declared or predicted."""
+
+MAX_DRAWS = 2**19
+"""Resamples of pairs of a model and a seed, and of models under every profile, declared or predicted."""
+
+MAX_SHUFFLED = 2**14
+"""Shuffled predictions: pairs of a model and a seed, kinds of shuffles and their seeds."""
 
 _SUM_TOLERANCE = 1e-9
 
@@ -197,6 +203,8 @@ class BenchmarkProtocol(_Document):
         owners = sum(len(model.seeds) for model in self.models)
         if owners > MAX_OWNERS:
             raise ValueError(f"models have {owners} seeds together; the limit is {MAX_OWNERS}")
+        if (problem := self.draws_problem(len(self.models), owners)) is not None:
+            raise ValueError(problem)
         for model in self.models:
             model.check_configuration()
         for name, profile in self.preferences.items():
@@ -233,6 +241,19 @@ class BenchmarkProtocol(_Document):
     def model(self, name: str) -> DeclaredModel | None:
         """The declared model of that name; ``None`` for another."""
         return next((model for model in self.models if model.id == name), None)
+
+    def draws_problem(self, num_models: int, num_owners: int) -> str | None:
+        """Which limit resamples and shuffles of so many models, pairs of a model and a seed in all, exceed, if any."""
+        resamples, shuffles = int(self.statistics.resamples), len(self.shuffles.kinds) * len(self.shuffles.seeds)
+        for what, size, limit in (
+            (f"{num_owners} pairs of a model and a seed have", num_owners * resamples, MAX_DRAWS),
+            (f"{num_models} models have under all profiles", num_models * len(self.profiles) * resamples, MAX_DRAWS),
+        ):
+            if size > limit:
+                return f"{what} {size} resamples together; the limit is {limit}"
+        if num_owners * shuffles > MAX_SHUFFLED:
+            return f"{num_owners * shuffles} predictions are shuffled; the limit is {MAX_SHUFFLED}"
+        return None
 
     def of_kind(self, kind: str) -> tuple[DeclaredFamily, ...]:
         """Families of ``prediction`` or ``ranking`` tests."""
