@@ -30,10 +30,10 @@ ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "build/test-cache"
 SOURCES = ("schemas", "validator", "reference_impl", "tests")
 SUFFIXES = (".py", ".json", ".md")
-SETTINGS = ("BLIS_", "MKL_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_")
+SETTINGS = ("ARROW_", "ATEN_", "BLIS_", "GLIBC_", "MKL_", "NPY_", "NUMBA_", "OMP_", "ONEDNN_", "OPENBLAS_")
 """Beginnings of environment variables that choose kernels."""
 
-MAX_KEPT = 3
+MAX_KEPT = 8
 """Folders of the store; the least recently used go first."""
 
 

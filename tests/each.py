@@ -59,14 +59,16 @@ def each(names: str | Sequence[str], cases: Iterable[Any], *, ids: Ids = None) -
             for label, values in tried:
                 try:
                     test(**fixtures, **dict(zip(parameters, values, strict=True)))
+                except pytest.skip.Exception as skipped:
+                    raise RuntimeError(f"case {label} skips, which would skip all cases; leave it out") from skipped
                 except (Exception, pytest.fail.Exception) as failure:
                     failure.add_note(f"case: {label}")
                     failures.append(failure)
                     failing.append(label)
             if failures:
                 more = f" and {len(failing) - _SHOWN} more" if len(failing) > _SHOWN else ""
-                told = f"{len(failing)} of {len(tried)} cases fail: {', '.join(failing[:_SHOWN])}{more}"
-                raise BaseExceptionGroup(told, failures)
+                summary = f"{len(failing)} of {len(tried)} cases fail: {', '.join(failing[:_SHOWN])}{more}"
+                raise BaseExceptionGroup(summary, failures)
 
         kept = [parameter for name, parameter in signature.parameters.items() if name not in parameters]
         loop.__signature__ = signature.replace(parameters=kept)  # type: ignore[attr-defined]
@@ -78,6 +80,8 @@ def each(names: str | Sequence[str], cases: Iterable[Any], *, ids: Ids = None) -
 def _case(row: Any, num_names: int, label: object, name: Callable[[Any], object] | None) -> tuple[str, tuple[Any, ...]]:
     """Label and values of a case."""
     if isinstance(row, type(pytest.param())):
+        if row.marks:
+            raise ValueError(f"case {row.id or row.values} has marks, which a loop cannot heed; use `parametrize`")
         label, values = label if row.id is None else row.id, tuple(row.values)
     else:
         values = (row,) if num_names == 1 else tuple(row)

@@ -51,7 +51,7 @@ def noise_floor(results: Mapping[str, Any]) -> str | None:
         results: As above.
     """
     noise, tolerance_m = results["noise"], results["guard"]["tolerance_m"]
-    if noise is None or not noise["losses"]["num_groups"]:
+    if noise is None or not (noise["losses"]["num_groups"] and noise["losses"]["num_repeats"]):
         return None
     losses, noisy = noise["losses"], noise["tolerance"][SEPARATION]
     groups, repeats = losses["num_groups"], losses["num_repeats"]
