@@ -2,10 +2,11 @@
 
 What is declared is tried::
 
-    lowest     the lowest declared version of every dependency but torch's family, on the lowest Python that is found
+    lowest     the lowest declared version of every dependency but torch's family, on a Python that has wheels of them
     newest     the newest version of every dependency of the light core, on every Python that is found
     below      pyarrow below its bound: one line and exit code 4, never a finding about data
     processor  the numeric tests as three kinds of processors calculate, see `tests/processors.py`
+    kernel     one release with a benchmark, judged by all rules, under every OpenBLAS kernel that can run here
 
 Every environment gets a folder of its own below ``build/compat`` and is made again when the declarations change.
 ``--quick`` is what continuous integration runs: `lowest` and the processors, with a part of the tests.
@@ -30,7 +31,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 from rich.table import Table
-from tests.processors import SETTINGS, can_run
+from tests.processors import SETTINGS, blas_kernels, can_run
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "build" / "compat"
@@ -38,7 +39,10 @@ FOLDER = ROOT / "build" / "compat"
 _PROBE = "import ensurepip, venv, sys; print(sys.executable)"
 
 PYTHONS = ("3.11", "3.12", "3.13")
-"""Pythons that are looked for on the path."""
+"""Pythons that are looked for."""
+
+LOWEST_PYTHONS = ("3.11", "3.12")
+"""Those that the lowest versions of all libraries have wheels for."""
 
 CORE_TESTS = ("tests/validator",)
 """Tests that need nothing but the light core and the tools of the extra `test`."""
@@ -75,6 +79,8 @@ QUICK_NUMERIC_TESTS = (
 LOWEST_EXTRAS = ("sim", "plots", "guard", "test")
 NO_LOWEST = ("torch", "safetensors", "onnx", "onnxruntime", "onnxscript")
 """Dependencies whose lowest versions are not tried; the bound of torch is the version that everything is tried with."""
+
+RELEASE = FOLDER / "release"
 
 DEMO = ROOT / "build" / "demo" / "dataset"
 
@@ -186,10 +192,11 @@ def pythons() -> dict[str, str]:
     found = {}
     for version in PYTHONS:
         for place in interpreters(version):
-            done = subprocess.run([place, "-c", _PROBE], capture_output=True, text=True)
-            if done.returncode == 0:
-                found[version] = done.stdout.strip()
-                break
+            with suppress(OSError):
+                done = subprocess.run([place, "-c", _PROBE], capture_output=True, text=True)
+                if done.returncode == 0:
+                    found[version] = done.stdout.strip()
+                    break
     return found
 
 
@@ -236,6 +243,16 @@ def as_processor(variables: dict[str, str], tests: Sequence[str], jobs: int) -> 
     return pytest(sys.executable, tests, jobs, variables)
 
 
+def under_kernel(variables: dict[str, str]) -> str:
+    """All rules on a synthetic release with a benchmark, which is built once, as this processor calculates."""
+    if not RELEASE.is_dir():
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        build = "import sys; from tests.validator.audit.rules.benchmark_release import BenchmarkDraft as Draft; "
+        run([sys.executable, "-c", f"{build}Draft().write(__import__('pathlib').Path(sys.argv[1]))", str(RELEASE)])
+    printed = run([str(Path(sys.executable).with_name("branchdrive-validate")), str(RELEASE)], environment=variables)
+    return printed.stdout.splitlines()[-1]
+
+
 def tried(what: str, action: Callable[[], str], console: Console) -> Outcome:
     """The outcome of one trial; a failure is printed at once and the others go on."""
     started = time.monotonic()
@@ -254,16 +271,19 @@ def tried(what: str, action: Callable[[], str], console: Console) -> Outcome:
 def trials(*, quick: bool, jobs: int) -> Iterator[tuple[str, Callable[[], str]]]:
     """All that is tried, in order."""
     found = pythons()
-    first = next(iter(found))
-    lowest = Environment(f"lowest-{first}", found[first], LOWEST_EXTRAS, lowest_versions())
     tests = QUICK_CORE_TESTS if quick else (*CORE_TESTS, *EXTRA_TESTS)
-    yield f"lowest versions, Python {first}", partial(in_environment, lowest, tests, jobs)
+    for first in [version for version in LOWEST_PYTHONS if version in found][:1]:
+        lowest = Environment(f"lowest-{first}", found[first], LOWEST_EXTRAS, lowest_versions())
+        yield f"lowest versions, Python {first}", partial(in_environment, lowest, tests, jobs)
+        if not quick:
+            below = Environment(f"below-{first}", found[first], (), ())
+            yield "pyarrow below its bound", partial(below_the_bound, below)
     if not quick:
         for version, python in found.items():
             newest = Environment(f"newest-{version}", python, ("test",), (), newest=True)
             yield f"newest versions, Python {version}", partial(in_environment, newest, CORE_TESTS, jobs)
-        below = Environment(f"below-{first}", found[first], (), ())
-        yield "pyarrow below its bound", partial(below_the_bound, below)
+        for kernel in blas_kernels():
+            yield f"kernel: {kernel.name}", partial(under_kernel, kernel.environment())
     numeric = QUICK_NUMERIC_TESTS if quick else NUMERIC_TESTS
     for setting in SETTINGS:
         is_tried_by_the_suite = not setting.variables
@@ -278,7 +298,11 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes of each run of tests (default: 2)")
     args = parser.parse_args()
     console = Console(stderr=True, soft_wrap=True)
-    missing = [version for version in PYTHONS if version not in pythons()]
+    found = pythons()
+    missing = [f"Python {version}" for version in PYTHONS if version not in found]
+    if not set(LOWEST_PYTHONS) & set(found):
+        missing.append(f"the lowest versions, which need Python {' or '.join(LOWEST_PYTHONS)}")
+    shutil.rmtree(RELEASE, ignore_errors=True)
     outcomes = [tried(what, action, console) for what, action in trials(quick=args.quick, jobs=args.jobs)]
     table = Table(title="compatibility", title_justify="left")
     for heading in ("tried", "outcome", "found"):
@@ -288,8 +312,8 @@ def main() -> int:
         word = "ok" if outcome.is_good else "failed"
         table.add_row(outcome.what, word, outcome.found, f"{outcome.seconds:.0f}")
     Console(width=None if sys.stdout.isatty() else 120).print(table)
-    if missing and not args.quick:
-        sys.stdout.write(f"not found, and so not tried: Python {', '.join(missing)}\n")
+    if missing:
+        sys.stdout.write(f"not tried here: {', '.join(missing)}\n")
     return 0 if all(outcome.is_good for outcome in outcomes) else 1
 
 

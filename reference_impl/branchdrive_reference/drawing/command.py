@@ -11,6 +11,7 @@ from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:
     from branchdrive_reference.drawing.scene import Scene
@@ -54,6 +55,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         PlatformError: The extra is not installed.
     """
     with extra("sim", "plots", of="`draw`"):
+        load_matplotlib()
         from branchdrive_reference.drawing.picture import save
     from branchdrive_reference.drawing.choice import named_groups, wanted_groups
     from branchdrive_reference.drawing.gallery import Gallery, named_pictures

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.environment import extra
+from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:
     from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
@@ -84,6 +85,7 @@ def need_plots() -> None:
         PlatformError: They cannot; the message says what to install.
     """
     with extra("plots", of="a figure", otherwise="use `--no-figures`"):
+        load_matplotlib()
         import branchdrive_reference.benchmark.figure.gallery  # noqa: F401
 
 
