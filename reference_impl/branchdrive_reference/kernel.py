@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -33,7 +34,9 @@ def _load_numba() -> Any:
     reader = sys.modules.get("yaml")
     sys.modules["yaml"] = None  # type: ignore[assignment]
     try:
-        from numba.core import config
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file that is there and cannot be read
+            from numba.core import config
     finally:
         del sys.modules["yaml"]
         if reader is not None:

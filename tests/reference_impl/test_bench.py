@@ -96,7 +96,7 @@ def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
     stages = [name for name in rows if name.startswith("build: ")]
     assert [name.split()[-1] for name in stages] == ["layer", "canonical", "quality", "leakage", "model"]
     assert re.fullmatch(r"[0-9.]+ s\n[0-9]+ MiB, its largest worker [0-9]+ MiB", rows[stages[0]].measured)
-    assert all(re.fullmatch(r"[0-9.]+ s\n[0-9]+ MiB", rows[stage].measured) for stage in stages[1:])
+    assert all(re.fullmatch(r"[0-9.]+ s\n[0-9,]+ MiB", rows[stage].measured) for stage in stages[1:])
     assert rows[stages[3]].bar == "<= 10 min for 606 groups"
     assert rows["population"].measured.splitlines()[0] == "Discovered branch groups: 8"
     assert rows["validate the release, 1 worker(s)"].measured.endswith(" s, valid")
@@ -123,7 +123,7 @@ def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkey
     assert [(row.what.split()[0], row.bar) for row in rows] == [
         ("train", "<= 120 s"), ("train", ""), ("predict", ""), ("evaluate:", ""), ("statistics", "<= 2 s"),
     ]  # fmt: skip
-    assert all(re.match(r"[0-9.]+ s\n[0-9]+ MiB", row.measured) for row in rows[:-1])
+    assert all(re.match(r"[0-9.]+ s\n[0-9,]+ MiB", row.measured) for row in rows[:-1])
     assert rows[1].what == "train the 15 folds of the guard, and its risk"
     assert float(rows[-1].measured.removesuffix(" s")) > 0
 
