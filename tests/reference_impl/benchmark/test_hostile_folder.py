@@ -45,6 +45,7 @@ def test_reading_commands_run_nothing_of_a_folder(benchmarked: Path, tmp_path: P
     }
     assert {command: done.returncode for command, done in ended.items() if "Traceback" in done.stderr} == {}
     assert {command: done.returncode for command, done in ended.items()} == {
-        "evaluate": 0, "export": 0, "lock": 2, "predict": 2, "study": 0, "draw": 0,
-    }, ended["draw"].stderr  # fmt: skip
+        "evaluate": 0, "export": 0, "lock": 0, "predict": 0,
+        "study": 2, "draw": 2,  # a release without its raw layer has nothing to show
+    }  # fmt: skip
     assert marks(tmp_path / "marks") == []
