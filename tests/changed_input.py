@@ -42,9 +42,9 @@ def poor_end(*argv: object) -> str:
     """What is wrong with the end of a command on data that is not its fault; empty if nothing is."""
     stdout, stderr = io.StringIO(), io.StringIO()
     code = run([str(argument) for argument in argv], stdout, stderr)
-    told = stderr.getvalue()
-    is_sentence = told.startswith("branchdrive: ") and told[:-1].isprintable() and len(told) < 2000
-    return "" if code in (0, 1, 3) or (code == 2 and is_sentence) else f"{argv[0]} ended with {code}: {told[-600:]}"
+    message = stderr.getvalue()
+    is_sentence = message.startswith("branchdrive: ") and message[:-1].isprintable() and len(message) < 2000
+    return "" if code in (0, 1, 3) or (code == 2 and is_sentence) else f"{argv[0]} ended with {code}: {message[-600:]}"
 
 
 def poor_ends(root: Path, path: str, size: int, *commands: tuple[object, ...]) -> list[str]:

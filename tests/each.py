@@ -81,7 +81,7 @@ def _case(row: Any, num_names: int, label: object, name: Callable[[Any], object]
     """Label and values of a case."""
     if isinstance(row, type(pytest.param())):
         if row.marks:
-            raise ValueError(f"case {row.id or row.values} has marks, which a loop cannot heed; use `parametrize`")
+            raise ValueError(f"case {row.id or row.values} has marks, which a loop ignores; use `parametrize`")
         label, values = label if row.id is None else row.id, tuple(row.values)
     else:
         values = (row,) if num_names == 1 else tuple(row)

@@ -1,4 +1,4 @@
-"""Processors that this one can play: which kernels numpy, the BLAS, libm, numba and torch are told to use.
+"""Processors that this one can play: which kernels numpy, the BLAS, libm, numba and torch use.
 
 A setting is a set of environment variables for a *new* process; libraries read them when they are loaded. The same
 program under another setting rounds its last bits as another processor would, so that whatever it decides by them

@@ -62,7 +62,7 @@ def test_a_library_that_is_too_old_is_one_line_and_exit_code_4(tmp_path: Path, m
     monkeypatch.delitem(vars(branchdrive), "validate", raising=False)
     with pytest.raises(PlatformError, match="found 15"):
         branchdrive.validate  # noqa: B018
-    with pytest.raises(SystemExit) as stop:  # whoever asks for help gets it
+    with pytest.raises(SystemExit) as stop:  # help needs no system calls
         run(["--help"], io.StringIO(), io.StringIO())
     assert stop.value.code == 0
 
@@ -72,9 +72,9 @@ def test_a_platform_without_the_calls_we_need_says_so_at_once(tmp_path: Path, mo
         monkeypatch.delattr(os, name)
     monkeypatch.setattr(os, "supports_dir_fd", set())
     monkeypatch.setattr(sys, "platform", "win32")
-    told = "branchdrive needs a POSIX system; win32 lacks os.O_DIRECTORY, os.O_NOFOLLOW, os.O_NONBLOCK, os.geteuid, "
-    told += "os.register_at_fork, os.open(dir_fd=...): use Linux or macOS, or WSL on Windows"
-    assert validated(tmp_path) == (4, "", f"branchdrive-validate: {told}\n")
+    message = "branchdrive needs a POSIX system; win32 lacks os.O_DIRECTORY, os.O_NOFOLLOW, os.O_NONBLOCK, os.geteuid, "
+    message += "os.register_at_fork, os.open(dir_fd=...): use Linux or macOS, or WSL on Windows"
+    assert validated(tmp_path) == (4, "", f"branchdrive-validate: {message}\n")
     for name in ("open_dataset", "DatasetWriter", "validate"):
         monkeypatch.delitem(vars(branchdrive), name, raising=False)
         with pytest.raises(ToolError, match="win32 lacks os"):
@@ -85,12 +85,12 @@ def test_an_extra_is_blamed_for_what_it_brings_alone() -> None:
     def missing(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
-    told = {
+    messages = {
         "torch": r"a thing needs the package 'torch': pip install 'branchdrive\[models\]', or go without$",
         "torch.nowhere": "a thing cannot be loaded: No module named 'torch.nowhere'; reinstall",
         "llvmlite": "a thing cannot be loaded: No module named 'llvmlite'; reinstall",
     }
-    for name, message in told.items():
+    for name, message in messages.items():
         with pytest.raises(PlatformError, match=message), extra("models", of="a thing", otherwise="go without"):
             missing(name)
     with pytest.raises(PlatformError, match="cannot import name 'nothing' from 'json'"), extra("sim", of="a thing"):

@@ -43,7 +43,7 @@ def spawn_context() -> SpawnContext:
     """Context of `multiprocessing` for processes, pools, queues and events.
 
     Raises:
-        PlatformError: The interpreter was started so that its children heed no environment.
+        PlatformError: The interpreter was started so that its children ignore the environment.
     """
     if sys.flags.ignore_environment and not sys.flags.safe_path:
         raise PlatformError(

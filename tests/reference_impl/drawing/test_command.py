@@ -198,5 +198,5 @@ def test_without_the_extra_the_error_is_the_line_that_installs_it(
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, _, err = draw(invented, "--output", tmp_path / "p")
-    told = "branchdrive: `draw` needs the package 'matplotlib': pip install 'branchdrive[sim,plots]'\n"
-    assert (code, err) == (4, told)
+    message = "branchdrive: `draw` needs the package 'matplotlib': pip install 'branchdrive[sim,plots]'\n"
+    assert (code, err) == (4, message)

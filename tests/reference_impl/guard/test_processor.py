@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import platform
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy._core._multiarray_umath as umath
 import pytest
+from tests.processors import blas_kernels, runnable
 from tests.validator.derive.guard.banks import banks
 
 from branchdrive.derive.utility import fit_scale
@@ -23,10 +21,6 @@ module = pytest.importorskip("branchdrive_reference.guard.fit")
 TRAINING = banks(40, seed=5)
 SCALE = fit_scale(TRAINING.outcomes)
 ROOT = Path(__file__).resolve().parents[3]
-THERE = [name for name in umath.__cpu_dispatch__ if umath.__cpu_features__[name]]
-WIDE = [name for name in THERE if "AVX512" in name or name == "X86_V4"]
-PROCESSORS = {"Nehalem": THERE, "Haswell": WIDE} | ({"SkylakeX": []} if WIDE else {})
-"""Kernels of OpenBLAS, each with the features of numpy that such a processor does not have."""
 
 
 def hard_fit() -> dict[str, Any]:
@@ -46,21 +40,15 @@ def numbers(document: Any) -> list[float]:
     return [document] if isinstance(document, float) else []
 
 
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="kernels of x86-64 are compared")
 def test_every_processor_fits_the_same_risk() -> None:
     expected = numbers(hard_fit())
-    for kernel, lacking in PROCESSORS.items():
-        variables = {
-            "OPENBLAS_CORETYPE": kernel,
-            "NPY_DISABLE_CPU_FEATURES": " ".join(lacking),
-            "PYTHONPATH": str(ROOT),
-        }
-        ran = subprocess.run(
-            [sys.executable, "-W", "error", "-m", "tests.reference_impl.guard.test_processor"],
-            env=os.environ | variables, cwd=ROOT, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert not ran.returncode, f"{kernel}: {ran.stderr}"
-        np.testing.assert_allclose(numbers(json.loads(ran.stdout)), expected, rtol=1e-9, atol=1e-9, err_msg=kernel)
+    for setting in (*runnable(), *blas_kernels()):
+        program = [sys.executable, "-W", "error", "-m", "tests.reference_impl.guard.test_processor"]
+        environment = setting.environment() | {"PYTHONPATH": str(ROOT)}
+        ran = subprocess.run(program, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert not ran.returncode, f"{setting.name}: {ran.stderr}"
+        found = numbers(json.loads(ran.stdout))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9, err_msg=setting.name)
 
 
 if __name__ == "__main__":

@@ -85,8 +85,8 @@ def test_a_machine_that_cannot_read_makes_no_finding(
     stdout, stderr = io.StringIO(), io.StringIO()
     assert validate_run([str(valid_root)], stdout, stderr) == 4
     assert stdout.getvalue() == ""
-    told = f"branchdrive-validate: {valid_root}/raw/shard-00000/rollouts.parquet: Too many open files; "
-    assert stderr.getvalue().startswith(told)
+    message = f"branchdrive-validate: {valid_root}/raw/shard-00000/rollouts.parquet: Too many open files; "
+    assert stderr.getvalue().startswith(message)
     assert stderr.getvalue().count("\n") == 1
 
 

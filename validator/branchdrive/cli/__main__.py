@@ -1,7 +1,7 @@
 """`python -m branchdrive.cli` runs `branchdrive`.
 
-Python imports from the current folder first, and a dataset may lie there. What it has imported before this module is
-its own affair: `branchdrive` and `python -P -m branchdrive.cli` never look there.
+Python imports from the current folder first, and a dataset may lie there. What it imported before this module is
+outside of our control: `branchdrive` and `python -P -m branchdrive.cli` never look there.
 """
 
 import sys
