@@ -139,7 +139,7 @@ class Environment(NamedTuple):
         constraints.write_text("\n".join(self.bounds) + "\n")
         run([self.python, "-m", "venv", str(self.folder)])
         upgrade = ["--upgrade", "--upgrade-strategy", "eager"] if self.newest else []
-        target = f"{ROOT}[{','.join(self.extras)}]"
+        target = f"{ROOT}[{','.join(self.extras)}]" if self.extras else str(ROOT)
         run([*self.pip, "install", "--quiet", *upgrade, "-c", str(constraints), "-e", target])
         stamp.write_text(digest)
 
