@@ -163,7 +163,7 @@ def run(
     """Run a command in the root of the repository.
 
     Raises:
-        TrialError: It ended with a code that is none of `codes`; the message ends with what it printed last.
+        TrialError: It ended with a code that is not in `codes`; the message ends with what it printed last.
     """
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode not in codes:

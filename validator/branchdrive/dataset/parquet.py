@@ -100,7 +100,7 @@ def decode_table(content: bytes | memoryview, name: str | None = None, limits: L
         raise LimitError(f"{label} has {len(content)} bytes; the limit is {limits.max_table_bytes}")
     try:
         return _decode(content, label, limits)
-    # What pyarrow raises on damaged bytes; a C++ exception arrives as RuntimeError. A TypeError is none of them:
+    # What pyarrow raises on damaged bytes; a C++ exception arrives as RuntimeError. A TypeError is not among them:
     # it says that this module calls pyarrow wrongly, and must not be laid at the data's door.
     except (pa.ArrowException, OSError, UnicodeError, RuntimeError, MemoryError) as error:
         raise DecodeError(f"{label} does not decode: {_reason(error)}") from error
