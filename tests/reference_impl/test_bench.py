@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.content_cache import kept_folder
-from tests.reference_impl.benchmark.small_release import invoke, make_release, write_protocol
+from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
 
 from branchdrive.errors import BranchDriveError
@@ -75,11 +75,11 @@ def test_without_highway_env_its_row_says_how_to_install_it(monkeypatch: pytest.
 
 
 def test_a_collection_is_measured_with_its_validation(tmp_path: Path) -> None:
-    rows = {row.what.splitlines()[0]: row for row in paper.rows(tmp_path, num_groups=2, jobs=1)}
-    collected = rows["collect 2 groups of preset `paper`, 1 worker(s)"]
+    rows = {row.what.splitlines()[0]: row for row in paper.rows(tmp_path, num_groups=1, jobs=1)}
+    collected = rows["collect 1 groups of preset `paper`, 1 worker(s)"]
     assert re.fullmatch(r"[0-9.]+ s", collected.measured) and collected.bar == "<= 60 min"
     assert rows["peak memory of the collector and its workers"].bar == "<= 2 GiB"
-    assert rows["funnel"].measured.splitlines()[0] == "2 groups discovered"
+    assert rows["funnel"].measured.splitlines()[0] == "1 groups discovered"
 
 
 def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
 
 
 def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
-    source = kept_collection(tmp_path / "source", num_groups=8, seed=1)
+    source = kept_collection(tmp_path / "source", num_groups=6, seed=1)
     before = {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
     bench = ReleaseBench(source, calibration=(1, 1), num_seeds=2, repeats=1, jobs=1)
     rows = {row.what.splitlines()[0]: row for row in release.rows(tmp_path / "bench", bench)}
@@ -98,7 +98,7 @@ def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
     assert re.fullmatch(r"[0-9.]+ s\n[0-9]+ MiB, its largest worker [0-9]+ MiB", rows[stages[0]].measured)
     assert all(re.fullmatch(r"[0-9.]+ s\n[0-9,]+ MiB", rows[stage].measured) for stage in stages[1:])
     assert rows[stages[3]].bar == "<= 10 min for 606 groups"
-    assert rows["population"].measured.splitlines()[0] == "Discovered branch groups: 8"
+    assert rows["population"].measured.splitlines()[0] == "Discovered branch groups: 6"
     assert rows["validate the release, 1 worker(s)"].measured.endswith(" s, valid")
     assert re.search(r" = [0-9.]+x$", rows["validation / (read + hash + decode)"].measured)
     assert re.match(r"D = [01]\.[0-9]{3}, p = ", rows["gate's p-values of max_t against uniform"].measured)
@@ -118,13 +118,13 @@ def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkey
         return Measured(0, invoke(command, *arguments), 0.1, peak_bytes(os.getpid()), 0, 0)
 
     monkeypatch.setattr(benchmark, "run_branchdrive", run_here)
-    protocol = write_protocol(tmp_path / "protocol.json", max_epochs=1)
+    protocol = write_protocol(tmp_path / "protocol.json", smallest_protocol(max_epochs=1))
     rows = list(benchmark.rows(bare, jobs=1, protocol_file=protocol))
     assert [(row.what.split()[0], row.bar) for row in rows] == [
         ("train", "<= 120 s"), ("train", ""), ("predict", ""), ("evaluate:", ""), ("statistics", "<= 2 s"),
     ]  # fmt: skip
     assert all(re.match(r"[0-9.]+ s\n[0-9,]+ MiB", row.measured) for row in rows[:-1])
-    assert rows[1].what == "train the 15 folds of the guard, and its risk"
+    assert rows[1].what == "train the 5 folds of the guard, and its risk"
     assert float(rows[-1].measured.removesuffix(" s")) > 0
 
 
