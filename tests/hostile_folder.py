@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["infest", "marks", "run_command"]
+__all__ = ["infest", "marks", "run_command", "run_commands"]
 
 _NAMES = (
     "_bootlocale", "asyncio", "branchdrive", "branchdrive_reference", "collections", "concurrent", "ctypes", "cvxpy",
@@ -25,6 +26,12 @@ _FILES = {
     "branchdrive-9.egg-info/PKG-INFO": "Metadata-Version: 2.1\nName: branchdrive\nVersion: 9\n"
     "Requires-Dist: numpy>=99\n",
 }
+_SEVERAL = """
+import json, sys
+from branchdrive.cli.main import run
+codes = [run(words, sys.stderr, sys.stderr) for words in json.loads(sys.argv[1])]
+print(json.dumps(codes))
+"""
 
 
 def infest(folder: Path, marks_dir: Path) -> Path:
@@ -52,9 +59,22 @@ def run_command(
     script: str, *arguments: object, cwd: Path, path: str | None = None
 ) -> subprocess.CompletedProcess[str]:
     """A console script of this installation, in the folder `cwd` and with nothing but `path` as `PYTHONPATH`."""
+    return _run([Path(sys.executable).with_name(script), *map(str, arguments)], cwd, path)
+
+
+def run_commands(*commands: tuple[object, ...], cwd: Path) -> tuple[list[int], str]:
+    """Commands one after another in one process, which sees the same modules as a script; exit codes, and all it said.
+
+    Libraries that take seconds to load are loaded once.
+    """
+    words = json.dumps([[str(word) for word in command] for command in commands])
+    done = _run([sys.executable, "-P", "-c", _SEVERAL, words], cwd, "")
+    assert done.returncode == 0, done.stderr
+    codes: list[int] = json.loads(done.stdout)
+    return codes, done.stderr
+
+
+def _run(words: list[str | Path], cwd: Path, path: str | None) -> subprocess.CompletedProcess[str]:
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
-    return subprocess.run(
-        [Path(sys.executable).with_name(script), *map(str, arguments)],
-        cwd=cwd, capture_output=True, text=True, timeout=300, check=False,
-        env=environment | ({} if path is None else {"PYTHONPATH": path}),
-    )  # fmt: skip
+    environment |= {} if path is None else {"PYTHONPATH": path}
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, env=environment)

@@ -10,14 +10,16 @@ from pathlib import Path
 
 import pytest
 from tests.content_cache import kept_folder
-from tests.reference_impl.benchmark.small_release import invoke, make_release, write_protocol
+from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
 
+from branchdrive.derive.benchmark.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.bench import benchmark, highway_env, paper, ranking, release
 from branchdrive_reference.bench.memory import Measured, peak_bytes, reset_peak, run_measured
 from branchdrive_reference.bench.release import ReleaseBench
 from branchdrive_reference.bench.simulator import measure_ticks_per_s
+from branchdrive_reference.benchmark.training import model_tasks
 
 MIB = 2**20
 HOLD = "import time; held = bytearray({} << 20); time.sleep(0.6)"
@@ -75,11 +77,11 @@ def test_without_highway_env_its_row_says_how_to_install_it(monkeypatch: pytest.
 
 
 def test_a_collection_is_measured_with_its_validation(tmp_path: Path) -> None:
-    rows = {row.what.splitlines()[0]: row for row in paper.rows(tmp_path, num_groups=2, jobs=1)}
-    collected = rows["collect 2 groups of preset `paper`, 1 worker(s)"]
+    rows = {row.what.splitlines()[0]: row for row in paper.rows(tmp_path, num_groups=1, jobs=1)}
+    collected = rows["collect 1 groups of preset `paper`, 1 worker(s)"]
     assert re.fullmatch(r"[0-9.]+ s", collected.measured) and collected.bar == "<= 60 min"
     assert rows["peak memory of the collector and its workers"].bar == "<= 2 GiB"
-    assert rows["funnel"].measured.splitlines()[0] == "2 groups discovered"
+    assert rows["funnel"].measured.splitlines()[0] == "1 groups discovered"
 
 
 def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
@@ -89,7 +91,7 @@ def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
 
 
 def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
-    source = kept_collection(tmp_path / "source", num_groups=8, seed=1)
+    source = kept_collection(tmp_path / "source", num_groups=6, seed=1)
     before = {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
     bench = ReleaseBench(source, calibration=(1, 1), num_seeds=2, repeats=1, jobs=1)
     rows = {row.what.splitlines()[0]: row for row in release.rows(tmp_path / "bench", bench)}
@@ -98,7 +100,7 @@ def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
     assert re.fullmatch(r"[0-9.]+ s\n[0-9]+ MiB, its largest worker [0-9]+ MiB", rows[stages[0]].measured)
     assert all(re.fullmatch(r"[0-9.]+ s\n[0-9,]+ MiB", rows[stage].measured) for stage in stages[1:])
     assert rows[stages[3]].bar == "<= 10 min for 606 groups"
-    assert rows["population"].measured.splitlines()[0] == "Discovered branch groups: 8"
+    assert rows["population"].measured.splitlines()[0] == "Discovered branch groups: 6"
     assert rows["validate the release, 1 worker(s)"].measured.endswith(" s, valid")
     assert re.search(r" = [0-9.]+x$", rows["validation / (read + hash + decode)"].measured)
     assert re.match(r"D = [01]\.[0-9]{3}, p = ", rows["gate's p-values of max_t against uniform"].measured)
@@ -118,13 +120,13 @@ def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkey
         return Measured(0, invoke(command, *arguments), 0.1, peak_bytes(os.getpid()), 0, 0)
 
     monkeypatch.setattr(benchmark, "run_branchdrive", run_here)
-    protocol = write_protocol(tmp_path / "protocol.json", max_epochs=1)
+    protocol = write_protocol(tmp_path / "protocol.json", smallest_protocol(max_epochs=1))
     rows = list(benchmark.rows(bare, jobs=1, protocol_file=protocol))
     assert [(row.what.split()[0], row.bar) for row in rows] == [
         ("train", "<= 120 s"), ("train", ""), ("predict", ""), ("evaluate:", ""), ("statistics", "<= 2 s"),
     ]  # fmt: skip
     assert all(re.match(r"[0-9.]+ s\n[0-9,]+ MiB", row.measured) for row in rows[:-1])
-    assert rows[1].what == "train the 15 folds of the guard, and its risk"
+    assert rows[1].what == "train the 5 folds of the guard, and its risk"
     assert float(rows[-1].measured.removesuffix(" s")) > 0
 
 
@@ -134,10 +136,12 @@ def test_a_step_that_fails_is_no_measurement(bare: Path) -> None:
         list(benchmark.rows(bare, jobs=1))
 
 
-def test_the_selector_and_plain_torch_rank_alike(bare: Path, tmp_path: Path) -> None:
+def test_the_selector_and_plain_torch_rank_alike(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("onnxruntime")
+    two_of_three = model_tasks(default_protocol(), ["M3"])[:2]
+    monkeypatch.setattr(ranking, "model_tasks", lambda *_: two_of_three)
     ours, theirs, difference = ranking.rows(tmp_path / "bench", release=bare, repeats=2)
-    assert ours.what == "rank 13 candidates of one context, 3 seeds of M3, one thread\nexported selector"
+    assert ours.what == "rank 13 candidates of one context, 2 seeds of M3, one thread\nexported selector"
     assert re.fullmatch(r"[0-9.]+ ms, 95 % within [0-9.]+ ms", ours.measured) and ours.bar == "<= 2 ms"
     assert re.fullmatch(r"[0-9.]+ ms, [0-9.]+x the selector's", theirs.measured)
     assert 0 <= float(difference.measured) <= float(difference.bar.removeprefix("<= "))

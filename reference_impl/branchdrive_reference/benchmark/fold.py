@@ -99,6 +99,6 @@ def _out_of_fold(release: Release, folder: Path, tasks: Sequence[Task], *, devic
     for task in tasks:
         if task.fold is None:
             raise UsageError(f"{task.name} holds nothing out")
-        (one,) = predict([task.path(folder)], open_fold(release.root, task.fold), HELD_OUT, device=device)
+        (one,) = predict([task.path(folder)], open_fold(release.layer, task.fold), HELD_OUT, device=device)
         found[seeds.index(task.seed), [groups[group] for group in one.groups]] = one.scalars
     return found

@@ -32,17 +32,17 @@ class Fold(NamedTuple):
     groups: tuple[str, ...]
 
 
-def open_fold(release: str | Path, fold: Fold) -> ModelLayer:
+def open_fold(release: ModelLayer | str | Path, fold: Fold) -> ModelLayer:
     """The model layer of a release with the groups of `fold` in the partition `HELD_OUT` instead of ``train``.
 
     Raises:
         UsageError: A group of the fold is no training group.
         DatasetError: As `open_model`.
     """
-    layer = open_model(release)
+    layer = release if isinstance(release, ModelLayer) else open_model(release)
     strange = sorted(set(fold.groups) - set(layer.groups("train")))
     if strange:
-        raise UsageError(f"{release}: fold {fold.number} holds out {strange[0]!r}, which is no training group")
+        raise UsageError(f"{layer.root}: fold {fold.number} holds out {strange[0]!r}, which is no training group")
     return _FoldLayer(layer, fold)
 
 

@@ -8,18 +8,21 @@ Source: this project's choice.
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import cached_property
 from multiprocessing.connection import Connection
 from multiprocessing.queues import SimpleQueue
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
+from branchdrive.dataset.model_layer import ModelLayer, open_model
 from branchdrive.errors import ToolError, UsageError
 from branchdrive.process import spawn_context
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
@@ -53,7 +56,7 @@ class Task(NamedTuple):
         return checkpoint_path(self.folder(folder), self.configuration.model.name, self.seed)
 
     def train(
-        self, release: str | Path, folder: str | Path, device: str, on_epoch: Callable[[EpochReport], None]
+        self, release: ModelLayer, folder: str | Path, device: str, on_epoch: Callable[[EpochReport], None]
     ) -> Checkpoint:
         """Train in this process; see `train_models`."""
         number = None if self.fold is None else self.fold.number
@@ -95,19 +98,22 @@ def train_models(
         ToolError: A worker process died.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
-    paths = [task.path(Path(folder)) for task in tasks]
+    layer, paths = open_model(release), [task.path(Path(folder)) for task in tasks]
     if len(set(paths)) < len(tasks):
         raise UsageError(f"two of {len(tasks)} tasks have one model, seed and fold; give each model its own name")
-    watch = on_epoch or _unseen
-    if min(jobs, len(tasks)) <= 1:
+    watch, there = on_epoch or _unseen, [path.exists() for path in paths]
+    missing = [task for task, is_there in zip(tasks, there, strict=True) if not is_there]
+    if min(jobs, len(missing)) <= 1:
         with deferred_interrupt() as raise_if_noted:
 
             def between(report: EpochReport) -> None:
                 watch(report)
                 raise_if_noted()
 
-            return [task.train(release, folder, device, between) for task in tasks]
-    _in_workers(str(release), str(folder), tasks, min(jobs, len(tasks)), device, watch)
+            return [task.train(layer, folder, device, between) for task in tasks]
+    for task in itertools.compress(tasks, there):
+        task.train(layer, folder, device, watch)  # which trains nothing, and refuses what is of another training
+    _in_workers(str(release), str(folder), missing, min(jobs, len(missing)), device, watch)
     return [read_checkpoint(path) for path in paths]
 
 
@@ -199,6 +205,10 @@ class _Worker:
 
     current: ClassVar[_Worker]
 
+    @cached_property
+    def layer(self) -> ModelLayer:
+        return open_model(self.release)
+
     def start(self, watched: Connection) -> None:
         threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
         _Worker.current = self
@@ -213,7 +223,7 @@ class _Worker:
         worker = _Worker.current
         if worker.stop.is_set():
             raise _StoppedError
-        task.train(worker.release, worker.folder, worker.device, worker.between)
+        task.train(worker.layer, worker.folder, worker.device, worker.between)
 
 
 def _exit_with_parent(watched: Connection) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.content_cache import kept_folder
-from tests.reference_impl.benchmark.small_release import invoke, make_release, write_protocol
+from tests.reference_impl.benchmark.small_release import invoke, make_release, protocol, write_protocol
 
 
 @pytest.fixture(scope="session")
@@ -19,7 +19,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def small_protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File of the small protocol."""
-    return write_protocol(tmp_path_factory.mktemp("protocol") / "protocol.json")
+    return write_protocol(tmp_path_factory.mktemp("protocol") / "protocol.json", protocol())
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,10 @@ from branchdrive.derive.layer.normalisation import normalisation_document
 from branchdrive.derive.target import TARGETS
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
 
-__all__ = ["ASSIGNMENT", "COMMANDS", "contents", "invoke", "is_clean", "make_release", "protocol", "write_protocol"]
+__all__ = [
+    "ASSIGNMENT", "COMMANDS", "contents", "invoke", "is_clean", "make_release", "protocol", "smallest_protocol",
+    "write_protocol",
+]  # fmt: skip
 
 _SIZES = {"train": 12, "val": 3, "calibration": 4, "test": 4}
 ASSIGNMENT = {f"{name}{i:02}": name for name, size in _SIZES.items() for i in range(size)}
@@ -50,14 +53,23 @@ def protocol(**training: Any) -> dict[str, Any]:
     for model in document["models"]:
         found = MEAN if model["id"] == "M0" else small(model["id"], **{"max_epochs": 2, **training})
         model["configuration"] = found.record
+        model["seeds"] = model["seeds"][:2]
     document["statistics"] |= {"resamples": 100, "flips": 100}
     document["shuffles"]["seeds"] = [0, 1]
     return document
 
 
-def write_protocol(path: Path, **training: Any) -> Path:
-    """The same as a file."""
-    path.write_text(json.dumps(protocol(**training)))
+def smallest_protocol(**training: Any) -> dict[str, Any]:
+    """The same with one model that is a mean, and one that is learned, with one seed."""
+    document = protocol(**training)
+    mean, *_, learned = document["models"]
+    document["models"] = [mean, {**learned, "seeds": learned["seeds"][:1]}]
+    return document
+
+
+def write_protocol(path: Path, document: dict[str, Any]) -> Path:
+    """The new file `path` with a protocol."""
+    path.write_text(json.dumps(document))
     return path
 
 

@@ -7,7 +7,8 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from textwrap import dedent
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -139,17 +140,42 @@ def test_faults_are_named(
 
 def test_neither_torch_nor_cvxpy_is_needed(benchmarked: Path, columns: Columns, tmp_path: Path) -> None:
     file = _write(tmp_path / "my predictions.parquet", columns)
-    code = """if True:
+    missing = """
         import sys
         sys.modules |= dict.fromkeys(("torch", "safetensors", "cvxpy", "clarabel", "scipy", "pymunk", "numba"))
-        from branchdrive.cli.main import main
-        sys.exit(main())
     """
-    for arguments in (["--predictions", file, "--name", "Mine", "--output", tmp_path / "a/b"], []):
-        words = [sys.executable, "-c", code, "evaluate", benchmarked, *arguments]
-        done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False, timeout=300)
-        assert (done.returncode, "Mine" in done.stdout) == (0, bool(arguments)), done.stderr
+    theirs = ("evaluate", benchmarked, "--predictions", file, "--name", "Mine", "--output", tmp_path / "a/b")
+    ours = ("evaluate", benchmarked, "--no-figures")
+    for has_theirs, ended in zip((True, False), ended_without(missing, theirs, ours), strict=True):
+        assert (ended.code, "Mine" in ended.stdout) == (0, has_theirs), ended.stderr
     assert (tmp_path / "a/b/figures/prediction.png").is_file()
+
+
+class Ended(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+
+def ended_without(missing: str, *commands: tuple[object, ...]) -> list[Ended]:
+    """How commands end, one after another in a process of their own that begins with the program `missing`."""
+    program = dedent(missing) + dedent("""
+        import io, json
+        from branchdrive.cli.main import run
+        ended = []
+        for words in json.loads(sys.argv[1]):
+            streams = io.StringIO(), io.StringIO()
+            code = run(words, *streams)
+            ended.append((code, *(stream.getvalue() for stream in streams)))
+        print(json.dumps(ended))
+    """)
+    words = json.dumps([[str(word) for word in command] for command in commands])
+    command = [sys.executable, "-P", "-c", program, words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    return [Ended(*found) for found in json.loads(done.stdout)]
 
 
 WITHOUT_MATPLOTLIB = """
@@ -159,18 +185,14 @@ class Missing:
         if name == "matplotlib":
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Missing())
-from branchdrive.cli.main import main
-sys.exit(main())
 """
 
 
 def test_figures_that_cannot_be_drawn_open_nothing(benchmarked: Path) -> None:
     before = contents(benchmarked)
-    for command in ("evaluate", "benchmark"):
-        words = [sys.executable, "-P", "-c", WITHOUT_MATPLOTLIB, command, str(benchmarked)]
-        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
-        assert (done.returncode, done.stdout) == (4, "")
-        assert "pip install 'branchdrive[plots]', or use `--no-figures`" in done.stderr
+    for ended in ended_without(WITHOUT_MATPLOTLIB, ("evaluate", benchmarked), ("benchmark", benchmarked)):
+        assert (ended.code, ended.stdout) == (4, "")
+        assert "pip install 'branchdrive[plots]', or use `--no-figures`" in ended.stderr
     assert contents(benchmarked) == before
 
 

@@ -22,7 +22,7 @@ def test_it_names_the_release_without_its_raw_layer(done: Path) -> None:
     files = {path: digest for path, digest in build_manifest(done).files.items() if layer_of(path) != "raw"}
     assert lock["release_identity"] == Manifest.of(files).identity
     assert [(one["model"], one["seed"]) for one in lock["checkpoints"]] == [
-        ("M0", 0), *((model, seed) for model in ("M1", "M2", "M3") for seed in (11, 23, 37)),
+        ("M0", 0), *((model, seed) for model in ("M1", "M2", "M3") for seed in (11, 23)),
     ]  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.reference_impl.benchmark.small_release import contents, invoke
+from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
 from tests.synthetic_release import SEED, raw_descriptor, raw_tables
 from tests.validator.audit.rules.draft import Draft
 
@@ -46,11 +46,17 @@ def findings(root: Path, verdict: str) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def opened(small_protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """File of a protocol."""
+    return write_protocol(tmp_path_factory.mktemp("protocol") / "protocol.json", smallest_protocol())
+
+
+@pytest.fixture(scope="module")
+def opened(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A release with its raw layer and a benchmark; read-only by agreement."""
     root = Draft(raw_tables(), raw_descriptor()).write(tmp_path_factory.mktemp("opened") / "dataset")
     build(root)
-    invoke("benchmark", root, "--protocol", small_protocol, *OPTIONS)
+    invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
     return root
 
 
@@ -81,17 +87,17 @@ def test_the_same_build_again_changes_nothing(rebuilt: Path, tmp_path: Path) -> 
 
 
 def test_the_next_benchmark_counts_them_in_every_table(
-    rebuilt: Path, opened: Path, small_protocol: Path, tmp_path: Path
+    rebuilt: Path, opened: Path, protocol: Path, tmp_path: Path
 ) -> None:
     root = shutil.copytree(rebuilt, tmp_path / "dataset")
-    said = invoke("benchmark", root, "--protocol", small_protocol, *OPTIONS)
+    said = invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
     for subject in ("predictions", "selections"):
         assert said.count(f"was opened 2 times for {subject}") == said.count("\n| ---") > 10
     assert findings(root, "valid") == findings(opened, "valid") | {"BD-BMK-014"}
 
     build(root)  # as it was before, and yet another release than the first one
     assert locks(root, LEDGER_FILE) == [*locks(opened, OPENINGS_FILE), *locks(root, LEDGER_FILE)[2:]]
-    said = invoke("benchmark", root, "--protocol", small_protocol, *OPTIONS)
+    said = invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
     assert "was opened 3 times for predictions" in said and "was opened 3 times for selections" in said
 
     ledger = json.loads((root / LEDGER_FILE).read_bytes())

@@ -16,13 +16,22 @@ from branchdrive_reference.learning.training import EpochReport
 def test_processes_change_no_bit(release: Path, tmp_path: Path) -> None:
     tasks = [Task(SMALL["M1"], 11), Task(SMALL["M3"], 11), Task(SMALL["M3"], 23)]
     seen: list[EpochReport] = []
+    train_models(release, tmp_path / "there", tasks[2:])  # which is not trained again
     there = train_models(release, tmp_path / "there", tasks, jobs=2, on_epoch=seen.append)
     here = train_models(release, tmp_path / "here", tasks)
     assert [found.sha256 for found in there] == [found.sha256 for found in here]
     assert [(found.provenance.model, found.provenance.seed) for found in there] == [("M1", 11), ("M3", 11), ("M3", 23)]
     assert sorted((one.model, one.seed, one.epoch) for one in seen) == [
-        (task.configuration.model.name, task.seed, epoch) for task in tasks for epoch in range(1, 9)
+        (task.configuration.model.name, task.seed, epoch) for task in tasks[:2] for epoch in range(1, 9)
     ]
+
+
+def test_models_that_are_there_start_no_process(release: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("branchdrive_reference.learning.pool._in_workers")
+    tasks = [Task(SMALL["M1"], 11), Task(SMALL["M1"], 23)]
+    first = train_models(release, tmp_path, tasks)
+    again = train_models(release, tmp_path, tasks, jobs=2)
+    assert [found.sha256 for found in again] == [found.sha256 for found in first]
 
 
 def test_an_error_in_one_process_stops_the_others(release: Path, tmp_path: Path) -> None:

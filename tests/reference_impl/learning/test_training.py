@@ -13,7 +13,7 @@ from torch.optim import AdamW
 
 from branchdrive import DatasetError, UsageError, open_model
 from branchdrive_reference.learning import training
-from branchdrive_reference.learning.checkpoint import checkpoint_path, read_checkpoint
+from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
 from branchdrive_reference.learning.execution import deterministic
 from branchdrive_reference.learning.groups import BranchGroupDataset
@@ -40,6 +40,12 @@ class Watch:
             raise StoppedError
 
 
+@pytest.fixture(scope="module")
+def whole(release: Path, tmp_path_factory: pytest.TempPathFactory) -> Checkpoint:
+    """What a training of M3 without interruption comes to."""
+    return train_model(release, tmp_path_factory.mktemp("whole"), SMALL["M3"], seed=11)
+
+
 @pytest.mark.parametrize("name", SMALL)
 def test_the_same_seed_gives_the_same_bytes(release: Path, tmp_path: Path, name: str) -> None:
     torch.manual_seed(1)
@@ -53,8 +59,9 @@ def test_the_same_seed_gives_the_same_bytes(release: Path, tmp_path: Path, name:
 
 
 @pytest.mark.parametrize("stop_after", [1, 3, 5, 8])
-def test_an_interrupted_training_comes_to_the_same_bytes(release: Path, tmp_path: Path, stop_after: int) -> None:
-    whole = train_model(release, tmp_path / "whole", SMALL["M3"], seed=11)
+def test_an_interrupted_training_comes_to_the_same_bytes(
+    release: Path, whole: Checkpoint, tmp_path: Path, stop_after: int
+) -> None:
     path = checkpoint_path(tmp_path / "parts", "M3", 11)
     with pytest.raises(StoppedError):
         train_model(release, path.parent, SMALL["M3"], seed=11, on_epoch=Watch(stop_after))
@@ -67,10 +74,7 @@ def test_an_interrupted_training_comes_to_the_same_bytes(release: Path, tmp_path
     assert [found.name for found in path.parent.iterdir()] == [path.name]
 
 
-def test_a_killed_training_goes_on_from_its_last_state(
-    release: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = train_model(release, tmp_path / "whole", SMALL["M3"], seed=11)
+def test_a_killed_training_goes_on_from_its_last_state(release: Path, whole: Checkpoint, tmp_path: Path) -> None:
     path = checkpoint_path(tmp_path / "killed", "M3", 11)
 
     def keep(report: EpochReport) -> None:
@@ -102,7 +106,7 @@ def test_the_best_epoch_is_kept_and_patience_ends(release: Path, tmp_path: Path)
     assert float(loss) == min(val)
 
 
-def test_other_partitions_are_not_read(release: Path, tmp_path: Path) -> None:
+def test_other_partitions_are_not_read(whole: Checkpoint, tmp_path: Path) -> None:
     frames = make_frames()
     for name in ("scalars", "trajectories", "state"):
         frame = frames[name]
@@ -111,8 +115,7 @@ def test_other_partitions_are_not_read(release: Path, tmp_path: Path) -> None:
         frame[column] = frame[column].copy()
         frame[column][rows] += 1.0
     changed = write_release(tmp_path / "changed", frames)
-    first, second = (train_model(root, tmp_path / root.name, SMALL["M3"], seed=11) for root in (release, changed))
-    assert first.sha256 == second.sha256
+    assert train_model(changed, tmp_path / "out", SMALL["M3"], seed=11).sha256 == whole.sha256
 
 
 def test_a_checkpoint_that_is_there_is_taken(release: Path, tmp_path: Path) -> None:

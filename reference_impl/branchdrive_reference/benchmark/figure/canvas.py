@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from branchdrive_reference.drawing.palette import BACKDROP
 
-__all__ = ["FORMATS", "HUES", "INK", "QUIET", "WARNING", "axes_of", "new_figure", "render"]
+__all__ = ["HUES", "INK", "QUIET", "WARNING", "axes_of", "new_figure", "render"]
 
-FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
+_FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
 
 INK, QUIET, WARNING = BACKDROP["ink"], BACKDROP["quiet"], "#a33a00"
 
@@ -75,15 +75,16 @@ def axes_of(figure: Figure, num_rows: int, num_columns: int, **options: Any) -> 
     return list(found.ravel())
 
 
-def render(draw: Callable[[], Figure], file_format: Literal["png", "svg"]) -> bytes:
-    """The bytes of a figure; it carries no date and no version."""
+def render(draw: Callable[[], Figure]) -> dict[str, bytes]:
+    """The bytes of a figure in every format; they carry no date and no version."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
-        figure, content = draw(), io.BytesIO()
+        figure, files = draw(), {kind: io.BytesIO() for kind in _FORMATS}
         _settle(figure)
-        figure.savefig(content, format=file_format, metadata=_METADATA[file_format])
-        return content.getvalue()
+        for kind, content in files.items():
+            figure.savefig(content, format=kind, metadata=_METADATA[kind])
+        return {kind: content.getvalue() for kind, content in files.items()}
 
 
 def _settle(figure: Figure) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from branchdrive_reference.benchmark.figure.attrition import draw_attrition
-from branchdrive_reference.benchmark.figure.canvas import FORMATS, render
+from branchdrive_reference.benchmark.figure.canvas import render
 from branchdrive_reference.benchmark.figure.leakage import draw_leakage
 from branchdrive_reference.benchmark.figure.policy import draw_policy
 from branchdrive_reference.benchmark.figure.prediction import draw_prediction
@@ -46,4 +46,8 @@ def figures(
     if results["guard"]["profiles"]:
         draws["guard"] = partial(draw_trade_off, results, alpha)
     with quiet():
-        return {f"{name}.{kind}": render(draw, kind) for name, draw in draws.items() for kind in FORMATS}  # type: ignore[arg-type]
+        return {
+            f"{name}.{kind}": content
+            for name, draw in draws.items()
+            for kind, content in render(draw).items()  # type: ignore[arg-type]
+        }

@@ -22,7 +22,7 @@ from branchdrive.derive.leakage.protocol import Protocol
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable
 
 QUICK = AuditProtocol(
-    Protocol(alpha=0.01, num_permutations=799, num_frequencies=32, offsets_sd=(0.5, 1.0, 2.0), num_replicates=3),
+    Protocol(alpha=0.01, num_permutations=799, num_frequencies=32, offsets_sd=(0.5, 2.0), num_replicates=2),
     ParityProtocol(num_permutations=1_999, num_resamples=100),
 )
 CLEAN = replay_inputs(60, seed=2)
