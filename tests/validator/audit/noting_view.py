@@ -24,7 +24,7 @@ class Noting(dict[str, Any]):
         self.asked = asked
 
     def _ask_for_all(self) -> None:
-        for path in super().keys():
+        for path in super().__iter__():
             self.asked(path)
 
     def __getitem__(self, path: str) -> Any:

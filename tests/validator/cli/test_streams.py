@@ -8,14 +8,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.validator.audit.datasets import write
 
 SCRIPT = Path(sys.executable).with_name("branchdrive-validate")
 
 
 @pytest.fixture
-def incomplete(valid_root: Path) -> str:
-    """A command whose verdict is `partial`."""
-    return f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(valid_root))} --select BD-LAY"
+def incomplete(tmp_path: Path) -> str:
+    """A command whose verdict is `partial`, on a dataset without shards, which takes no worker processes."""
+    root = write(tmp_path / "dataset", {})
+    return f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(root))} --select BD-LAY"
 
 
 def test_closed_and_full_streams_leave_the_exit_code(incomplete: str) -> None:

@@ -188,11 +188,16 @@ def judged(draft: Draft, folder: Path) -> Report:
     root = draft.write(folder / "dataset")
     if not isinstance(draft, ReleaseDraft):
         return validate(root, executor=Remembering())
+    return judged_release(root, raw=draft.raw_root(root))
+
+
+def judged_release(root: Path, **options: Any) -> Report:
+    """Report on the release at `root`; what was computed before of the same files is not computed again."""
     with pytest.MonkeyPatch.context() as patch:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
-        return validate(root, raw=draft.raw_root(root), executor=Remembering())
+        return validate(root, executor=Remembering(), **options)
 
 
 PURE = (
