@@ -19,9 +19,9 @@ from tests.validator.audit.rules.benchmark_release import (
     RESULTS,
     BenchmarkDraft,
 )
+from tests.validator.audit.rules.case import judged_release
 from tests.validator.contract.mutation import mutated
 
-from branchdrive.audit.engine import validate
 from branchdrive.audit.report import Report
 from branchdrive.contract.document import schema_violations
 from branchdrive.contract.layer import LAYERS
@@ -51,7 +51,7 @@ def judged(root: Path, path: str, content: bytes) -> Report:
     try:
         (root / path).write_bytes(content)
         write_manifest(root, build_manifest(root))
-        return validate(root, select=RULES)
+        return judged_release(root, select=RULES)
     finally:
         (root / path).write_bytes(before)
 

@@ -11,7 +11,7 @@ from tests.hostile_folder import infest, marks, run_command
 
 
 def report_of(root: Path | str, cwd: Path) -> dict[str, Any]:
-    done = run_command("branchdrive-validate", root, "--jobs", 2, "--format", "json", cwd=cwd, path="")
+    done = run_command("branchdrive-validate", root, "--jobs", 1, "--format", "json", cwd=cwd, path="")
     assert done.stderr == ""
     document: dict[str, Any] = json.loads(done.stdout)
     del document["dataset"]["path"]

@@ -8,20 +8,23 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.validator.audit.datasets import write
 
 SCRIPT = Path(sys.executable).with_name("branchdrive-validate")
 
 
 @pytest.fixture
-def incomplete(valid_root: Path) -> str:
-    """A command whose verdict is `partial`."""
-    return f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(valid_root))} --select BD-LAY"
+def incomplete(tmp_path: Path) -> str:
+    """A command whose verdict is `partial`, on a dataset without shards, which takes no worker processes."""
+    root = write(tmp_path / "dataset", {})
+    return f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(root))} --select BD-LAY"
 
 
-def test_closed_and_full_streams_leave_the_exit_code(incomplete: str) -> None:
+def test_closed_and_full_streams_leave_the_exit_code(incomplete: str, valid_root: Path) -> None:
+    with_workers = f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(valid_root))} --select BD-LAY"
     nowhere = f"{shlex.quote(str(SCRIPT))} /nonexistent-dataset"
     expected = {
-        f"{incomplete} >&-": 3, f"{incomplete} 2>&-": 3, f"{incomplete} >&- 2>&-": 3, f"{incomplete} >/dev/full": 4,
+        f"{incomplete} >&-": 3, f"{incomplete} 2>&-": 3, f"{with_workers} >&- 2>&-": 3, f"{incomplete} >/dev/full": 4,
         f"{incomplete} 2>/dev/full": 3, f"{nowhere} 2>&-": 2, f"{nowhere} 2>/dev/full": 2, f"{nowhere} >&-": 2,
     }  # fmt: skip
     done = {

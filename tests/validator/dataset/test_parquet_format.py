@@ -264,7 +264,7 @@ def test_columns_that_are_called_like_the_key_of_the_arrow_schema_are_read() -> 
 
 
 def test_text_that_a_delta_encoding_repeats_is_counted_before_much_of_it_is_written_out() -> None:
-    num_rows, num_characters, limit = 1_024, 1 << 20, 1 << 24
+    num_rows, num_characters, limit = 1_024, 1 << 18, 1 << 22
     table = pa.table({"text": pa.array(["x" * num_characters] * num_rows, pa.large_string())})
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, use_dictionary=False, column_encoding="DELTA_BYTE_ARRAY", compression="zstd")

@@ -151,7 +151,8 @@ def unsafe_reason(path: str, limits: Limits | None = None) -> str | None:
     limits = limits or spec_limits()
     if not path:
         return "is empty"
-    if any(unicodedata.category(character) in _UNPRINTABLE_CATEGORIES for character in path):
+    # What Python calls printable is of none of these categories.
+    if not path.isprintable() and any(unicodedata.category(c) in _UNPRINTABLE_CATEGORIES for c in path):
         return "holds control or formatting characters"
     if len(path.encode("utf-8")) > limits.max_path_bytes:
         return f"is longer than {limits.max_path_bytes} bytes"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from tests.content_cache import remembered
 from tests.synthetic import Tables, evidence_columns, group_name, seal_dataset, to_table, write_dataset
 
 from branchdrive.contract.bank import ActionBank
@@ -194,7 +195,7 @@ class Draft:
         """Write the dataset into the new folder `root`."""
         write_dataset(root, self.tables, self.descriptor, seal=False)
         for path, document in self.documents.items():
-            (root / path).write_bytes(dump_json(document))
+            (root / path).write_bytes(remembered(dump_json)(document))
         for path, text in self.texts.items():
             (root / path).write_bytes(text.encode())
         for edit in self._unsealed:

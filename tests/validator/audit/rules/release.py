@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from tests import synthetic, synthetic_release
-from tests.content_cache import kept
+from tests.content_cache import kept, remembered
 from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.audit.rules.draft import Draft
 
@@ -134,7 +134,7 @@ class ReleaseDraft(Draft):
 
     def digest(self, path: str) -> str:
         """SHA-256 of a document as it will be written."""
-        return hashlib.sha256(dump_json(self.documents[path])).hexdigest()
+        return hashlib.sha256(remembered(dump_json)(self.documents[path])).hexdigest()
 
     def reseal(self, start: str, *, keep: Collection[str] = ()) -> None:
         """Compute again what follows from tables and documents as they are now.
