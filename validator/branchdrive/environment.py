@@ -1,4 +1,6 @@
-"""What the distribution needs of a machine: system calls, and libraries within the bounds that its metadata declare.
+"""What the distribution needs of a machine, and what it leaves out.
+
+It needs system calls, and libraries within the bounds that its metadata declare.
 
 A lack is the environment's fault: one line that says what to do, and never a finding about data.
 """
@@ -18,7 +20,9 @@ from typing import NamedTuple
 
 from branchdrive.errors import PlatformError
 
-__all__ = ["Requirement", "check_environment", "check_libraries", "extra", "import_fault", "requirements"]
+__all__ = [
+    "Requirement", "check_environment", "check_libraries", "extra", "import_fault", "leave_out_pandas", "requirements",
+]  # fmt: skip
 
 _DISTRIBUTION = "branchdrive"
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<bound>[\d.]+)(?:; extra == ['\"](?P<extra>\w+)['\"])?")
@@ -61,6 +65,15 @@ def check_environment() -> None:
             "use Linux or macOS, or WSL on Windows"
         )
     check_libraries("")
+
+
+def leave_out_pandas() -> None:
+    """Keep pyarrow from loading pandas in this process, as it does at its first conversion wherever pandas is installed.
+
+    That takes a third of a second, and memory that a worker may need, for data frames that nothing here uses. For
+    processes that run no code of others.
+    """
+    sys.modules.setdefault("pandas", None)  # type: ignore[arg-type]
 
 
 def _lacking_calls() -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from multiprocessing import parent_process
 from pathlib import Path
@@ -44,6 +45,14 @@ def exhaust_memory_on_three(value: int) -> int:
 
 def allocate(num_bytes: int) -> int:
     return len(bytearray(num_bytes))
+
+
+def converts_with_pandas(value: int) -> bool:
+    """Whether pyarrow has loaded pandas for a conversion."""
+    import pyarrow as pa
+
+    pa.array([value]).to_numpy()
+    return sys.modules.get("pandas") is not None
 
 
 def interrupt(value: int) -> int:

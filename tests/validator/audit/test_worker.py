@@ -19,6 +19,7 @@ from tests.validator.audit.datasets import DEPARTURES, cells, write, write_with
 from tests.validator.audit.tasks import (
     allocate,
     broken_import,
+    converts_with_pandas,
     die_at_file,
     die_at_rules,
     die_on_three,
@@ -83,6 +84,10 @@ def test_a_module_that_workers_cannot_import_is_no_death(monkeypatch: pytest.Mon
     monkeypatch.setenv("BROKEN_IMPORT", "1")
     with pytest.raises(PlatformError, match="a worker process cannot be loaded: libarrow"):
         results(isolated(2), broken_import, [1, 2])
+
+
+def test_workers_do_without_pandas() -> None:
+    assert results(isolated(1), converts_with_pandas, [1]) == {0: False}
 
 
 def test_every_task_may_die() -> None:

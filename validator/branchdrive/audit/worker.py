@@ -22,7 +22,7 @@ from typing import Protocol, TypeVar
 
 from branchdrive.audit.tally import failure_text
 from branchdrive.contract.limits import spec_limits
-from branchdrive.environment import import_fault
+from branchdrive.environment import import_fault, leave_out_pandas
 from branchdrive.errors import PlatformError
 from branchdrive.process import spawn_context
 
@@ -85,6 +85,7 @@ def in_process(
 
 def _prepare_process(max_bytes: int) -> None:
     """Let an interrupt end the process at once and in silence, let it end with its parent, and bound its memory."""
+    leave_out_pandas()
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

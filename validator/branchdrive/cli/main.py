@@ -17,7 +17,7 @@ from importlib import import_module
 from importlib.metadata import entry_points, version
 from typing import NoReturn, Protocol, TextIO
 
-from branchdrive.environment import check_environment, extra, import_fault
+from branchdrive.environment import check_environment, extra, import_fault, leave_out_pandas
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
 from branchdrive.file_error import file_error_text, is_machine_fault
 
@@ -188,9 +188,12 @@ def _open_streams() -> tuple[TextIO, TextIO]:
 
 def main() -> int:
     """Entry point of `branchdrive`."""
+    if sys.argv[1:] and sys.argv[1] in _BUILT_IN:
+        leave_out_pandas()
     return run(sys.argv[1:], *_open_streams())
 
 
 def validate_main() -> int:
     """Entry point of `branchdrive-validate`."""
+    leave_out_pandas()
     return validate_run(sys.argv[1:], *_open_streams())
