@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from importlib.abc import MetaPathFinder
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from typing import NamedTuple
@@ -68,12 +69,20 @@ def check_environment() -> None:
 
 
 def leave_out_pandas() -> None:
-    """Keep pyarrow from loading pandas in this process, as it does at its first conversion wherever pandas is installed.
+    """Keep pyarrow from loading pandas, as it does at the first conversion of a process wherever pandas is installed.
 
     That takes a third of a second, and memory that a worker may need, for data frames that nothing here uses. For
     processes that run no code of others.
     """
-    sys.modules.setdefault("pandas", None)  # type: ignore[arg-type]
+    sys.meta_path.insert(0, _NoPandas())
+
+
+class _NoPandas(MetaPathFinder):
+    """A finder by which pandas is not installed."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name == "pandas":
+            raise ModuleNotFoundError("pandas is left out", name=name)
 
 
 def _lacking_calls() -> list[str]:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 import pytest
-from tests.validator.audit.noting_view import CONTEXTS, NotingView
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.audit import engine
@@ -25,19 +25,50 @@ from branchdrive.audit.tally import Tally
 from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
+from branchdrive.derive.layer.frame import Alignment, Frame
+
+T = TypeVar("T")
+
+CONTEXTS = "contexts"
+"""The table that says which groups the other tables of the model layer are about."""
 
 SLOW = ("BD-LKG-003", "BD-LKG-012")
 """Rules that draw permutations again, once others found that protocol and counts are the specification's."""
 
 
-class WatchedView(NotingView):
-    """A view that keeps what was computed from a source and does not hang on the change."""
+class Watched(dict[str, Any]):
+    """A dictionary by path that notes which paths were asked for."""
+
+    def __init__(self, content: Mapping[str, Any], asked: Callable[[str], None]) -> None:
+        super().__init__(content)
+        self.asked = asked
+
+    def __getitem__(self, path: str) -> Any:
+        self.asked(path)
+        return super().__getitem__(path)
+
+    def __contains__(self, path: object) -> bool:
+        self.asked(str(path))
+        return super().__contains__(path)
+
+    def get(self, path: str, default: Any = None) -> Any:
+        self.asked(path)
+        return super().get(path, default)
+
+
+class WatchedView(ReleaseView):
+    """A view that notes what is read, and keeps what was computed from a source and does not hang on the change.
+
+    Documents are noted by path, tables by name.
+    """
 
     def __init__(self, source: ReleaseView, changed: str = "", **parts: Mapping[str, Any]) -> None:
+        self._open: list[set[str]] = []
+        self._known: dict[Any, tuple[Any, set[str]]] = {}
         parts = {name: parts.get(name, getattr(source, name)) for name in ("tables", "documents", "contents")}
         super().__init__(
-            source.descriptor, **parts, raw=source.raw, files=source.files, problems=source.problems,
-            digests=source.digests, sizes=source.sizes,
+            source.descriptor, **{name: Watched(part, self._note) for name, part in parts.items()},
+            raw=source.raw, files=source.files, problems=source.problems, digests=source.digests, sizes=source.sizes,
         )  # fmt: skip
         stale = {changed, *(LAYERS["model"].tables if changed == CONTEXTS else ())}
         self._frames = {name: frame for name, frame in source._frames.items() if name != changed}
@@ -46,6 +77,44 @@ class WatchedView(NotingView):
             self._expected = dict(source._expected)
         if isinstance(source, WatchedView):
             self._known = {key: found for key, found in source._known.items() if changed not in found[1]}
+
+    def rows(self, table: str) -> Frame:
+        self._note(table)
+        return super().rows(table)
+
+    def expected(self, table: str) -> Frame:
+        if table in LAYERS["model"].tables:
+            self._note(CONTEXTS)
+        return super().expected(table)
+
+    def aligned(self, table: str) -> Alignment:
+        self.expected(table)
+        self._note(table)
+        return super().aligned(table)
+
+    def _note(self, path: str) -> None:
+        for asked in self._open:
+            asked.add(path)
+
+    @contextmanager
+    def noted(self) -> Iterator[set[str]]:
+        """The paths that are asked for inside the block."""
+        asked: set[str] = set()
+        self._open.append(asked)
+        try:
+            yield asked
+        finally:
+            self._open.pop()
+
+    def once(self, compute: Callable[[ReleaseView], T]) -> T:
+        if compute not in self._known:
+            with self.noted() as asked:
+                result = compute(self)
+            self._known[compute] = result, asked
+        found: T = self._known[compute][0]
+        for path in self._known[compute][1]:
+            self._note(path)
+        return found
 
 
 class ChangedRelease:

@@ -27,7 +27,7 @@ from tests.validator.audit.datasets import (
     write,
     write_with,
 )
-from tests.validator.audit.rules.case import Remembering
+from tests.validator.audit.rules.case import remembering
 
 from branchdrive.audit.engine import validate
 from branchdrive.contract.limits import spec_limits
@@ -103,7 +103,7 @@ UNDECODABLE: dict[str, bytes] = {
 
 @pytest.mark.parametrize("content", UNDECODABLE.values(), ids=UNDECODABLE)
 def test_what_does_not_decode_is_a_finding(content: bytes, tmp_path: Path) -> None:
-    report = validate(write_with(tmp_path / "dataset", {f"{FOLDER}/controls.parquet": content}), executor=Remembering())
+    report = validate(write_with(tmp_path / "dataset", {f"{FOLDER}/controls.parquet": content}), executor=remembering)
     assert (report.verdict, report.errors) == ("invalid", ())
     assert failing(report) <= {"BD-TAB-001", "BD-TAB-002", "BD-LAY-007"}
     assert status(report, "BD-VAL-001") == "skipped"
@@ -135,7 +135,7 @@ TYPES: dict[str, Callable[[], pa.Table]] = {
 @pytest.mark.parametrize("build", TYPES.values(), ids=TYPES)
 def test_columns_of_other_types_are_a_finding(build: Callable[[], pa.Table], tmp_path: Path) -> None:
     content = parquet_bytes(build())
-    report = validate(write_with(tmp_path / "dataset", {f"{FOLDER}/controls.parquet": content}), executor=Remembering())
+    report = validate(write_with(tmp_path / "dataset", {f"{FOLDER}/controls.parquet": content}), executor=remembering)
     assert (report.verdict, report.errors) == ("invalid", ())
     assert failing(report) & {"BD-TAB-001", "BD-TAB-002"}
     assert failing(report) <= {"BD-TAB-001", "BD-TAB-002"}
@@ -150,7 +150,7 @@ def test_routes_of_other_types_are_a_finding(column: str, kind: pa.DataType, tmp
     index = BASE["rollouts"].schema.get_field_index(column)
     table = BASE["rollouts"].set_column(index, pa.field(column, kind), pa.array(values, kind))
     report = validate(
-        write_with(tmp_path / "dataset", {f"{FOLDER}/rollouts.parquet": parquet_bytes(table)}), executor=Remembering()
+        write_with(tmp_path / "dataset", {f"{FOLDER}/rollouts.parquet": parquet_bytes(table)}), executor=remembering
     )
     assert (report.verdict, report.errors, failing(report)) == ("invalid", (), {"BD-TAB-002"})
 
@@ -206,7 +206,7 @@ def test_tables_over_a_limit_are_a_finding(
 
 def test_the_limit_on_columns_is_that_of_the_specification(tmp_path: Path) -> None:
     wide = parquet_bytes(pa.table({f"column_{i}": np.zeros(10) for i in range(300)}))
-    report = validate(write_with(tmp_path / "dataset", {f"{FOLDER}/controls.parquet": wide}), executor=Remembering())
+    report = validate(write_with(tmp_path / "dataset", {f"{FOLDER}/controls.parquet": wide}), executor=remembering)
     assert (report.verdict, report.errors, failing(report)) == ("invalid", (), {"BD-LAY-007"})
 
 
@@ -283,7 +283,7 @@ def test_extreme_values_are_no_error(name: str, column: str, tmp_path: Path) -> 
     extremes = [*_extremes(kind), None]
     array = pa.array(extremes, kind).take(pa.array(np.arange(len(table)) % len(extremes)))
     tables = edited(name, lambda t: with_column(t, column, array), SMALL)
-    report = validate(write(tmp_path / "dataset", tables), executor=Remembering())
+    report = validate(write(tmp_path / "dataset", tables), executor=remembering)
     assert report.errors == ()
     assert report.verdict == "invalid"
 
@@ -291,7 +291,7 @@ def test_extreme_values_are_no_error(name: str, column: str, tmp_path: Path) -> 
 @pytest.mark.parametrize("num_rows", [0, 1])
 @pytest.mark.parametrize("name", BASE)
 def test_tables_of_hardly_any_rows_are_no_error(name: str, num_rows: int, tmp_path: Path) -> None:
-    report = validate(write(tmp_path / "dataset", edited(name, lambda t: t.slice(0, num_rows))), executor=Remembering())
+    report = validate(write(tmp_path / "dataset", edited(name, lambda t: t.slice(0, num_rows))), executor=remembering)
     assert report.errors == ()
     assert report.verdict == ("valid" if name in ("actors", "evidence") else "invalid")
 
@@ -322,6 +322,6 @@ def test_any_cells_may_be_anything(data: st.DataObject, tmp_path_factory: pytest
         pool = pa.concat_arrays([table[column].combine_chunks(), replacement])
         indices = np.where(places == 0, len(table), np.arange(len(table)))
         tables[SMALL][name] = with_column(table, column, pool.take(pa.array(indices)))
-    report = validate(write(tmp_path_factory.mktemp("cells") / "dataset", tables), executor=Remembering())
+    report = validate(write(tmp_path_factory.mktemp("cells") / "dataset", tables), executor=remembering)
     assert report.errors == ()
     assert report.verdict in ("valid", "invalid")

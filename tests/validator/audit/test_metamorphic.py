@@ -21,7 +21,7 @@ from tests.validator.audit.datasets import (
     write,
     write_with,
 )
-from tests.validator.audit.rules.case import Remembering
+from tests.validator.audit.rules.case import remembering
 
 from branchdrive.audit.engine import validate
 
@@ -125,7 +125,7 @@ def test_order_and_place_of_rows_carry_no_meaning(
     name: str, change: Change, expected: dict[str, object], tmp_path: Path
 ) -> None:
     root = write(tmp_path / "dataset", change(DEPARTURES[name].tables()))
-    assert outcome(validate(root, executor=Remembering())) == expected[name]
+    assert outcome(validate(root, executor=remembering)) == expected[name]
 
 
 ENCODINGS = {
@@ -157,7 +157,7 @@ def test_encoding_of_files_carries_no_meaning(
         for folder, shard in DEPARTURES[name].tables().items()
         for table_name, table in shard.items()
     }
-    assert outcome(validate(write_with(tmp_path / "dataset", content), executor=Remembering())) == expected[name]
+    assert outcome(validate(write_with(tmp_path / "dataset", content), executor=remembering)) == expected[name]
 
 
 @each_departure
@@ -165,7 +165,7 @@ def test_order_of_claimed_streams_carries_no_meaning(name: str, expected: dict[s
     document = synthetic.descriptor()
     document["streams"] = document["streams"][::-1]
     root = write(tmp_path / "dataset", DEPARTURES[name].tables(), document)
-    assert outcome(validate(root, executor=Remembering())) == expected[name]
+    assert outcome(validate(root, executor=remembering)) == expected[name]
 
 
 def test_these_changes_change_something(tmp_path: Path) -> None:

@@ -15,11 +15,9 @@ from tests import synthetic
 from tests.content_cache import kept, remembered
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.audit.rules.draft import Draft
-from tests.validator.audit.rules.judgement import remembered_judgements
 from tests.validator.audit.rules.release import ReleaseDraft, detached_draft, release_draft
 
 from branchdrive.audit.engine import validate
-from branchdrive.audit.release.audit import ReleaseTask
 from branchdrive.audit.report import Report
 from branchdrive.audit.shard import ShardTask
 from branchdrive.audit.worker import in_process
@@ -187,7 +185,7 @@ def judged(draft: Draft, folder: Path) -> Report:
     """Report on a draft that is written into `folder`; its raw dataset is named where it has one beside it."""
     root = draft.write(folder / "dataset")
     if not isinstance(draft, ReleaseDraft):
-        return validate(root, executor=Remembering())
+        return validate(root, executor=remembering)
     return judged_release(root, raw=draft.raw_root(root))
 
 
@@ -197,7 +195,7 @@ def judged_release(root: Path, **options: Any) -> Report:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
-        return validate(root, executor=Remembering(), **options)
+        return validate(root, executor=remembering, **options)
 
 
 PURE = (
@@ -222,31 +220,16 @@ defects leave most tables and documents as they are.
 """
 
 
-class Remembering:
-    """Executor that audits shards of the same bytes once, and judges a rule on derived layers once on what it reads.
-
-    Most defects leave most shards and most tables and documents as they are.
-    """
-
-    def __init__(self) -> None:
-        self.shard_keys: list[str] = []
-
-    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        for index, task in enumerate(tasks):
-            if isinstance(task, ShardTask):
-                yield index, self._shard(function, task)
-            elif isinstance(task, ReleaseTask):
-                with remembered_judgements(repr(self.shard_keys)):
-                    yield index, _alone(function, task)
-            else:
-                yield index, _alone(function, task)
-
-    def _shard(self, function: Callable[[Any], Any], task: ShardTask) -> Any:
+def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    """Executor that audits shards of the same bytes once: most defects leave most shards as they are."""
+    for index, task in enumerate(tasks):
+        if not isinstance(task, ShardTask):
+            yield from ((index, outcome) for _, outcome in in_process(function, [task]))
+            continue
         files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
         claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
         key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.extraction))
-        self.shard_keys.append(hashlib.sha256(key.encode()).hexdigest())
-        return _audited(self.shard_keys[-1], lambda: _alone(function, task))
+        yield index, _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
 
 
 def _alone(function: Callable[[Any], Any], task: Any) -> Any:
