@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 
@@ -15,8 +16,16 @@ def heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def start(root: Path, *, seed: int, jobs: int, groups: int, options: Sequence[object] = ()) -> subprocess.Popen[str]:
-    """`branchdrive collect` in a session of its own."""
+def start(
+    root: Path,
+    *,
+    seed: int,
+    jobs: int,
+    groups: int,
+    options: Sequence[object] = (),
+    environment: Mapping[str, str] | None = None,
+) -> subprocess.Popen[str]:
+    """`branchdrive collect` in a session of its own; `environment` is added to that of this process."""
     arguments = ["collect", root, "--groups", groups, "--seed", seed, "--jobs", jobs, *options]
     return subprocess.Popen(
         [sys.executable, "-m", "branchdrive.cli", *map(str, arguments)],
@@ -24,6 +33,7 @@ def start(root: Path, *, seed: int, jobs: int, groups: int, options: Sequence[ob
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        env={**os.environ, **(environment or {})},
         preexec_fn=heed_interrupts,
     )
 
