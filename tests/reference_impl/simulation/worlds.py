@@ -32,10 +32,15 @@ class Drive:
     branch: Branch | None
 
 
+def drawn_spec(scenario: str, number: int) -> WorldSpec:
+    """The world `number` that a collection draws of a scenario type."""
+    return plan_group(SEED, SCENARIO_NAMES.index(scenario) + len(SCENARIO_NAMES) * number).spec
+
+
 @cache
 def drive_of(scenario: str, number: int) -> Drive:
-    """Nominal rollout of the world `number` that a collection draws of a scenario type."""
-    spec = plan_group(SEED, SCENARIO_NAMES.index(scenario) + len(SCENARIO_NAMES) * number).spec
+    """Nominal rollout of a drawn world."""
+    spec = drawn_spec(scenario, number)
     rollout = run(spec, BANK.nominal)
     log = rollout.log
     lawful = not log.collided.any() and log.num_red_lights_run == 0 and log.num_stop_signs_run == 0
