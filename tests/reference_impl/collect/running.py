@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+LEAN = Path(__file__).parent / "lean"
 
 
 def heed_interrupts() -> None:
@@ -23,9 +25,9 @@ def start(
     jobs: int,
     groups: int,
     options: Sequence[object] = (),
-    environment: Mapping[str, str] | None = None,
+    loaded_first: Path = LEAN,
 ) -> subprocess.Popen[str]:
-    """`branchdrive collect` in a session of its own; `environment` is added to that of this process."""
+    """`branchdrive collect` in a session of its own; every interpreter loads `sitecustomize` of a folder first."""
     arguments = ["collect", root, "--groups", groups, "--seed", seed, "--jobs", jobs, *options]
     return subprocess.Popen(
         [sys.executable, "-m", "branchdrive.cli", *map(str, arguments)],
@@ -33,7 +35,7 @@ def start(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, **(environment or {})},
+        env={**os.environ, "PYTHONPATH": str(loaded_first)},
         preexec_fn=heed_interrupts,
     )
 

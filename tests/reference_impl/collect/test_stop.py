@@ -131,7 +131,7 @@ while any("spawn_main" in argument for argument in sys.orig_argv) and not Path({
 def test_interrupts_leave_no_worker_behind_that_is_still_started(tmp_path: Path) -> None:
     root, gate = tmp_path / "d", tmp_path / "gate"
     (tmp_path / "sitecustomize.py").write_text(WAITING.format(gate=str(gate)))
-    process = start(root, seed=SEED, jobs=2, groups=30, environment={"PYTHONPATH": str(tmp_path)})
+    process = start(root, seed=SEED, jobs=2, groups=30, loaded_first=tmp_path)
     wait_for(lambda: len(session_of(process.pid)) >= 4)
     for _ in range(4):
         os.killpg(process.pid, signal.SIGINT)
