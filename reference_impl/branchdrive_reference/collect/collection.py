@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 
 from branchdrive.contract.bank import load_action_bank
@@ -14,6 +15,7 @@ from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIM
 __all__ = ["collection_descriptor"]
 
 
+@cache
 def _simulator_version() -> str:
     """Version of the simulator and of the libraries that decide its bits: a collection never mixes them."""
     libraries = (f"{name}.{version(name)}" for name in ("numba", "numpy", "pymunk"))

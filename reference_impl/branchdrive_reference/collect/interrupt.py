@@ -2,7 +2,7 @@
 
 A signal that arrives inside a callback of the physics engine would be printed and forgotten there,
 because C code cannot pass an exception on. So the first signal is only noted, and raised where the
-collector asks for it; the second one is raised at once.
+collector asks for it; the second one is raised at once, or tells whoever must not be left in the middle.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ def _raise_termination(_signal: int, _frame: FrameType | None) -> NoReturn:
 
 
 @contextmanager
-def deferred_interrupt(then: Callable[[], object] | None = None) -> Iterator[Callable[[], None]]:
+def deferred_interrupt(insist: Callable[[], object] | None = None) -> Iterator[Callable[[], None]]:
     """Note keyboard interrupts and heeded terminations; yields the function that raises a noted one.
 
     Outside the main thread, and for signals that the caller handles in another way, nothing changes.
 
     Args:
-        then: Called as soon as one is noted.
+        insist: Called by the second one, which is raised at once otherwise; later ones do nothing then.
     """
     noted: list[int] = []
     raising: dict[int, _Handler] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: _raise_termination}
@@ -67,9 +67,10 @@ def deferred_interrupt(then: Callable[[], object] | None = None) -> Iterator[Cal
 
     def note(number: int, _frame: FrameType | None) -> None:
         noted.append(number)
-        restore()
-        if then is not None:
-            then()
+        if insist is None:
+            restore()
+        elif len(noted) == 2:
+            insist()
 
     def raise_if_noted() -> None:
         if noted:

@@ -1,29 +1,23 @@
 """Executing groups in this process or in worker processes.
 
-Which process executes a group never changes its bytes. A worker ends at once when its parent dies or
-gives it up, so that an interrupted collection can be resumed immediately; asked to stop, it stops
-before the next rollout. Workers leave interrupts and requests to terminate to the parent.
+Which process executes a group never changes its bytes. Asked to stop, a worker stops before the next rollout.
 """
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import Connection
+from concurrent.futures import Future
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import ClassVar
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.errors import ToolError
 from branchdrive.process import spawn_context
 from branchdrive_reference.collect.group import GroupReport, collect_group
-from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
+from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.plan import GroupPlan
+from branchdrive_reference.collect.workers import started_workers
 
 __all__ = ["execute_groups", "num_workers"]
 
@@ -39,7 +33,7 @@ def execute_groups(
     Closing the generator stops the workers and waits for them.
 
     Raises:
-        ToolError: A worker process died.
+        WorkerError: A worker process died.
         KeyboardInterrupt: The user interrupted; all finished rollouts are kept.
     """
     if num_workers(len(plans), jobs=jobs) == 1:
@@ -63,37 +57,18 @@ def _in_workers(
 ) -> Generator[GroupReport, None, None]:
     waiting = list(reversed(plans))
     running: set[Future[GroupReport]] = set()
-    with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
+    with deferred_interrupt() as raise_if_noted:  # half an event leaks semaphores
         context = spawn_context()
         stop = context.Event()
-        watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
-        pool = ProcessPoolExecutor(
-            num_workers(len(plans), jobs=jobs),
-            context,
-            _Worker.start,
-            (root, descriptor.model_dump_json(), stop, watched),
-        )
-    try:
-        raise_if_noted()
+    raise_if_noted()
+    state = (root, descriptor.model_dump_json(), stop)
+    with started_workers(context, num_workers(len(plans), jobs=jobs), stop, _Worker.start, *state) as workers:
         while waiting or running:
-            with shielded_children():  # they are started as work is handed out
-                while waiting and len(running) < _GROUPS_PER_WORKER * jobs:
-                    running.add(pool.submit(_Worker.collect, waiting.pop()))
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            while waiting and len(running) < _GROUPS_PER_WORKER * jobs:
+                running.add(workers.submit(_Worker.collect, waiting.pop()))
+            finished, running = workers.wait(running)
             for future in finished:
                 yield future.result()
-    except BrokenProcessPool as error:
-        lifeline.close()  # the other workers do not hear the pool's request to terminate
-        raise ToolError(
-            "a worker process died; make room in memory or use fewer `--jobs`, and run the same command again to go on"
-        ) from error
-    finally:
-        stop.set()
-        with deferred_interrupt(then=lifeline.close) as raise_if_noted:  # who insists does not wait for rollouts
-            pool.shutdown(wait=True, cancel_futures=True)
-        lifeline.close()
-        watched.close()
-        raise_if_noted()
 
 
 class _StoppedError(Exception):
@@ -108,8 +83,7 @@ class _Worker:
     stop: ClassVar[Event]
 
     @classmethod
-    def start(cls, root: Path, descriptor_json: str, stop: Event, watched: Connection) -> None:
-        threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
+    def start(cls, root: Path, descriptor_json: str, stop: Event) -> None:
         cls.root, cls.stop = root, stop
         cls.descriptor = Descriptor.model_validate_json(descriptor_json)
 
@@ -123,8 +97,3 @@ class _Worker:
     def raise_if_stopped(cls) -> None:
         if cls.stop.is_set():
             raise _StoppedError
-
-
-def _exit_with_parent(watched: Connection) -> None:
-    watched.poll(None)  # nothing is ever sent
-    os._exit(1)

@@ -9,23 +9,20 @@ Source: this project's choice.
 from __future__ import annotations
 
 import itertools
-import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cached_property
-from multiprocessing.connection import Connection
 from multiprocessing.queues import SimpleQueue
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.errors import ToolError, UsageError
+from branchdrive.errors import UsageError
 from branchdrive.process import spawn_context
-from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
+from branchdrive_reference.collect.interrupt import deferred_interrupt
+from branchdrive_reference.collect.workers import WorkerError, started_workers
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
 from branchdrive_reference.learning.fold import Fold, open_fold
@@ -95,7 +92,7 @@ def train_models(
     Raises:
         UsageError: As `train_model`, or two tasks have one name.
         DatasetError: As `train_model`.
-        ToolError: A worker process died.
+        WorkerError: A worker process died.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
     layer, paths = open_model(release), [task.path(Path(folder)) for task in tasks]
@@ -124,42 +121,31 @@ def _unseen(report: EpochReport) -> None:
 def _in_workers(
     release: str, folder: str, tasks: Sequence[Task], jobs: int, device: str, watch: Callable[[EpochReport], None]
 ) -> None:
-    with deferred_interrupt() as raise_if_noted:  # half a pool leaks semaphores
+    with deferred_interrupt() as raise_if_noted:  # half an event or queue leaks semaphores
         context = spawn_context()
         stop, reports = context.Event(), context.SimpleQueue()
-        watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
-        pool = ProcessPoolExecutor(
-            jobs, context, _Worker.start, (_Worker(release, folder, device, stop, reports), watched)
-        )
+    raise_if_noted()
     watcher = _Watcher(reports, watch, stop)
     watcher.start()
     is_broken = False
+    state = _Worker(release, folder, device, stop, reports)
     try:
-        raise_if_noted()
-        with shielded_children():
-            running = [pool.submit(_Worker.train, task) for task in _longest_first(tasks)]
-        finished, _ = wait(running, return_when=FIRST_EXCEPTION)
-        for future in finished:
-            future.result()
-    except BrokenProcessPool as error:
+        with started_workers(context, jobs, stop, _Worker.start, state) as workers:
+            running = {workers.submit(_Worker.train, task) for task in _longest_first(tasks)}
+            while running:
+                finished, running = workers.wait(running)
+                for future in finished:
+                    future.result()
+    except WorkerError:
         is_broken = True
-        lifeline.close()  # the other workers do not hear the pool's request to terminate
-        raise ToolError(
-            "a worker process died; make room in memory or use fewer `--jobs`, and run the same command again to go on"
-        ) from error
+        raise
     except _StoppedError:
         pass  # because the watcher raised
     finally:
-        stop.set()
-        with deferred_interrupt(then=lifeline.close) as raise_if_noted:  # who insists does not wait for an epoch
-            pool.shutdown(wait=True, cancel_futures=True)
-        lifeline.close()
-        watched.close()
         if not is_broken:  # a process that died may hold the lock of the queue
             reports.put(None)
             watcher.join()
             reports.close()
-        raise_if_noted()
     if watcher.error is not None:
         raise watcher.error
 
@@ -209,8 +195,7 @@ class _Worker:
     def layer(self) -> ModelLayer:
         return open_model(self.release)
 
-    def start(self, watched: Connection) -> None:
-        threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
+    def start(self) -> None:
         _Worker.current = self
 
     def between(self, report: EpochReport) -> None:
@@ -224,8 +209,3 @@ class _Worker:
         if worker.stop.is_set():
             raise _StoppedError
         task.train(worker.layer, worker.folder, worker.device, worker.between)
-
-
-def _exit_with_parent(watched: Connection) -> None:
-    watched.poll(None)  # nothing is ever sent
-    os._exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -9,14 +10,24 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+LEAN = Path(__file__).parent / "lean"
+
 
 def heed_interrupts() -> None:
     """Undo what a background shell does to its children: they ignore interrupts."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def start(root: Path, *, seed: int, jobs: int, groups: int, options: Sequence[object] = ()) -> subprocess.Popen[str]:
-    """`branchdrive collect` in a session of its own."""
+def start(
+    root: Path,
+    *,
+    seed: int,
+    jobs: int,
+    groups: int,
+    options: Sequence[object] = (),
+    loaded_first: Path = LEAN,
+) -> subprocess.Popen[str]:
+    """`branchdrive collect` in a session of its own; every interpreter loads `sitecustomize` of a folder first."""
     arguments = ["collect", root, "--groups", groups, "--seed", seed, "--jobs", jobs, *options]
     return subprocess.Popen(
         [sys.executable, "-m", "branchdrive.cli", *map(str, arguments)],
@@ -24,6 +35,7 @@ def start(root: Path, *, seed: int, jobs: int, groups: int, options: Sequence[ob
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(loaded_first)},
         preexec_fn=heed_interrupts,
     )
 

@@ -20,7 +20,9 @@ from branchdrive_reference.collect.collection import collection_descriptor
 from branchdrive_reference.collect.preset import PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
-SEED, GROUPS = 3, 3
+SEED, GROUPS = 3, 2
+
+pytestmark = pytest.mark.usefixtures("remembered_runs")
 
 
 def branchdrive(*arguments: object) -> tuple[int, str, str]:
@@ -267,13 +269,16 @@ def test_a_disk_that_has_filled_up_stops_a_resumed_collection(tmp_path: Path, mo
     assert "2 groups do not fit on this disk" in err
 
 
+FAULTY_SEED, FAULTY_GROUPS = 17, 2
+"""Of a collection with failures, a lost frame, and one group of two that is abandoned."""
+
 FAULTS = {"partial": 0.05, "quarantined": 0.05, "abandoned": 0.3, "duplicate": 0.1, "dropped_frame": 0.1}
 
 
 @pytest.fixture(scope="module")
-def faulty(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, CampaignReport]:
+def faulty(tmp_path_factory: pytest.TempPathFactory, remembered_runs: None) -> tuple[Path, CampaignReport]:
     root = tmp_path_factory.mktemp("faulty") / "dataset"
-    return root, collect(root, num_groups=4, seed=SEED, faults=FAULTS, replay_noise=1.0)
+    return root, collect(root, num_groups=FAULTY_GROUPS, seed=FAULTY_SEED, faults=FAULTS, replay_noise=1.0)
 
 
 def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, CampaignReport]) -> None:
@@ -289,8 +294,8 @@ def test_faults_and_noise_do_not_depend_on_workers_or_interruptions(
     root = tmp_path / "d"
     spec = ",".join(f"{name}={rate}" for name, rate in FAULTS.items())
     declared = ["--faults", spec, "--replay-noise", 1]
-    options = ["--groups", 4, "--seed", SEED, "--jobs", 2, *declared]
-    process = start(root, seed=SEED, jobs=1, groups=4, options=declared)
+    options = ["--groups", FAULTY_GROUPS, "--seed", FAULTY_SEED, "--jobs", 2, *declared]
+    process = start(root, seed=FAULTY_SEED, jobs=1, groups=FAULTY_GROUPS, options=declared)
     wait_for(lambda: finished_rollouts(root) >= 3)
     process.kill()
     process.communicate()

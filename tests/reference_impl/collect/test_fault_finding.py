@@ -76,7 +76,7 @@ Collector: TypeAlias = Callable[[Fault], Collected]
 
 
 @pytest.fixture(scope="module")
-def collected(tmp_path_factory: pytest.TempPathFactory) -> Collector:
+def collected(tmp_path_factory: pytest.TempPathFactory, remembered_runs: None) -> Collector:
     """Datasets by the fault that happens in them wherever it can, collected when they are asked for."""
 
     @cache

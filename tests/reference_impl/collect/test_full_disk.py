@@ -14,6 +14,7 @@ from branchdrive.cli.main import run
 from branchdrive_reference.collect.campaign import collect
 
 
+@pytest.mark.usefixtures("remembered_runs")
 def test_a_collection_on_a_full_disk_goes_on_when_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from tests.content_cache import remembered
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
 from branchdrive_reference.collect.collection import collection_descriptor
@@ -18,6 +19,7 @@ from branchdrive_reference.simulation.spec import WorldSpec
 SEED = 20
 DESCRIPTOR = collection_descriptor(SEED)
 FAULTY = collection_descriptor(SEED, faults={"partial": 0.15, "quarantined": 0.1, "duplicate": 0.2, "late_branch": 0.2})
+pytestmark = pytest.mark.usefixtures("remembered_runs")
 ROLLOUTS = len(DESCRIPTOR.action_bank.policies) + NUM_NOMINAL_REPLAYS
 
 
@@ -64,15 +66,21 @@ def test_every_rollout_of_a_group_complies(tmp_path: Path) -> None:
             assert replay.tables[table].drop_columns("rollout_id") == nominal.tables[table].drop_columns("rollout_id")
 
 
+@pytest.fixture(scope="module")
+def whole_identity(tmp_path_factory: pytest.TempPathFactory, remembered_runs: None) -> str:
+    root = tmp_path_factory.mktemp("alone") / "d"
+    collect_one(root, plan_group(SEED, 1))
+    return identity(root)
+
+
 @pytest.mark.parametrize("finished", [0, 1, 6, 14])
-def test_a_resumed_group_reuses_what_is_finished(tmp_path: Path, finished: int) -> None:
-    plan = plan_group(SEED, 2)
+def test_a_resumed_group_reuses_what_is_finished(tmp_path: Path, whole_identity: str, finished: int) -> None:
+    plan = plan_group(SEED, 1)
     with pytest.raises(InterruptionError):
         collect_one(tmp_path / "resumed", plan, interrupt_after(finished))
     report = collect_one(tmp_path / "resumed", plan)
     assert (report.num_simulated, report.num_reused) == (ROLLOUTS - finished, finished)
-    collect_one(tmp_path / "whole", plan)
-    assert identity(tmp_path / "resumed") == identity(tmp_path / "whole")
+    assert identity(tmp_path / "resumed") == whole_identity
 
 
 def test_no_replay_is_spent_on_a_partial_nominal(tmp_path: Path) -> None:
@@ -94,7 +102,9 @@ def eventful() -> tuple[GroupPlan, GroupScript]:
 
 
 @pytest.fixture(scope="module")
-def eventful_identity(eventful: tuple[GroupPlan, GroupScript], tmp_path_factory: pytest.TempPathFactory) -> str:
+def eventful_identity(
+    eventful: tuple[GroupPlan, GroupScript], tmp_path_factory: pytest.TempPathFactory, remembered_runs: None
+) -> str:
     root = tmp_path_factory.mktemp("whole") / "d"
     collect_one(root, eventful[0], descriptor=FAULTY)
     return identity(root, FAULTY)
@@ -131,7 +141,7 @@ def test_a_resumed_group_goes_on_in_its_script(
 
 def test_a_group_that_faults_end_early_says_why(tmp_path: Path) -> None:
     descriptor = collection_descriptor(SEED, faults={"abandoned": 1.0})
-    report = collect_one(tmp_path / "d", plan_group(SEED, 2), descriptor=descriptor)
+    report = collect_one(tmp_path / "d", plan_group(SEED, 1), descriptor=descriptor)
     assert report.unbranched_because == ""
     assert report.stopped_because == f"abandoned after {report.num_simulated} of 13 policies"
 
@@ -145,7 +155,7 @@ class Run:
     def __call__(self, spec: WorldSpec, *arguments: object, **options: object) -> object:
         self.specs.append(spec)
         exact = dataclasses.replace(spec, replay=0, replay_noise=0.0)
-        return run(exact, *arguments, **options)  # type: ignore[arg-type]
+        return remembered(run)(exact, *arguments, **options)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.5])
@@ -154,7 +164,7 @@ def test_replays_get_noise_of_their_own_and_nominal_passes_none(
 ) -> None:
     spy = Run()
     monkeypatch.setattr("branchdrive_reference.collect.effect.run", spy)
-    collect_one(tmp_path / "d", plan_group(SEED, 2), descriptor=collection_descriptor(SEED, replay_noise=noise))
+    collect_one(tmp_path / "d", plan_group(SEED, 1), descriptor=collection_descriptor(SEED, replay_noise=noise))
     nominal, *replays = spy.specs
     assert (nominal.replay, nominal.replay_noise) == (0, 0.0)
     assert {spec.replay_noise for spec in replays} == {noise}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 
 import pytest
 
@@ -16,13 +15,7 @@ from branchdrive_reference.collect.interrupt import (
     shielded_children,
 )
 
-
-@pytest.fixture(autouse=True)
-def heeded() -> Iterator[None]:
-    """Interrupts as a foreground process gets them."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
+pytestmark = pytest.mark.usefixtures("heeded_interrupts")
 
 
 def test_an_interrupt_waits_until_it_is_asked_for() -> None:
@@ -34,11 +27,17 @@ def test_an_interrupt_waits_until_it_is_asked_for() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_who_waits_can_be_told_at_once() -> None:
+def test_who_insists_is_told_once_and_raises_nothing_in_the_middle() -> None:
     told: list[str] = []
-    with deferred_interrupt(then=lambda: told.append("once")):
+    with deferred_interrupt(insist=lambda: told.append("once")) as raise_if_noted:
         signal.raise_signal(signal.SIGINT)
-        assert told == ["once"]
+        assert told == []
+        for _ in range(2):
+            signal.raise_signal(signal.SIGINT)
+            assert told == ["once"]
+        with pytest.raises(KeyboardInterrupt):
+            raise_if_noted()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_second_interrupt_does_not_wait() -> None:

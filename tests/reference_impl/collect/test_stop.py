@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
 import time
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.content_cache import remembered
 from tests.reference_impl.collect.kept_collection import identity_of
 from tests.reference_impl.collect.running import finished_rollouts, session_of, start, wait_for
 
+from branchdrive.cli.main import run
 from branchdrive.dataset.layout import DESCRIPTOR_FILE
 from branchdrive_reference.collect.campaign import collect
+from branchdrive_reference.simulation import rollout
 
 SEED, GROUPS = 3, 2
+
+pytestmark = pytest.mark.usefixtures("remembered_runs")
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +47,32 @@ def test_a_killed_collection_is_resumed_at_once(tmp_path: Path, identity: str) -
 RESUME_LINE = r"interrupted; \d+ of \d+ groups are finished. To go on, run: branchdrive collect .*\n"
 STOPS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
-each_stop = pytest.mark.parametrize("stop", STOPS, ids=lambda stop: stop.name)
+
+@pytest.mark.parametrize("stop", STOPS, ids=lambda stop: stop.name)
+def test_a_rollout_in_which_a_stop_arrives_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, heeded_interrupts: None, identity: str, stop: signal.Signals
+) -> None:
+    root, number = tmp_path / "d", count(1)
+
+    def stopped_in_the_third(*arguments: Any, **options: Any) -> rollout.Run:
+        if next(number) == 3:
+            signal.raise_signal(stop)
+        return remembered(rollout.run)(*arguments, **options)
+
+    arguments = ["collect", str(root), "--groups", str(GROUPS), "--seed", str(SEED)]
+    with monkeypatch.context() as patch:
+        patch.setattr("branchdrive_reference.collect.effect.run", stopped_in_the_third)
+        stdout, stderr = io.StringIO(), io.StringIO()
+        assert run(arguments, stdout, stderr) == STOPS[stop]
+    assert "identity" not in stdout.getvalue()
+    assert re.fullmatch(RESUME_LINE, stderr.getvalue())
+    assert finished_rollouts(root) == 3
+    report = collect(root, num_groups=GROUPS, seed=SEED)
+    assert report.identity == identity
+    assert sum(group.num_reused for group in report.groups) == 3
 
 
-@each_stop
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize(("jobs", "stop"), [(1, signal.SIGINT), (2, signal.SIGTERM)])
 def test_a_stopped_collection_keeps_what_is_finished(
     tmp_path: Path, identity: str, jobs: int, stop: signal.Signals
 ) -> None:
@@ -61,8 +90,10 @@ def test_a_stopped_collection_keeps_what_is_finished(
     assert sum(group.num_reused for group in report.groups) + 15 * report.num_found >= 2
 
 
-@each_stop
-@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize(
+    ("delay_s", "stop"),
+    [(0.0, signal.SIGINT), (0.05, signal.SIGTERM), (0.2, signal.SIGINT), (0.5, signal.SIGTERM), (1.0, signal.SIGINT)],
+)
 def test_workers_that_begin_are_stopped_in_silence(tmp_path: Path, delay_s: float, stop: signal.Signals) -> None:
     root = tmp_path / "d"
     process = start(root, seed=SEED, jobs=2, groups=30)
@@ -83,6 +114,30 @@ def test_a_second_interrupt_does_not_wait_for_the_workers(tmp_path: Path) -> Non
         os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.2)
     _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert re.fullmatch(RESUME_LINE, err)
+    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+
+
+WAITING = """
+import sys, time
+from pathlib import Path
+while any("spawn_main" in argument for argument in sys.orig_argv) and not Path({gate!r}).exists():
+    time.sleep(0.02)
+"""
+"""A module that every interpreter loads first: it keeps workers from starting until there is a file."""
+
+
+def test_interrupts_leave_no_worker_behind_that_is_still_started(tmp_path: Path) -> None:
+    root, gate = tmp_path / "d", tmp_path / "gate"
+    (tmp_path / "sitecustomize.py").write_text(WAITING.format(gate=str(gate)))
+    process = start(root, seed=SEED, jobs=2, groups=30, loaded_first=tmp_path)
+    wait_for(lambda: len(session_of(process.pid)) >= 4)
+    for _ in range(4):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.2)
+    gate.touch()
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert re.fullmatch(RESUME_LINE, err)
     wait_for(lambda: not session_of(process.pid), timeout_s=5.0)

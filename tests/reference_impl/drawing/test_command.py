@@ -86,6 +86,7 @@ def test_an_svg_is_xml_without_date_or_maker(invented: Path, tmp_path: Path) -> 
     assert not any(word in text for word in ("dc:date", "Matplotlib", str(tmp_path)))
 
 
+@pytest.mark.usefixtures("blank")
 def test_named_groups_are_drawn(invented: Path, tmp_path: Path) -> None:
     code, out, _ = draw(invented, "--output", tmp_path, "--group", "g2", "--group", "g1")
     assert code == 0
@@ -94,6 +95,7 @@ def test_named_groups_are_drawn(invented: Path, tmp_path: Path) -> None:
     assert out.splitlines()[-1] == f"2 pictures in {tmp_path}"
 
 
+@pytest.mark.usefixtures("blank")
 def test_all_draws_every_complete_group(invented: Path, tmp_path: Path) -> None:
     code, out, _ = draw(invented, "--output", tmp_path, "--all", "--format", "svg")
     assert code == 0
@@ -101,6 +103,7 @@ def test_all_draws_every_complete_group(invented: Path, tmp_path: Path) -> None:
     assert out.splitlines()[-1] == f"3 pictures in {tmp_path}"
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_chosen_group_that_lacks_rows_is_left_out_and_told(tmp_path: Path) -> None:
     shards = {folder: dict(tables) for folder, tables in base_tables().items()}
     tables = shards["raw/shard-00000"]

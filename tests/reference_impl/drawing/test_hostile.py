@@ -111,6 +111,7 @@ def test_a_group_that_cannot_be_drawn_is_one_line(tmp_path: Path, edits: Mapping
     assert not (tmp_path / "p").exists()
 
 
+@pytest.mark.usefixtures("blank")
 @pytest.mark.parametrize("name", ["no trigger value", "a place that is none", "a gap to nobody"])
 def test_a_group_that_cannot_be_drawn_gives_way_to_the_next_of_its_type(tmp_path: Path, name: str) -> None:
     samples.written(tmp_path / "d", HOSTILE[name][0])
@@ -120,6 +121,7 @@ def test_a_group_that_cannot_be_drawn_gives_way_to_the_next_of_its_type(tmp_path
     assert [path.name for path in (tmp_path / "p").iterdir()] == ["g1.svg"]
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_type_without_picture_is_told_with_its_reasons(tmp_path: Path) -> None:
     others = {f"g{index}.nominal.a1": {"scenario_type": "Merge", "trigger_value": None} for index in (0, 2)}
     write_invented(tmp_path / "d", others)
@@ -134,6 +136,7 @@ def test_a_type_without_picture_is_told_with_its_reasons(tmp_path: Path) -> None
     assert not (tmp_path / "q").exists()
 
 
+@pytest.mark.usefixtures("blank")
 @pytest.mark.parametrize("group_id", ["../../escaped", "ABSOLUTE", "..", "g0\n", ".g0", "g0/../../escaped", ""])
 def test_no_picture_is_named_after_an_id_that_the_format_does_not_allow(tmp_path: Path, group_id: str) -> None:
     group_id = group_id.replace("ABSOLUTE", str(tmp_path / "escaped"))

@@ -11,7 +11,7 @@ import pytest
 import shapely
 import shapely.affinity
 from tests.each import each
-from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drive_of
+from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drawn_spec
 
 from branchdrive_reference.scenarios.population import populate
 from branchdrive_reference.scenarios.scenario import Ambient
@@ -52,7 +52,7 @@ class Opening:
 @cache
 def openings(scenario: str) -> list[Opening]:
     found = []
-    for world in (World(drive_of(scenario, number).spec) for number in WORLDS):
+    for world in (World(drawn_spec(scenario, number)) for number in WORLDS):
         stage = world.scene.stage
         line = world.tables.route.polyline
         centre = shapely.LineString(np.column_stack([line.x_m, line.y_m]))
@@ -99,7 +99,7 @@ def ambient_of(spec: WorldSpec, ambient: Ambient) -> list[Body]:
 @each("part", [field.name for field in dataclasses.fields(Ambient)])
 @each_scenario
 def test_leaving_a_group_out_changes_no_other(scenario: str, part: str) -> None:
-    spec = drive_of(scenario, 0).spec
+    spec = drawn_spec(scenario, 0)
     everybody = ambient_of(spec, Ambient())
     others = ambient_of(spec, dataclasses.replace(Ambient(), **{part: False}))
     assert [body for body in everybody if body in others] == others
@@ -112,7 +112,7 @@ def test_leaving_a_group_out_changes_no_other(scenario: str, part: str) -> None:
 def test_a_scenario_can_leave_traffic_out(part: str, scenario: str, role: Role) -> None:
     present = 0
     for number in WORLDS:
-        spec = drive_of(scenario, number).spec
+        spec = drawn_spec(scenario, number)
         track = route_tracks(spec.town, spec.route_id).roles.get(role)
         on_track = [b for b in ambient_of(spec, Ambient()) if b.behaviour is Behaviour.FOLLOWING and b.track == track]
         left = ambient_of(spec, dataclasses.replace(Ambient(), **{part: False}))

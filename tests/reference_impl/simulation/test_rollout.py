@@ -54,10 +54,9 @@ def sample_digests() -> list[str]:
     return [digest(rollout) for rollout in (*map(nominal_of, SCENARIO_NAMES[::4]), crash, noisy)]
 
 
-@pytest.mark.parametrize("hash_seed", ["0", "12345"])
-def test_other_processes_give_the_same_bytes(hash_seed: str) -> None:
+def test_a_process_with_other_hashes_gives_the_same_bytes() -> None:
     code = "from tests.reference_impl.simulation.test_rollout import sample_digests\nprint(*sample_digests())"
-    environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
+    environment = {**os.environ, "PYTHONHASHSEED": "1" if os.environ.get("PYTHONHASHSEED") == "0" else "0"}
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=ROOT)
     assert found.stdout.split() == sample_digests()

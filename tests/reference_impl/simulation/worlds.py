@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from itertools import islice
+from typing import ParamSpec, TypeVar
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive_reference.collect.plan import plan_group
@@ -18,6 +21,22 @@ BANK = load_action_bank()
 SEED = 20
 SCENARIO_NAMES = tuple(SCENARIOS)
 _MOST_DRAWN = 60
+
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
+
+def cached(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """Like `functools.cache`, but a default that is given is the same call as one that is left out."""
+    signature, remembered = inspect.signature(function), cache(function)
+
+    @wraps(function)
+    def call(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> _Result:
+        bound = signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        return remembered(*bound.args)
+
+    return call
 
 
 @dataclass(frozen=True)
@@ -32,17 +51,22 @@ class Drive:
     branch: Branch | None
 
 
+def drawn_spec(scenario: str, number: int) -> WorldSpec:
+    """The world `number` that a collection draws of a scenario type."""
+    return plan_group(SEED, SCENARIO_NAMES.index(scenario) + len(SCENARIO_NAMES) * number).spec
+
+
 @cache
 def drive_of(scenario: str, number: int) -> Drive:
-    """Nominal rollout of the world `number` that a collection draws of a scenario type."""
-    spec = plan_group(SEED, SCENARIO_NAMES.index(scenario) + len(SCENARIO_NAMES) * number).spec
+    """Nominal rollout of a drawn world."""
+    spec = drawn_spec(scenario, number)
     rollout = run(spec, BANK.nominal)
     log = rollout.log
     lawful = not log.collided.any() and log.num_red_lights_run == 0 and log.num_stop_signs_run == 0
     return Drive(spec, rollout.ending.completion == "completed" and lawful, log.num_ticks, find_branch(rollout))
 
 
-@cache
+@cached
 def spec_of(scenario: str, number: int = 0) -> WorldSpec:
     """World `number` of a scenario type, counting those that the expert masters and that branch."""
     drives = (drive_of(scenario, drawn) for drawn in range(_MOST_DRAWN))
@@ -53,7 +77,7 @@ def spec_of(scenario: str, number: int = 0) -> WorldSpec:
     return found
 
 
-@cache
+@cached
 def nominal_of(scenario: str, number: int = 0) -> Run:
     """Nominal rollout of a world."""
     return run(spec_of(scenario, number), BANK.nominal)
@@ -73,7 +97,7 @@ def execute(scenario: str, action_key: str, number: int = 0) -> Run:
     return run(nominal.spec, BANK[action_key], branch_tick=branch.branch_tick, nominal=nominal.log.applied)
 
 
-@cache
+@cached
 def intervention_of(scenario: str, action_key: str, number: int = 0) -> Run:
     """Rollout of an intervention."""
     return execute(scenario, action_key, number)
