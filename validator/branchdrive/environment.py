@@ -72,7 +72,7 @@ def leave_out_pandas() -> None:
     """Keep pyarrow from loading pandas, as it does at the first conversion of a process wherever pandas is installed.
 
     That takes a third of a second, and memory that a worker may need, for data frames that nothing here uses. For
-    processes that run no code of others.
+    processes that run no code of others: some libraries (torch) fail where even a search for pandas does.
     """
     sys.meta_path.insert(0, _NoPandas())
 

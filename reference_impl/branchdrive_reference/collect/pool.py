@@ -13,6 +13,7 @@ from typing import ClassVar
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group_writer import GroupWriter
+from branchdrive.environment import leave_out_pandas
 from branchdrive.process import spawn_context
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.interrupt import deferred_interrupt
@@ -84,6 +85,7 @@ class _Worker:
 
     @classmethod
     def start(cls, root: Path, descriptor_json: str, stop: Event) -> None:
+        leave_out_pandas()
         cls.root, cls.stop = root, stop
         cls.descriptor = Descriptor.model_validate_json(descriptor_json)
 

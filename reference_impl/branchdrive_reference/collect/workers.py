@@ -19,7 +19,6 @@ from multiprocessing.context import SpawnContext
 from multiprocessing.synchronize import Event
 from typing import ParamSpec, TypeVar
 
-from branchdrive.environment import leave_out_pandas
 from branchdrive.errors import ToolError
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 
@@ -105,7 +104,6 @@ def started_workers(
 
 
 def _start(watched: Connection, start: Callable[..., None], arguments: tuple[object, ...]) -> None:
-    leave_out_pandas()
     threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
     start(*arguments)
 

@@ -188,7 +188,7 @@ def _open_streams() -> tuple[TextIO, TextIO]:
 
 def main() -> int:
     """Entry point of `branchdrive`."""
-    if sys.argv[1:] and sys.argv[1] in _BUILT_IN:
+    if sys.argv[1:2] == ["validate"]:
         leave_out_pandas()
     return run(sys.argv[1:], *_open_streams())
 
