@@ -44,12 +44,6 @@ def test_a_collected_dataset_is_valid_and_every_group_qualifies(reference: tuple
     assert report.funnel.qualified == GROUPS
 
 
-def test_workers_change_no_byte(tmp_path: Path, reference: tuple[Path, str]) -> None:
-    code, out, err = branchdrive("collect", tmp_path / "d", "--groups", GROUPS, "--seed", SEED, "--jobs", 2)
-    assert (code, err) == (0, "")
-    assert f"identity  {reference[1]}" in out
-
-
 def test_a_finished_dataset_is_left_as_it_is(reference: tuple[Path, str]) -> None:
     root, identity = reference
     code, out, _ = branchdrive("collect", root, "--groups", GROUPS, "--seed", SEED)

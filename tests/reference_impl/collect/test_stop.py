@@ -106,19 +106,6 @@ def test_workers_that_begin_are_stopped_in_silence(tmp_path: Path, delay_s: floa
     wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
 
 
-def test_a_second_interrupt_does_not_wait_for_the_workers(tmp_path: Path) -> None:
-    root = tmp_path / "d"
-    process = start(root, seed=SEED, jobs=2, groups=30)
-    wait_for(lambda: len(session_of(process.pid)) >= 4)  # with both workers and the resource tracker
-    for _ in range(2):
-        os.killpg(process.pid, signal.SIGINT)
-        time.sleep(0.2)
-    _, err = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert re.fullmatch(RESUME_LINE, err)
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
-
-
 WAITING = """
 import sys, time
 from pathlib import Path
@@ -128,18 +115,19 @@ while any("spawn_main" in argument for argument in sys.orig_argv) and not Path({
 """A module that every interpreter loads first: it keeps workers from starting until there is a file."""
 
 
-def test_interrupts_leave_no_worker_behind_that_is_still_started(tmp_path: Path) -> None:
+def test_further_interrupts_wait_for_no_rollout_and_leave_no_worker_behind(tmp_path: Path) -> None:
     root, gate = tmp_path / "d", tmp_path / "gate"
     (tmp_path / "sitecustomize.py").write_text(WAITING.format(gate=str(gate)))
     process = start(root, seed=SEED, jobs=2, groups=30, loaded_first=tmp_path)
     wait_for(lambda: len(session_of(process.pid)) >= 4)
-    for _ in range(4):
+    for _ in range(4):  # while workers are started
         os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.2)
     gate.touch()
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert re.fullmatch(RESUME_LINE, err)
+    assert finished_rollouts(root) == 0
     wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
 
 
