@@ -10,8 +10,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-LEAN = Path(__file__).parent / "lean"
-
 
 def heed_interrupts() -> None:
     """Undo what a background shell does to its children: they ignore interrupts."""
@@ -25,9 +23,9 @@ def start(
     jobs: int,
     groups: int,
     options: Sequence[object] = (),
-    loaded_first: Path = LEAN,
+    loaded_first: Path | None = None,
 ) -> subprocess.Popen[str]:
-    """`branchdrive collect` in a session of its own; every interpreter loads `sitecustomize` of a folder first."""
+    """`branchdrive collect` in a session of its own; interpreters load `sitecustomize` of a folder first, if given."""
     arguments = ["collect", root, "--groups", groups, "--seed", seed, "--jobs", jobs, *options]
     return subprocess.Popen(
         [sys.executable, "-m", "branchdrive.cli", *map(str, arguments)],
@@ -35,7 +33,7 @@ def start(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "PYTHONPATH": str(loaded_first)},
+        env={**os.environ, **({"PYTHONPATH": str(loaded_first)} if loaded_first else {})},
         preexec_fn=heed_interrupts,
     )
 

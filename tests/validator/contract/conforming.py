@@ -54,7 +54,7 @@ def conforming(
     for alternatives in ("anyOf", "oneOf"):
         if alternatives in schema:
             return st.one_of(*(conforming(branch, schema_name) for branch in schema[alternatives]))
-    if "allOf" in schema:
+    if "allOf" in schema and "type" not in schema:
         (whole,) = schema["allOf"]
         parts = {name: conforming(node, schema_name) for name, node in schema["properties"].items()}
         return conforming(whole, schema_name, **parts)

@@ -33,6 +33,9 @@ _BUILT_IN = {
     "rules": "branchdrive.cli.rules",
 }
 
+_WITHOUT_PANDAS = ("validate", "collect")
+"""Commands that load no library of which it is unknown how it does without."""
+
 
 class Command(Protocol):
     """A command module."""
@@ -188,7 +191,7 @@ def _open_streams() -> tuple[TextIO, TextIO]:
 
 def main() -> int:
     """Entry point of `branchdrive`."""
-    if sys.argv[1:2] == ["validate"]:
+    if sys.argv[1:] and sys.argv[1] in _WITHOUT_PANDAS:
         leave_out_pandas()
     return run(sys.argv[1:], *_open_streams())
 
