@@ -38,6 +38,30 @@ def test_no_case_is_an_error() -> None:
     with pytest.raises(ValueError, match="no case gives 'number'"):
         each("number", [])
 
+    @each("number", list)
+    def holds_of_nothing(number: int) -> None:
+        """Never called."""
+
+    with pytest.raises(ValueError, match="no case gives 'number'"):
+        holds_of_nothing()
+
+
+def test_cases_of_a_function_are_made_when_the_test_runs() -> None:
+    made = []
+
+    def cases() -> list[int]:
+        made.append("cases")
+        return [1, 2]
+
+    @each("number", cases)
+    def is_one(number: int) -> None:
+        assert number == 1
+
+    assert not made
+    with pytest.raises(BaseExceptionGroup, match="1 of 2 cases fail: 2"):
+        is_one()
+    assert made == ["cases"]
+
 
 @each("first", "ab")
 @each("second", range(2), ids=["zero", "one"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,13 +20,19 @@ from branchdrive_reference.town.registry import town
 from branchdrive_reference.town.track import route_tracks
 from branchdrive_reference.world.body import EGO
 
-RUNS = [nominal_of(name) for name in SCENARIO_NAMES] + [
-    intervention_of("HardBrakeRoute", "accelerate_0.80"),
-    intervention_of("PedestrianCrossing", "steer_right_0.15"),
-    intervention_of("ParkedObstacle", "steer_left_0.05"),
-]
-RECORDS = [record(run) for run in RUNS]
-each_record = each(("run", "recorded"), list(zip(RUNS, RECORDS, strict=True)))
+
+@cache
+def records() -> list[tuple[Run, Record]]:
+    """A run of every scenario type and three interventions, with what is recorded of them."""
+    runs = [nominal_of(name) for name in SCENARIO_NAMES] + [
+        intervention_of("HardBrakeRoute", "accelerate_0.80"),
+        intervention_of("PedestrianCrossing", "steer_right_0.15"),
+        intervention_of("ParkedObstacle", "steer_left_0.05"),
+    ]
+    return [(run, record(run)) for run in runs]
+
+
+each_record = each(("run", "recorded"), records)
 FILLED_BY_COLLECTOR = {
     "rollout_id", "group_id", "role", "attempt", "protocol_variant", "action_key", "nominal_rollout_id", "repetition",
     "branch_tick", "branch_frame", "num_ticks", "num_observations", "simulator_version", "collector_version",

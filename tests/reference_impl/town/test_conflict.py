@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -21,14 +22,17 @@ from branchdrive_reference.town.conflict import TrackCourse, conflict_table
 from branchdrive_reference.town.lane import LANE_WIDTH_M, Turn
 from branchdrive_reference.town.route import Place
 from branchdrive_reference.town.signal import NO_GROUP
-from branchdrive_reference.town.track import EGO_TRACK, Role
+from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks
 
 CLEARANCE_M = conflict_module._CLEARANCE_M
 STEP_M, REACH_M = 0.05, 40.0
 STRAIGHT = TrackCourse(-15.0, 15.0, NO_GROUP, stops=False, turn=Turn.STRAIGHT)
 ELSEWHERE = dataclasses.replace(STRAIGHT, begin_m=np.inf, end_m=np.inf)
-TABLES = tuple(tables for place in Place for tables in tables_of(place))
 EAST, NORTH, WEST = 0.0, math.pi / 2, math.pi
+
+
+def all_tables() -> Iterator[RouteTracks]:
+    return (tables for place in Place for tables in tables_of(place))
 
 
 def straight(heading_rad: float, left_m: float = 0.0) -> NDArray[np.void]:
@@ -118,7 +122,7 @@ def test_a_merge_is_a_zipper_seen_from_both_sides() -> None:
 
 
 def test_every_conflict_is_listed_from_both_sides() -> None:
-    for tables in TABLES:
+    for tables in all_tables():
         sides = ["enter_m", "leave_m", "other_enter_m", "other_leave_m"]
         mirrored = ["other_enter_m", "other_leave_m", "enter_m", "leave_m"]
         rows = {(int(row["track"]), int(row["other"])): row for row in tables.conflicts}
@@ -130,7 +134,7 @@ def test_every_conflict_is_listed_from_both_sides() -> None:
 
 
 def test_never_do_both_sides_yield_but_at_a_zipper() -> None:
-    for tables in TABLES:
+    for tables in all_tables():
         yields = {(int(row["track"]), int(row["other"])): row for row in tables.conflicts}
         for (track, other), row in yields.items():
             both = bool(row["yields"] and yields[other, track]["yields"])
@@ -138,7 +142,7 @@ def test_never_do_both_sides_yield_but_at_a_zipper() -> None:
 
 
 def test_only_junctions_and_merges_have_conflicts() -> None:
-    for tables in TABLES:
+    for tables in all_tables():
         zipper = tables.conflicts["zipper"].astype(bool)
         match tables.route.place:
             case Place.MERGE:
@@ -155,7 +159,7 @@ def test_only_junctions_and_merges_have_conflicts() -> None:
 
 
 def test_different_signal_groups_never_yield() -> None:
-    for tables in TABLES:
+    for tables in all_tables():
         group = tables.tracks["group"]
         apart = group[tables.conflicts["track"]] != group[tables.conflicts["other"]]
         assert not tables.conflicts["yields"][apart].any(), tables.route.route_id
