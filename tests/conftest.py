@@ -5,6 +5,7 @@ Choose the larger search with ``pytest --hypothesis-profile=thorough``.
 
 from __future__ import annotations
 
+import gc
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: tests run side by side, one core each
@@ -26,6 +27,12 @@ sys.dont_write_bytecode = False
 settings.register_profile("default", max_examples=40, deadline=None, derandomize=True, database=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, derandomize=False, database=None)
 settings.load_profile("default")
+
+
+def pytest_collection_finish() -> None:
+    """What modules hold stays until the end: the garbage collector need not go through it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 class NetworkError(RuntimeError):
