@@ -68,12 +68,12 @@ bench: setup
 	@$(BIN)/python -c 'import highway_env' 2>/dev/null || \
 		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]" || \
 		echo "highway-env cannot be installed; the table goes without it" >&2
-	$(BIN)/python -m branchdrive_reference.bench
+	$(BIN)/python -m benchmarks
 
 ## collect and validate a dataset of the paper's size: time, memory, funnel
 bench-paper: setup
-	$(BIN)/python -m branchdrive_reference.bench --paper
+	$(BIN)/python -m benchmarks --paper
 
 ## build, validate and benchmark a release of the preset benchmark: time, memory, population, leakage gate; of DATASET where one is named
 bench-release: setup
-	$(BIN)/python -m branchdrive_reference.bench --release $(if $(DATASET),--dataset "$(DATASET)")
+	$(BIN)/python -m benchmarks --release $(if $(DATASET),--dataset "$(DATASET)")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 
-_FOLDERS = ("spec", "schemas", "docs", "validator", "reference_impl", "conformance_tests", "tests")
+_FOLDERS = ("spec", "schemas", "docs", "validator", "reference_impl", "conformance_tests", "benchmarks", "tests")
 _TEXT_SUFFIXES = {".md", ".py", ".json", ".toml", ".yaml", ".yml", ".txt", ".cfg", ".ini", ""}
 _FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 _GENERATED = re.compile(r"<!-- generated: .*?<!-- end generated -->", re.DOTALL)

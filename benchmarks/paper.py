@@ -10,11 +10,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks.command import minutes, run_branchdrive, size
+from benchmarks.memory import Measured
+from benchmarks.row import Row
 from branchdrive.audit.verdict import EXIT_CODES
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench.command import minutes, run_branchdrive, size
-from branchdrive_reference.bench.memory import Measured
-from branchdrive_reference.bench.row import Row
 
 __all__ = ["rows"]
 

@@ -9,16 +9,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from benchmarks.memory import Measured, peak_bytes, reset_peak, run_measured
+from benchmarks.release import ReleaseBench
+from benchmarks.simulator import measure_ticks_per_s
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
 
+from benchmarks import benchmark, highway_env, paper, ranking, release
 from branchdrive.derive.benchmark.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import benchmark, highway_env, paper, ranking, release
-from branchdrive_reference.bench.memory import Measured, peak_bytes, reset_peak, run_measured
-from branchdrive_reference.bench.release import ReleaseBench
-from branchdrive_reference.bench.simulator import measure_ticks_per_s
 from branchdrive_reference.benchmark.training import model_tasks
 
 MIB = 2**20

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from benchmarks.memory import Measured, run_measured
 from branchdrive.process import python_command
-from branchdrive_reference.bench.memory import Measured, run_measured
 
 __all__ = ["memory", "minutes", "run_branchdrive", "run_module", "size"]
 

@@ -15,6 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command import memory, minutes, run_branchdrive, run_module, size
+from benchmarks.row import Row
+from benchmarks.staged import StageCost
+from benchmarks.validation import time_validation
 from branchdrive.audit.extract.replay_input import replay_inputs
 from branchdrive.audit.worker import isolated
 from branchdrive.build.layers import BuiltLayers, load_layers
@@ -25,10 +29,6 @@ from branchdrive.derive.layer.wording import leakage_sentences, opening_sentence
 from branchdrive.derive.leakage.gate_input import gate_features
 from branchdrive.derive.leakage.protocol import Protocol
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench.command import memory, minutes, run_branchdrive, run_module, size
-from branchdrive_reference.bench.row import Row
-from branchdrive_reference.bench.staged import StageCost
-from branchdrive_reference.bench.validation import time_validation
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 
 __all__ = ["FOLDER", "ReleaseBench", "rows"]
@@ -99,7 +99,7 @@ def _collected(root: Path, bench: ReleaseBench) -> Iterator[Row]:
 
 def _built(root: Path, bench: ReleaseBench) -> Iterator[Row]:
     least = ",".join(map(str, bench.calibration))
-    built = run_module("branchdrive_reference.bench.staged", str(root), least, str(bench.jobs))
+    built = run_module("benchmarks.staged", str(root), least, str(bench.jobs))
     if built.exit_code != 0:
         raise BranchDriveError(f"the build ended with {built.exit_code}")
     for stage in (StageCost(**cost) for cost in json.loads(built.output)):

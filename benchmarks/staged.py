@@ -1,6 +1,6 @@
 """A build with wall time and peak memory of each of its stages, in a process of its own.
 
-``python -m branchdrive_reference.bench.staged DATASET GROUPS,CLUSTERS JOBS`` builds in place and prints the stages
+``python -m benchmarks.staged DATASET GROUPS,CLUSTERS JOBS`` builds in place and prints the stages
 as JSON. Memory is read from `/proc`; the peak of the building process begins anew with every stage.
 """
 
@@ -14,13 +14,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Event, Thread
 
+from benchmarks.memory import peak_bytes, process_tree, reset_peak
 from branchdrive.audit.worker import isolated
 from branchdrive.build.build import build_release
 from branchdrive.build.stage import BuildOptions
 from branchdrive.cli.build import calibration
 from branchdrive.derive.split import Calibration
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench.memory import peak_bytes, process_tree, reset_peak
 
 __all__ = ["StageCost", "main"]
 

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.row import Row
+from benchmarks.simulator import Rollouts
 from branchdrive.contract.timing import TICK_S
-from branchdrive_reference.bench.row import Row
-from branchdrive_reference.bench.simulator import Rollouts
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 __all__ = ["INSTALL", "Comparison", "compare", "rows"]

@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from benchmarks.command import memory, minutes, run_branchdrive
+from benchmarks.memory import Measured
+from benchmarks.row import Row
 from branchdrive.derive.benchmark.prediction_result import prediction_results, training_scale
 from branchdrive.derive.benchmark.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench.command import memory, minutes, run_branchdrive
-from branchdrive_reference.bench.memory import Measured
-from branchdrive_reference.bench.row import Row
 from branchdrive_reference.benchmark.document import read_protocol_file
 from branchdrive_reference.benchmark.fold import fold_tasks
 from branchdrive_reference.benchmark.published import benchmark_data, published_predictions

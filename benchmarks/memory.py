@@ -10,6 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from branchdrive.process import child_environment
+
 __all__ = ["Measured", "peak_bytes", "process_tree", "reset_peak", "run_measured"]
 
 _PROC = Path("/proc")
@@ -80,7 +82,8 @@ def run_measured(command: Sequence[str], *, sample_s: float = _SAMPLE_S) -> Meas
     """Run a command to its end and sample its processes every `sample_s` seconds; its errors go to the terminal."""
     main, worker, together = 0, 0, 0
     start_s = time.perf_counter()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
+    environment = child_environment()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:  # noqa: S603
         while True:
             peaks = {pid: peak_bytes(pid) for pid in process_tree(process.pid)}
             together = max(together, sum(peaks.values()))

@@ -14,12 +14,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks import benchmark, highway_env, paper, ranking, release, simulator, startup, validation
+from benchmarks.release import ReleaseBench
+from benchmarks.row import Row
 from branchdrive.cli.build import calibration
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench import benchmark, highway_env, paper, ranking, release, simulator, startup, validation
-from branchdrive_reference.bench.release import ReleaseBench
-from branchdrive_reference.bench.row import Row
 
 NUM_VALIDATED_GROUPS = 384
 
@@ -43,7 +43,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
 
 def main() -> None:
     """Run the benchmarks and print the table."""
-    parser = argparse.ArgumentParser("branchdrive_reference.bench", description=__doc__)
+    parser = argparse.ArgumentParser("benchmarks", description=__doc__)
     subject = parser.add_mutually_exclusive_group()
     subject.add_argument("--paper", action="store_true", help="collect and validate the preset `paper` instead")
     subject.add_argument(

@@ -7,8 +7,8 @@ import subprocess
 import time
 from collections.abc import Iterator
 
+from benchmarks.row import Row
 from branchdrive.process import python_command
-from branchdrive_reference.bench.row import Row
 
 __all__ = ["rows", "time_startup"]
 

@@ -10,8 +10,8 @@ import statistics
 import time
 from collections.abc import Iterator
 
+from benchmarks.row import Row
 from branchdrive.contract.bank import load_action_bank
-from branchdrive_reference.bench.row import Row
 from branchdrive_reference.collect.plan import plan_group
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.simulation.rollout import Run, run

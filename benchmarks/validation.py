@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.corpus import repeat_dataset
+from benchmarks.row import Row
 from branchdrive.audit.engine import validate
 from branchdrive.audit.shard import ShardTask, audit_shard
 from branchdrive.audit.survey import take_survey
@@ -19,8 +21,6 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.dataset.layout import RAW_DIR
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.errors import BranchDriveError
-from branchdrive_reference.bench.corpus import repeat_dataset
-from branchdrive_reference.bench.row import Row
 from branchdrive_reference.collect.campaign import collect
 
 __all__ = ["ValidationTiming", "rows", "time_validation", "worker_peak_bytes"]

@@ -17,12 +17,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from benchmarks.row import Row
 from branchdrive.build.build import build_release
 from branchdrive.dataset.model_layer import ModelLayer, open_model
 from branchdrive.derive.benchmark.protocol import default_protocol
 from branchdrive.derive.target import Targets
 from branchdrive.derive.utility import PROFILES, Scale, fit_scale, utility
-from branchdrive_reference.bench.row import Row
 from branchdrive_reference.benchmark.selector import (
     INPUTS,
     OUTPUT,
