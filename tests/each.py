@@ -54,7 +54,7 @@ def each(names: str | Sequence[str], cases: Cases, *, ids: Ids = None) -> Loop:
             for row, label in zip(rows, labels, strict=True)
         ]
 
-    known = None if callable(cases) else named(cases)
+    known = named(cases) if isinstance(cases, Iterable) else []
 
     def decorate(test: Test) -> Test:
         signature = inspect.signature(test)
@@ -63,7 +63,7 @@ def each(names: str | Sequence[str], cases: Cases, *, ids: Ids = None) -> Loop:
         def loop(**fixtures: Any) -> None:
             failures: list[BaseException] = []
             failing: list[str] = []
-            tried = named(cases()) if callable(cases) else known or []
+            tried = known if isinstance(cases, Iterable) else named(cases())
             for label_of, values in tried:
                 try:
                     test(**fixtures, **dict(zip(parameters, values, strict=True)))
