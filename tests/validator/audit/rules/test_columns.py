@@ -60,9 +60,9 @@ def findings(table: str, column: str, value: Any, **more: Any) -> list[Finding]:
         else:
             array = pa.array(values, field.type)
         rows = rows.set_column(index, field.with_nullable(True), array)
-    examination = examine(ShardView({**small_shard(), table: rows}, DESCRIPTOR), SHARD_RULES)
+    examination = examine(ShardView({**small_shard(), table: rows}, DESCRIPTOR), VALUE_RULES)
     assert not [message for tally in examination.tallies.values() for message in tally.errors]
-    return [f for rule_id, tally in examination.tallies.items() if rule_id in VALUE_RULES for f in tally.findings]
+    return [finding for tally in examination.tallies.values() for finding in tally.findings]
 
 
 def assert_fails(rule: str, table: str, column: str, value: Any, *also: str, **more: Any) -> None:
