@@ -31,8 +31,8 @@ _WINDOW = f"{ACTIVE_TICKS * TICK_S:g} s"
 _GOOD = "a good attempt of every policy"
 _RANKING = (
     f"Utility profile {{}}: a third each of separation, displacement and comfort over {_WINDOW}, scaled by this "
-    "dataset's quantiles. A collision costs only what it does to these; no judgement of safety. Ranked are groups "
-    "in which every candidate has a separation; ties are shared."
+    "dataset's quantiles. It knows a collision only by what that does to these, and is no judgement of safety. Ranked "
+    "are groups in which every candidate has a separation; ties are shared."
 )
 
 
@@ -146,7 +146,8 @@ def _print_outcomes(console: Console, study: Study) -> None:
     if not study.overall.num_ranked:
         _title(console, "No ranks: in no group every candidate has a separation")
         return
-    print_families("Family of the best candidate, % of ranked groups", "", _BEST, _NUM_RANKED)
+    note = "by a utility that knows no collisions: the best may have hit something"
+    print_families("Family of the best candidate, % of ranked groups", note, _BEST, _NUM_RANKED)
     print_families("Family of the worst candidate, % of ranked groups", "", _WORST, _NUM_RANKED)
     _print_ranking(console, study)
 
