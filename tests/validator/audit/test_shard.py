@@ -59,7 +59,10 @@ def test_text_and_lists_of_other_writers_read_alike(tmp_path: Path, kind: pa.Dat
     lists = pa.large_list(pa.field("item", pa.float64(), nullable=False))
     types = {pa.string(): kind, pa.list_(pa.float64()): lists}
     table = table.cast(pa.schema([field.with_type(types.get(field.type, field.type)) for field in table.schema]))
-    pq.write_table(table, path)
+    try:
+        pq.write_table(table, path)
+    except pa.ArrowNotImplementedError as error:
+        pytest.skip(f"this pyarrow {pa.__version__} writes no {kind}: {error}")
     seal_dataset(root)
     assert failed(root) == set()
     assert open_dataset(root).groups
