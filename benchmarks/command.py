@@ -1,4 +1,4 @@
-"""Commands of the project as they are measured: run, and told in words."""
+"""Commands of the project as they are measured: run, and their figures as text."""
 
 from __future__ import annotations
 

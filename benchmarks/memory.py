@@ -73,7 +73,7 @@ def peak_bytes(pid: int) -> int:
 
 
 def reset_peak(pid: int) -> None:
-    """Let the peak of a process begin anew with what it holds now; where the system cannot, it goes on."""
+    """Restart the peak of a process at what it holds now; where the system cannot do that, the old peak stays."""
     with suppress(OSError):
         Path(_PROC, str(pid), "clear_refs").write_text("5", encoding="ascii")
 

@@ -2,7 +2,8 @@
 
 A signal that arrives inside a callback of the physics engine would be printed and forgotten there,
 because C code cannot pass an exception on. So the first signal is only noted, and raised where the
-collector asks for it; the second one is raised at once, or tells whoever must not be left in the middle.
+collector asks for it. The second one is raised at once or, where an exception would break off what has
+to be finished, calls a function.
 """
 
 from __future__ import annotations

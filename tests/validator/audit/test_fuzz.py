@@ -12,7 +12,7 @@ from tests import synthetic
 from branchdrive.audit.engine import validate
 from branchdrive.audit.worker import Died, isolated
 
-NUM_CASES = 45
+NUM_CASES = 90
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:

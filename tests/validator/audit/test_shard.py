@@ -50,7 +50,10 @@ def test_any_dictionary_index_reads_as_text(tmp_path: Path, index_type: pa.DataT
     assert failed(root) == set()
 
 
-@pytest.mark.parametrize("kind", [pa.large_string(), pa.string_view()], ids=str)
+WRITES_NO_VIEWS = pytest.mark.skipif(pa.__version__.startswith("18."), reason="pyarrow 18 writes no string views")
+
+
+@pytest.mark.parametrize("kind", [pa.large_string(), pytest.param(pa.string_view(), marks=WRITES_NO_VIEWS)], ids=str)
 def test_text_and_lists_of_other_writers_read_alike(tmp_path: Path, kind: pa.DataType) -> None:
     root = tmp_path / "dataset"
     write_dataset(root, base_tables(), descriptor())
@@ -59,10 +62,7 @@ def test_text_and_lists_of_other_writers_read_alike(tmp_path: Path, kind: pa.Dat
     lists = pa.large_list(pa.field("item", pa.float64(), nullable=False))
     types = {pa.string(): kind, pa.list_(pa.float64()): lists}
     table = table.cast(pa.schema([field.with_type(types.get(field.type, field.type)) for field in table.schema]))
-    try:
-        pq.write_table(table, path)
-    except pa.ArrowNotImplementedError as error:
-        pytest.skip(f"this pyarrow {pa.__version__} writes no {kind}: {error}")
+    pq.write_table(table, path)
     seal_dataset(root)
     assert failed(root) == set()
     assert open_dataset(root).groups

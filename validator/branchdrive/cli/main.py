@@ -34,7 +34,7 @@ _BUILT_IN = {
 }
 
 _WITHOUT_PANDAS = ("validate", "collect")
-"""Commands that load no library of which it is unknown how it does without."""
+"""Commands that need no pandas, and whose libraries all work where it is not installed."""
 
 
 class Command(Protocol):
