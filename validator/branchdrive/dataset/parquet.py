@@ -86,7 +86,7 @@ def decode_table(content: bytes | memoryview, name: str | None = None, limits: L
         limits: Limits on rows, columns and decoded bytes; those of the spec by default.
 
     Returns:
-        The table with string columns as dictionary arrays, one dictionary per column.
+        The table with columns of text and of bytes as dictionary arrays, one dictionary per column.
 
     Raises:
         LimitError: The table exceeds a limit.
@@ -119,7 +119,7 @@ def _decode(content: bytes | memoryview, label: str, limits: Limits) -> pa.Table
     if len(set(stored.names)) != len(stored.names):
         raise DecodeError(f"{label} repeats a column name")
     footer = _open(_footer(content), limits)
-    text = [field.name for field in footer.schema_arrow if pa.types.is_string(field.type)]
+    text = [field.name for field in footer.schema_arrow if _is_text(field.type)]
     try:
         file = _open(content, limits, read_dictionary=text, metadata=footer.metadata)
         batches = list(_batches(file, _BATCH_ROWS, label, limits))
@@ -148,8 +148,15 @@ def _batches(file: pq.ParquetFile, batch_rows: int, label: str, limits: Limits) 
 def _encoded(batch: pa.RecordBatch) -> pa.RecordBatch:
     import pyarrow as pa
 
-    arrays = [array.dictionary_encode() if pa.types.is_string(array.type) else array for array in batch.columns]
+    arrays = [array.dictionary_encode() if _is_text(array.type) else array for array in batch.columns]
     return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    """Whether values are text or bytes, of which a few on disk can be many in memory."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_string(kind) or pa.types.is_binary(kind))
 
 
 def _with_metadata(table: pa.Table, stored: pa.Schema) -> pa.Table:
