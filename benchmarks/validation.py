@@ -16,8 +16,8 @@ from branchdrive.audit.engine import validate
 from branchdrive.audit.shard import ShardTask, audit_shard
 from branchdrive.audit.survey import take_survey
 from branchdrive.audit.worker import isolated
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.dataset.layout import RAW_DIR
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.errors import BranchDriveError

@@ -12,7 +12,7 @@ from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.cli import build, validate
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
 from branchdrive.derive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
 from branchdrive.derive.target import TARGETS, TRAJECTORY

@@ -11,8 +11,8 @@ from tests.repo.checkout import ROOT
 
 from branchdrive.build.build import STAGES
 from branchdrive.cli import build, validate
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.derive.layer.variants import declared_variants
 
 PAGE = (ROOT / "docs" / "releases.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.finding import printable
+from branchdrive.contract.mismatch import printable
 from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
 from branchdrive.derive.benchmark.table.comparison import comparison_notes
 from branchdrive.derive.metric.sign_flip import p_text

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
+from branchdrive.contract.mismatch import printable
 from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.plotting import load_matplotlib

@@ -32,9 +32,9 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from branchdrive.audit.finding import printable
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
+from branchdrive.contract.mismatch import printable
 from branchdrive.derive.benchmark.protocol import DeclaredModel
 from branchdrive.derive.feature import InputContract
 from branchdrive.errors import DatasetError

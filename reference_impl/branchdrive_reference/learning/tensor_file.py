@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from branchdrive.audit.finding import printable
 from branchdrive.contract.document import dump_json, parse_json
+from branchdrive.contract.mismatch import printable
 from branchdrive.dataset.durable import replace_file
 from branchdrive.dataset.untrusted import read_file
 from branchdrive.errors import DatasetError

@@ -18,13 +18,12 @@ import pytest
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.audit import engine
-from branchdrive.audit.check import RELEASE_RULES
 from branchdrive.audit.release import audit
 from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.tally import Tally
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.rule import rules_of
 from branchdrive.derive.layer.frame import Alignment, Frame
 
 T = TypeVar("T")
@@ -129,14 +128,14 @@ class ChangedRelease:
         views: list[ReleaseView] = []
         with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
             root = BenchmarkDraft().write(Path(folder) / "dataset")
-            patch.setattr(audit, "_judge", lambda view, rule_id: views.append(view) or Tally(rule_id))
+            patch.setattr(audit, "judge_layers", lambda view, rules: views.append(view) or {r: Tally(r) for r in rules})
             engine.validate(root)
         self.view = WatchedView(views[0])
         self.documents = dict(views[0].documents)
         self.reads: dict[str, set[str]] = {}
-        for rule_id in (rule_id for rule_id in CATALOGUE if rule_id in RELEASE_RULES and rule_id not in SLOW):
+        for rule_id in (rule_id for rule_id in rules_of("layers") if rule_id not in SLOW):
             with self.view.noted() as self.reads[rule_id]:
-                tally = audit._judge(self.view, rule_id)
+                tally = audit.judge_layers(self.view, [rule_id])[rule_id]
             assert tally.unjudged is None and not tally.errors, (rule_id, tally)
 
     def tallies(self, path: str, document: Any) -> list[Tally]:
@@ -154,4 +153,4 @@ class ChangedRelease:
         return self._judged(WatchedView(self.view, name, tables={**self.view.tables, name: table}), name)
 
     def _judged(self, view: WatchedView, changed: str) -> list[Tally]:
-        return [audit._judge(view, rule_id) for rule_id, read in self.reads.items() if changed in read]
+        return list(audit.judge_layers(view, [r for r, read in self.reads.items() if changed in read]).values())

@@ -18,12 +18,11 @@ import pytest
 from tests.validator.audit.rules.release import release_draft
 
 from branchdrive.audit import engine
-from branchdrive.audit.check import RELEASE_RULES
 from branchdrive.audit.release import audit
 from branchdrive.audit.release.view import RawLayer, ReleaseView
 from branchdrive.audit.tally import Tally
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.rule import rules_of
 from branchdrive.derive.layer.frame import Frame, Values
 
 CALCULATED = {
@@ -82,12 +81,12 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> ReleaseView:
     """A valid release with its raw layer, as rules see it."""
     views: list[ReleaseView] = []
 
-    def judge(view: ReleaseView, rule_id: str) -> Tally:
+    def judge(view: ReleaseView, rules: list[str]) -> dict[str, Tally]:
         views.append(view)
-        return Tally(rule_id)
+        return {rule_id: Tally(rule_id) for rule_id in rules}
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(audit, "_judge", judge)
+        patch.setattr(audit, "judge_layers", judge)
         engine.validate(release_draft().write(tmp_path_factory.mktemp("release") / "dataset"))
     return views[0]
 
@@ -106,10 +105,8 @@ def test_every_column_that_is_calculated_is_perturbed(seen: ReleaseView) -> None
 @pytest.mark.parametrize("seed", range(2))
 def test_last_bits_turn_no_rule_around(seen: ReleaseView, seed: int) -> None:
     view, statuses = OtherBits(seen, np.random.default_rng(seed)), {}
-    for rule_id in CATALOGUE:
-        if rule_id in RELEASE_RULES:
-            tally = audit._judge(view, rule_id)
-            assert not tally.findings, [finding.message for finding in tally.findings[:3]]
-            assert not tally.errors
-            statuses[rule_id] = tally.status
+    for rule_id, tally in audit.judge_layers(view, rules_of("layers")).items():
+        assert not tally.findings, [finding.message for finding in tally.findings[:3]]
+        assert not tally.errors
+        statuses[rule_id] = tally.status
     assert sum(status == "pass" for status in statuses.values()) > 70, statuses

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from tests import synthetic
 
 from branchdrive.audit import pairs
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.rules import evidence
 from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.derive.risk import risk_evidence
 
 RULES = (evidence.separation_recomputes, evidence.ttc_recomputes, evidence.nearest_actors_recompute)
@@ -78,11 +78,11 @@ def table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=pa.schema(there))
 
 
-def verdicts(view: ShardView) -> list[tuple[list[bool], list[Sighting]]]:
+def verdicts(view: ShardView) -> list[tuple[list[int], list[Mismatch]]]:
     """What each rule finds, in full."""
     every = np.ones(view.num_rollouts, bool)
-    checks = [rule(view, every) for rule in RULES]
-    return [(check.bad.tolist(), [check.describe(int(i)) for i in np.flatnonzero(check.bad)]) for check in checks]
+    checks = [check for rule in RULES for check in rule(view, every)]
+    return [(check.bad.tolist(), [check.mismatch(int(i)) for i in check.bad]) for check in checks]
 
 
 def all_actors(view: ShardView) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.each import each
 from tests.mutation import MUTANTS
 
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
 
 LIES = {
     "an attempt of the raw layer is not mentioned": "BD-CAN-008 attempt_left_unexplained",

@@ -21,14 +21,13 @@ from tests.validator.audit.datasets import (
     write_with,
 )
 
-from branchdrive.audit import check
 from branchdrive.audit.engine import validate
-from branchdrive.audit.finding import printable, quote
 from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE
 from branchdrive.audit.waiver import Waiver
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import schema_violations
+from branchdrive.contract.mismatch import printable, quote
+from branchdrive.contract.rule import CATALOGUE, RULES
 
 HOSTILE = "\x1b[31m\x1b]0;title\x07\nforged line\r\u202eturned\u2028\x9b2J\x00[red][/]" + "A" * 10_000
 
@@ -54,7 +53,7 @@ def raises(*_: Any) -> Any:
 
 def with_broken_rule(root: Path, rule_id: str) -> Report:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(check.SHARD_RULES, rule_id, raises)
+        patch.setitem(RULES, rule_id, raises)
         return validate(root)
 
 

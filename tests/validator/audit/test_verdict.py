@@ -7,11 +7,12 @@ from datetime import date
 import pytest
 from tests.each import each
 
-from branchdrive.audit.finding import Finding, Sighting
+from branchdrive.audit.finding import Finding
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
 from branchdrive.audit.verdict import EXIT_CODES, decide, is_waived
 from branchdrive.audit.waiver import Waiver, apply_waivers
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.rule import CATALOGUE
 
 STRUCTURE, CLAIM, QUALIFICATION = "BD-VAL-001", "BD-ENC-001", "BD-CTL-008"
 
@@ -22,7 +23,7 @@ def passed(rule_id: str) -> Tally:
 
 def failed(rule_id: str, num_findings: int = 1) -> Tally:
     tally = Tally(rule_id, examined=num_findings, total=num_findings, num_findings=num_findings)
-    tally.keep(Finding.of(rule_id, Sighting("x", "y", {"tick": i})) for i in range(num_findings))
+    tally.keep(Finding.of(rule_id, Mismatch({"tick": i}, "x", "y")) for i in range(num_findings))
     return tally
 
 

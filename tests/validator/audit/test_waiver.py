@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 from tests.each import each
 
-from branchdrive.audit.finding import Finding, Sighting
+from branchdrive.audit.finding import Finding
 from branchdrive.audit.tally import Tally
 from branchdrive.audit.waiver import Waiver, apply_waivers, load_waivers
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.mismatch import Location, Mismatch
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.errors import UsageError
 
 ENTRY = {
@@ -96,13 +97,13 @@ def test_rules_that_decide_and_no_others_can_be_waived(rule_id: str, tmp_path: P
 # --- globs
 
 
-def tally(*locations: dict[str, str | int]) -> Tally:
+def tally(*locations: Location) -> Tally:
     found = Tally("BD-VAL-002", examined=9, total=9, num_findings=len(locations))
-    found.keep(Finding.of("BD-VAL-002", Sighting("x", "y", location)) for location in locations)
+    found.keep(Finding.of("BD-VAL-002", Mismatch(location, "x", "y")) for location in locations)
     return found
 
 
-PLACE: dict[str, str | int] = {"file": "raw/shard-00000/controls.parquet", "table": "controls", "tick": 7}
+PLACE: Location = {"file": "raw/shard-00000/controls.parquet", "table": "controls", "tick": 7}
 
 
 @each(

@@ -13,8 +13,8 @@ from tests.validator.build.running import build, call_validate, contents
 from tests.validator.build.test_stages import another_raw_layer
 
 from branchdrive.audit.worker import in_process
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import schema_violations
+from branchdrive.contract.rule import CATALOGUE
 
 NAME_RAW = "the raw layer is not at hand; name its dataset with --raw"
 

@@ -17,8 +17,8 @@ from tests.each import each
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
-from branchdrive.contract.catalogue import AREAS, CATALOGUE
 from branchdrive.contract.document import schema_violations
+from branchdrive.contract.rule import AREAS, CATALOGUE
 
 Run = Callable[[Sequence[str], Any, Any], int]
 

@@ -17,7 +17,7 @@ from branchdrive.audit.engine import validate
 from branchdrive.audit.report import Report
 from branchdrive.audit.waiver import Waiver
 from branchdrive.cli.text import render_report, render_rule, render_rules
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
 
 NUM_RULES = len(CATALOGUE)
 LAYER_RULES = {

@@ -21,8 +21,8 @@ from tests.validator.dataset.invented import (
 from tests.validator.dataset.rows import Row, rollout_fields, streams
 
 from branchdrive.audit.engine import validate
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.dataset.reader import open_dataset
 from branchdrive.dataset.rollout import Rollout
 from branchdrive.dataset.rollout_writer import RolloutWriter

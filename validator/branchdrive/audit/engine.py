@@ -12,21 +12,22 @@ from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from branchdrive.audit.check import RELEASE_RULES, SURVEY_RULES
 from branchdrive.audit.examine import VIEW_RULES
 from branchdrive.audit.extract.shard import merge
-from branchdrive.audit.finding import Finding, Sighting, printable
+from branchdrive.audit.finding import Finding
 from branchdrive.audit.funnel import Funnel
+from branchdrive.audit.judge import judge
 from branchdrive.audit.release.audit import ReleaseResult, ReleaseTask, audit_release
 from branchdrive.audit.release.view import RawLayer
 from branchdrive.audit.report import DatasetFacts, Report, RunOptions
 from branchdrive.audit.shard import Extraction, ShardResult, ShardTask, audit_shard
 from branchdrive.audit.survey import Survey, take_survey
-from branchdrive.audit.tally import Tally, failure_text
+from branchdrive.audit.tally import Tally
 from branchdrive.audit.verdict import decide
 from branchdrive.audit.waiver import Waiver, apply_waivers
 from branchdrive.audit.worker import Died, Executor, Failed, in_process
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.mismatch import Mismatch, printable
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.dataset.layout import LEAKAGE_FILE, RAW_DIR
 from branchdrive.dataset.manifest import Manifest
 from branchdrive.errors import UsageError
@@ -139,7 +140,7 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
 def _extraction(survey: Survey, selected: frozenset[str]) -> Extraction:
     """What the derived layers need of the raw one."""
     claimed = survey.descriptor.derived_layers if survey.descriptor else ()
-    wanted = [CATALOGUE[rule_id] for rule_id in RELEASE_RULES if rule_id in selected]
+    wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers") if rule_id in selected]
     if not any(info.needs_raw and info.layer in claimed for info in wanted):
         return "nothing"
     return "rows and metamorphic steps" if LEAKAGE_FILE in survey.paths else "rows"
@@ -157,7 +158,7 @@ def _audit_derived(
         tuple(entry.path for entry in survey.files),
         survey.descriptor,
         _raw_layer(source),
-        selected & frozenset(RELEASE_RULES),
+        selected & frozenset(rules_of("layers")),
         survey.is_hashed,
     )
     for _, outcome in executor(audit_release, [task]):
@@ -167,9 +168,9 @@ def _audit_derived(
             errors.append(f"derived layers: {outcome.message}")
     unjudged = {rule_id: Tally(rule_id, unjudged="the derived layers could not be judged") for rule_id in task.selected}
     if not errors and _DECODING in unjudged:  # what dies twice within the memory limit is the files' affair
-        sighting = Sighting("tables that decode within the memory limit", "a process that died of them, twice")
+        killed_by = Mismatch({}, "tables that decode within the memory limit", "a process that died of them, twice")
         killed = unjudged[_DECODING] = Tally(_DECODING, examined=1, total=1, num_findings=1)
-        killed.keep([Finding.of(_DECODING, sighting)])
+        killed.keep([Finding.of(_DECODING, killed_by)])
     return ReleaseResult(tallies=unjudged)
 
 
@@ -251,9 +252,9 @@ def _merge(survey: Survey, selected: frozenset[str], release: ReleaseResult) -> 
         tally = tallies[rule_id] = Tally(rule_id)
         if rule_id not in selected:
             tally.unjudged = "deselected"
-        elif rule_id in SURVEY_RULES:
+        elif tally.info.scope == "dataset":
             _judge_survey(survey, tally, tallies)
-        elif rule_id in RELEASE_RULES:
+        elif tally.info.scope == "layers":
             if rule_id in release.tallies:
                 tallies[rule_id] = release.tallies[rule_id]
             elif survey.descriptor is None:
@@ -271,7 +272,7 @@ def _merge(survey: Survey, selected: frozenset[str], release: ReleaseResult) -> 
 def judge_files(survey: Survey) -> list[Tally]:
     """Tallies of the rules on files and documents alone."""
     tallies: dict[str, Tally] = {}
-    for rule_id in SURVEY_RULES:
+    for rule_id in rules_of("dataset"):
         tallies[rule_id] = Tally(rule_id)
         _judge_survey(survey, tallies[rule_id], tallies)
     return list(tallies.values())
@@ -288,14 +289,7 @@ def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> No
     elif tally.rule_id == "BD-LAY-002" and not survey.is_hashed:
         tally.unjudged = "digests are off"
     else:
-        try:
-            check = SURVEY_RULES[tally.rule_id](survey)
-        except Exception:  # as in `examine`: a bug of one rule must not hide the others
-            tally.errors.append(failure_text(tally.rule_id))
-            return
-        tally.examined = tally.total = max(check.examined, len(check.sightings))
-        tally.num_findings = len(check.sightings)
-        tally.keep(Finding.of(tally.rule_id, sighting) for sighting in check.sightings)
+        judge(tally, lambda: RULES[tally.rule_id](survey))
 
 
 def _facts(survey: Survey, source: Survey) -> DatasetFacts:

@@ -6,102 +6,66 @@ rule off for the others. Source: spec/07-rules.md#order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Collection, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 
 from branchdrive.audit import rules as _bind_rules  # noqa: F401  (importing binds the rules)
-from branchdrive.audit.check import GROUP_RULES, ROLLOUT_RULES, SHARD_RULES, Mask, RowCheck, SubjectCheck
-from branchdrive.audit.finding import Finding, Sighting
-from branchdrive.audit.funnel import Funnel, Standing, funnel_of, standings_of
+from branchdrive.audit.examination import Examination
+from branchdrive.audit.funnel import standings_of
+from branchdrive.audit.judge import judge
 from branchdrive.audit.rules.status import ATTEMPT_IS_COMPLETE
-from branchdrive.audit.selection import Selection, select_candidates
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
+from branchdrive.audit.selection import select_candidates
+from branchdrive.audit.tally import Tally
 from branchdrive.audit.view import ShardView, StreamView
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 
-__all__ = ["VIEW_RULES", "Examination", "examine"]
+__all__ = ["VIEW_RULES", "examine"]
 
-VIEW_RULES = tuple(
-    rule_id for rule_id in CATALOGUE if rule_id in SHARD_RULES or rule_id in ROLLOUT_RULES or rule_id in GROUP_RULES
-)
+VIEW_RULES = rules_of("rows", "rollout", "group")
 """Rules that read the rows of shards, in catalogue order."""
 
 
-@dataclass
-class Examination:
-    """Outcome of the rules on one shard.
-
-    Attributes:
-        tallies: By rule.
-        selection: Candidates of the groups.
-        complies: Complete attempts that violate no rule ``[rollouts]``.
-        standings: How far each group gets ``[groups]``.
-        failed: Attempts that fail each rule on rows or attempts ``[rollouts]``.
-        failed_groups: Groups that fail each rule on groups ``[groups]``.
-    """
-
-    tallies: dict[str, Tally] = field(default_factory=dict)
-    selection: Selection = field(default_factory=lambda: Selection(np.zeros((0, 0), np.int64), np.zeros(0, np.int64)))
-    complies: Mask = field(default_factory=lambda: np.zeros(0, bool))
-    standings: list[Standing] = field(default_factory=list)
-    failed: dict[str, Mask] = field(default_factory=dict)
-    failed_groups: dict[str, Mask] = field(default_factory=dict)
-
-    @property
-    def funnel(self) -> Funnel:
-        """Groups that reach each stage."""
-        return funnel_of(self.standings)
-
-
 @np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
-def examine(view: ShardView, selected: Collection[str] | None = None) -> Examination:
-    """Run the selected rules (all by default) on one shard."""
-    result = Examination()
+def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[dict[str, Tally], Examination]:
+    """Run the selected rules (all by default) on one shard: totals by rule, and what became of its attempts."""
+    result, tallies = Examination(), {}
     for rule_id in VIEW_RULES:
         if selected is None or rule_id in selected:
-            tally = result.tallies[rule_id] = Tally(rule_id)
             streams = CATALOGUE[rule_id].streams
-            tally.is_claimed = not streams or any(name in view.descriptor.streams for name in streams)
+            is_claimed = not streams or any(name in view.descriptor.streams for name in streams)
+            tallies[rule_id] = Tally(rule_id, is_claimed=is_claimed)
+    place = view.file_prefix or "memory"
+    claimed = {rule_id: tally for rule_id, tally in tallies.items() if tally.is_claimed}
+    in_scope = {scope: [r for r in rules_of(scope) if r in claimed] for scope in ("rows", "rollout", "group")}
 
-    def run(rules: Iterable[str], judge: Callable[[str, Tally], None]) -> None:
-        for rule_id in rules:
-            tally = result.tallies.get(rule_id)
-            if tally is None or not tally.is_claimed:
-                continue
-            try:
-                judge(rule_id, tally)
-            except MemoryError:
-                raise
-            except Exception:  # a failing rule is a bug of this tool and must not hide the other rules
-                tally.errors.append(failure_text(f"{rule_id} on {view.file_prefix or 'memory'}"))
-
-    in_order = [rule_id for rule_id in VIEW_RULES if rule_id in SHARD_RULES]
-    run(in_order, lambda rule_id, tally: _judge_rows(view, rule_id, tally, result))
+    for rule_id in in_scope["rows"]:
+        bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place)
+        if (failed := _any((_rollouts(view, check) for check in bad), view.num_rollouts)).any():
+            result.failed[rule_id] = failed
     broken = _any(result.failed.values(), view.num_rollouts)
-    in_order = [rule_id for rule_id in VIEW_RULES if rule_id in ROLLOUT_RULES]
 
-    def judge_attempts(rule_id: str, tally: Tally) -> None:
+    for rule_id in in_scope["rollout"]:
         subjects = ~broken if rule_id == ATTEMPT_IS_COMPLETE else view.complete & ~broken
-        _judge_rollouts(view, rule_id, tally, result, subjects)
-
-    run(in_order, judge_attempts)
+        requires = (result.failed[other] for other in CATALOGUE[rule_id].requires if other in result.failed)
+        subjects = subjects & ~_any(requires, view.num_rollouts)
+        bad = judge(claimed[rule_id], partial(RULES[rule_id], view, subjects), partial(_of_rollouts, view), place=place)
+        if bad:
+            result.failed[rule_id] = _any((_marked(check.bad, view.num_rollouts) for check in bad), view.num_rollouts)
 
     result.complies = view.complete & ~_any(result.failed.values(), view.num_rollouts)
     selection = result.selection = select_candidates(view, result.complies)
+    num_groups = len(view.group_ids)
     touched = np.any(broken[selection.chosen] & (selection.chosen >= 0), axis=1)
-    in_order = [rule_id for rule_id in VIEW_RULES if rule_id in GROUP_RULES]
-
-    def judge_groups(rule_id: str, tally: Tally) -> None:
-        check = GROUP_RULES[rule_id](view, selection, ~touched)
-        result.failed_groups[rule_id] = check.bad
-        _count_subjects(tally, check, lambda g: {"group_id": view.group_ids[g]})
-
-    run(in_order, judge_groups)
+    for rule_id in in_scope["group"]:
+        tally = claimed[rule_id]
+        bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)
+        if not tally.errors:
+            result.failed_groups[rule_id] = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
     result.standings = standings_of(view, selection, result.failed, result.failed_groups)
-    return result
+    return tallies, result
 
 
 def _any(masks: Iterable[Mask], size: int) -> Mask:
@@ -111,44 +75,40 @@ def _any(masks: Iterable[Mask], size: int) -> Mask:
     return merged
 
 
-def _judge_rows(view: ShardView, rule_id: str, tally: Tally, result: Examination) -> None:
-    failed = np.zeros(view.num_rollouts, bool)
-    for check in SHARD_RULES[rule_id](view):
-        tally.examined += check.examined
-        tally.total += check.examined
-        tally.num_findings += len(check.bad)
-        if len(check.bad):
-            owner = _owner(view, check)
-            failed[owner[owner >= 0]] = True
-            if len(tally.findings) < MAX_FINDINGS_PER_RULE:
-                tally.keep(_row_findings(view, rule_id, check))
-    if failed.any():
-        result.failed[rule_id] = failed
+def _marked(subjects: np.ndarray, size: int) -> Mask:
+    mask = np.zeros(size, bool)
+    mask[subjects] = True
+    return mask
 
 
-def _owner(view: ShardView, check: RowCheck) -> np.ndarray:
-    return check.bad if check.table == "rollouts" else view.stream(check.table).rollout[check.bad]
+def _owner(view: ShardView, check: Check) -> np.ndarray:
+    """Attempt of each bad row; -1 where it is unknown."""
+    return check.bad if check.table == "rollouts" else view.stream(str(check.table)).rollout[check.bad]
 
 
-def _row_findings(view: ShardView, rule_id: str, check: RowCheck) -> Iterable[Finding]:
-    """One finding per rollout, at its first violating row."""
+def _rollouts(view: ShardView, check: Check) -> Mask:
+    owner = _owner(view, check)
+    return _marked(owner[owner >= 0], view.num_rollouts)
+
+
+def _of_rows(view: ShardView, check: Check) -> Iterator[Mismatch]:
+    """One mismatch for each rollout, at its first bad row."""
     owner = _owner(view, check)
     # Rows without a known rollout stand for themselves.
     key = np.where(owner >= 0, owner, -1 - check.bad)
     _, first, count = np.unique(key, return_index=True, return_counts=True)
-    for place, rows in islice(sorted(zip(first, count, strict=True)), MAX_FINDINGS_PER_RULE):
+    for place, rows in sorted(zip(first.tolist(), count.tolist(), strict=True)):
         row = int(check.bad[place])
-        expected, found = check.describe(row)
-        yield Finding.of(rule_id, Sighting(expected, found, _row_location(view, check, row), int(rows)))
+        found = check.mismatch(row)
+        yield Mismatch(_row_location(view, str(check.table), row, found.location), found.expected, found.found, rows)
 
 
-def _row_location(view: ShardView, check: RowCheck, row: int) -> dict[str, str | int]:
-    location: dict[str, str | int] = {"table": check.table}
+def _row_location(view: ShardView, name: str, row: int, known: Location) -> Location:
+    location: Location = {"table": name}
     if view.file_prefix:
-        location = {"file": f"{view.file_prefix}/{check.table}.parquet", **location}
-    if check.column:
-        location["column"] = check.column
-    table = view[check.table]
+        location = {"file": f"{view.file_prefix}/{name}.parquet", **location}
+    location |= known
+    table = view[name]
     rollout_id = table["rollout_id"][row]
     if rollout_id:
         location["rollout_id"] = str(rollout_id)
@@ -159,24 +119,16 @@ def _row_location(view: ShardView, check: RowCheck, row: int) -> dict[str, str |
     return location
 
 
-def _judge_rollouts(view: ShardView, rule_id: str, tally: Tally, result: Examination, subjects: Mask) -> None:
-    excluded = _any((result.failed[r] for r in CATALOGUE[rule_id].requires if r in result.failed), view.num_rollouts)
-    check = ROLLOUT_RULES[rule_id](view, subjects & ~excluded)
-    if check.bad.any():
-        result.failed[rule_id] = check.bad
-    _count_subjects(
-        tally,
-        check,
-        lambda i: {"group_id": str(view.rollouts["group_id"][i]), "rollout_id": view.rollout_ids[i]},
-    )
+def _of_rollouts(view: ShardView, check: Check) -> Iterator[Mismatch]:
+    for i in check.bad.tolist():
+        identity: Location = {"group_id": str(view.rollouts["group_id"][i]), "rollout_id": view.rollout_ids[i]}
+        yield _identified(check.mismatch(i), identity)
 
 
-def _count_subjects(tally: Tally, check: SubjectCheck, identity: Callable[[int], dict[str, str | int]]) -> None:
-    tally.examined += int(check.examined.sum())
-    tally.total += len(check.examined)
-    bad = np.flatnonzero(check.bad)
-    tally.num_findings += len(bad)
-    for subject in bad[:MAX_FINDINGS_PER_RULE]:
-        seen = check.describe(int(subject))
-        location = {**identity(int(subject)), **seen.location}
-        tally.keep([Finding.of(tally.rule_id, Sighting(seen.expected, seen.found, location, seen.count))])
+def _of_groups(view: ShardView, check: Check) -> Iterator[Mismatch]:
+    for group in check.bad.tolist():
+        yield _identified(check.mismatch(group), {"group_id": view.group_ids[group]})
+
+
+def _identified(found: Mismatch, identity: Location) -> Mismatch:
+    return Mismatch({**identity, **found.location}, found.expected, found.found, found.count)

@@ -5,46 +5,16 @@ Source: spec/07-rules.md#findings.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.contract.catalogue import CATALOGUE, Kind
+from branchdrive.contract.mismatch import Location, Mismatch, printable
+from branchdrive.contract.rule import CATALOGUE, Kind
 
-__all__ = ["Finding", "Sighting", "location_text", "printable", "quote"]
-
-MAX_QUOTED = 160
-"""Characters of a quoted value in a finding."""
+__all__ = ["Finding", "location_text"]
 
 
-def printable(text: str) -> str:
-    """`text` on one line of printable ASCII, every other character escaped: safe on any terminal."""
-    return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in text)
-
-
-def quote(value: object) -> str:
-    """`value` by repr, shortened, in printable ASCII: a report must be safe to print whatever a dataset holds."""
-    text = ascii(value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value)
-    return text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 3] + "..."
-
-
-@dataclass(frozen=True)
-class Sighting:
-    """What a rule saw at one violating subject, before the engine adds identity and wording.
-
-    Attributes:
-        expected: What the clause demands there.
-        found: What the dataset has there.
-        location: Parts of the place: file, pointer, table, column, group_id, rollout_id, tick, actor_id.
-        count: Violating items that this sighting stands for.
-    """
-
-    expected: str
-    found: str
-    location: dict[str, str | int] = field(default_factory=dict)
-    count: int = 1
-
-
-def location_text(location: dict[str, str | int]) -> str:
+def location_text(location: Location) -> str:
     """A place as one line, for people and for waiver globs: ``file=raw/.. rollout_id=.. tick=..``."""
     return " ".join(f"{key}={value}" for key, value in location.items()) or "dataset"
 
@@ -54,21 +24,21 @@ class Finding:
     """One violation of a rule, as reports carry it."""
 
     rule: str
-    location: dict[str, str | int]
+    location: Location
     count: int
     expected: str
     found: str
     waived: bool = False
 
     @classmethod
-    def of(cls, rule_id: str, sighting: Sighting) -> Finding:
-        """Finding of a rule from what it saw; free text is made safe to print."""
+    def of(cls, rule_id: str, mismatch: Mismatch) -> Finding:
+        """Finding of a rule from a mismatch; free text is made safe to print."""
         location = {
             key: value if isinstance(value, int) else printable(value[:500])[:500]
-            for key, value in sighting.location.items()
+            for key, value in mismatch.location.items()
         }
-        expected, found = (printable(text[:300])[:300] for text in (sighting.expected, sighting.found))
-        return cls(rule_id, location, sighting.count, expected, found)
+        expected, found = (printable(text[:300])[:300] for text in (mismatch.expected, mismatch.found))
+        return cls(rule_id, location, mismatch.count, expected, found)
 
     @property
     def kind(self) -> Kind:

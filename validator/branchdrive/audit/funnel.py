@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from branchdrive.audit.check import Mask
 from branchdrive.audit.selection import Selection
 from branchdrive.audit.view import ShardView
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.mismatch import Mask
+from branchdrive.contract.rule import CATALOGUE
 
 __all__ = ["STAGES", "Funnel", "Standing", "funnel_of", "standings_of"]
 

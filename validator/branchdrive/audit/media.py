@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from branchdrive.audit.finding import Sighting, quote
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Location, Mismatch, quote
 from branchdrive.dataset.untrusted import open_file
 from branchdrive.errors import DatasetError
 
@@ -28,7 +28,7 @@ CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
 
-def media_sightings(root: Path, folder: str, files: Sequence[str], frames: pa.Table) -> Iterator[Sighting]:
+def media_sightings(root: Path, folder: str, files: Sequence[str], frames: pa.Table) -> Iterator[Mismatch]:
     """Images that are not where the index of the shard `folder` says, file by file.
 
     Args:
@@ -47,26 +47,26 @@ def media_sightings(root: Path, folder: str, files: Sequence[str], frames: pa.Ta
         by_file.setdefault(f"{folder}/{name}", []).append((offset, size, checksum, rollout_id, tick))
     for path, images in sorted(by_file.items()):
         if path not in known:
-            yield Sighting("a file of the shard", "no such file", {"file": path}, len(images))
+            yield Mismatch({"file": path}, "a file of the shard", "no such file", len(images))
             continue
         try:
             yield from _of_file(root, path, images)
         except (DatasetError, OSError) as error:
-            yield Sighting("a file that can be read", str(error), {"file": path}, len(images))
+            yield Mismatch({"file": path}, "a file that can be read", str(error), len(images))
 
 
-def _of_file(root: Path, path: str, images: list[tuple[int, int, str, str, int]]) -> Iterator[Sighting]:
+def _of_file(root: Path, path: str, images: list[tuple[int, int, str, str, int]]) -> Iterator[Mismatch]:
     max_bytes = spec_limits().max_image_bytes
     with open_file(root, path) as stream:
         for offset, size, checksum, rollout_id, tick in sorted(images):
-            place: dict[str, str | int] = {"file": path, "table": "frames", "rollout_id": rollout_id, "tick": tick}
+            place: Location = {"file": path, "table": "frames", "rollout_id": rollout_id, "tick": tick}
             if not (offset >= 0 and 0 < size <= max_bytes):
-                yield Sighting(f"1 .. {max_bytes} bytes of the file", f"{size} bytes from {offset}", place)
+                yield Mismatch(place, f"1 .. {max_bytes} bytes of the file", f"{size} bytes from {offset}")
                 continue
             stream.seek(offset)
             content = stream.read(size)
             digest = hashlib.sha256(content).hexdigest()[:CHECKSUM_DIGITS]
             if len(content) < size:
-                yield Sighting(f"{size} bytes from {offset}", f"{len(content)} bytes: the file ends", place)
+                yield Mismatch(place, f"{size} bytes from {offset}", f"{len(content)} bytes: the file ends")
             elif digest != checksum:
-                yield Sighting(f"checksum {digest}", quote(checksum), place)
+                yield Mismatch(place, f"checksum {digest}", quote(checksum))

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from branchdrive.audit.check import GROUP_RULES, ROLLOUT_RULES, SHARD_RULES
 from branchdrive.audit.examine import examine
 from branchdrive.audit.finding import Finding
 from branchdrive.audit.selection import Selection
 from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.rule import RULES, rules_of
 from branchdrive.errors import BranchDriveError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check_rollout", "check_rollout_structure"]
 
-_CONTEXT_RULES = tuple(rule_id for rule_id in GROUP_RULES if rule_id.startswith("BD-GRP-"))
+_CONTEXT_RULES = tuple(rule_id for rule_id in rules_of("group") if rule_id.startswith("BD-GRP-"))
 """Rules on what an intervention shares with its nominal."""
 
 _NEEDS_NOMINAL = frozenset({"BD-KEY-005", "BD-CTL-010", "BD-TRG-002", "BD-GRP-006"})
@@ -42,7 +42,7 @@ def check_rollout_structure(
         tables: The streams of the attempt with their declared schemas.
         descriptor: Descriptor of the dataset that is being written.
     """
-    return _findings(_view([(record, tables)], descriptor), frozenset(SHARD_RULES) - _NEEDS_NOMINAL)
+    return _findings(_view([(record, tables)], descriptor), frozenset(rules_of("rows")) - _NEEDS_NOMINAL)
 
 
 def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout | None = None) -> list[Finding]:
@@ -57,7 +57,7 @@ def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout 
             nominal (commands, route, seed, branch and so on) are left out.
     """
     attempts = [(rollout.record, rollout.tables)]
-    selected = frozenset(SHARD_RULES) | frozenset(ROLLOUT_RULES)
+    selected = frozenset(rules_of("rows", "rollout"))
     is_compared = nominal is not None and nominal.rollout_id != rollout.rollout_id
     if nominal is not None and is_compared:
         attempts.append((nominal.record, nominal.tables))
@@ -74,8 +74,8 @@ def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout 
 def _context_findings(view: ShardView) -> list[Finding]:
     """Where an intervention, the first attempt of `view`, departs from the context of its nominal, the second."""
     pair = Selection(chosen=np.array([[1, 0]]), nominal=np.array([1]))
-    checks = {rule_id: GROUP_RULES[rule_id](view, pair, np.array([True])) for rule_id in _CONTEXT_RULES}
-    return [Finding.of(rule_id, check.describe(0)) for rule_id, check in checks.items() if check.bad[0]]
+    checks = ((rule_id, check) for rule_id in _CONTEXT_RULES for check in RULES[rule_id](view, pair, np.array([True])))
+    return [Finding.of(rule_id, check.mismatch(0)) for rule_id, check in checks if len(check.bad)]
 
 
 def _view(attempts: Sequence[tuple[Mapping[str, Any], Mapping[str, pa.Table]]], descriptor: Descriptor) -> ShardView:
@@ -89,8 +89,8 @@ def _view(attempts: Sequence[tuple[Mapping[str, Any], Mapping[str, pa.Table]]], 
 
 
 def _findings(view: ShardView, selected: frozenset[str]) -> list[Finding]:
-    examination = examine(view, selected)
-    errors = [message for tally in examination.tallies.values() for message in tally.errors]
+    tallies, _ = examine(view, selected)
+    errors = [message for tally in tallies.values() for message in tally.errors]
     if errors:
         raise BranchDriveError(f"a rule failed on this rollout, which is a bug of the validator:\n{errors[0]}")
-    return [finding for tally in examination.tallies.values() for finding in tally.findings]
+    return [finding for tally in tallies.values() for finding in tally.findings]

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from branchdrive.audit.examine import VIEW_RULES, Examination, examine
+from branchdrive.audit.examine import VIEW_RULES, examine
 from branchdrive.audit.extract.shard import Extract, extract_shard
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.funnel import Funnel
 from branchdrive.audit.media import media_sightings
 from branchdrive.audit.tally import Tally
@@ -22,6 +21,7 @@ from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import TABLES, declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import open_file
 from branchdrive.errors import DatasetError, DecodeError, LimitError
@@ -95,7 +95,7 @@ class ShardResult:
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
     num_images: int = 0
-    media_sightings: list[Sighting] = field(default_factory=list)
+    media_sightings: list[Mismatch] = field(default_factory=list)
     tallies: dict[str, Tally] = field(default_factory=dict)
     funnel: Funnel = field(default_factory=Funnel)
     extract: Extract | None = None
@@ -223,18 +223,15 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
     # What attempts comply with takes every rule, also where only some are asked for.
-    examination = examine(view, task.selected if task.extraction == "nothing" else None)
-    result.tallies = {rule_id: tally for rule_id, tally in examination.tallies.items() if rule_id in task.selected}
+    tallies, examination = examine(view, task.selected if task.extraction == "nothing" else None)
+    result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
-    if task.extraction != "nothing":
-        _extract(task, view, examination, result)
-
-
-def _extract(task: ShardTask, view: ShardView, examination: Examination, result: ShardResult) -> None:
-    broken = [tally.rule_id for tally in examination.tallies.values() if tally.num_findings and tally.info.decides]
+    if task.extraction == "nothing":
+        return
+    broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
     if broken:
         result.no_extract = f"the raw layer breaks {broken[0]}"
-    elif any(tally.errors for tally in examination.tallies.values()):
+    elif any(tally.errors for tally in tallies.values()):
         result.no_extract = "a rule on the raw layer failed"
     else:
         result.extract = extract_shard(view, examination, metamorphic=task.extraction != "rows")

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Literal
 
-from branchdrive.audit.finding import Finding, printable
-from branchdrive.contract.catalogue import CATALOGUE, RuleInfo
+from branchdrive.audit.finding import Finding
+from branchdrive.contract.mismatch import printable
+from branchdrive.contract.rule import CATALOGUE, RuleInfo
 
 __all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally", "failure_text"]
 

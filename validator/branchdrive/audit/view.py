@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from branchdrive.contract.descriptor import Descriptor
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["RowSummary", "ShardView", "StreamView", "TableView"]
+__all__ = ["RowSummary", "ShardView", "StreamView", "TableView", "Tables"]
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -28,6 +28,17 @@ Mask = NDArray[np.bool_]
 T = TypeVar("T")
 
 _TICK_SPAN = 1 << 32
+
+
+class Tables(Protocol):
+    """Tables under their names: a shard, or the derived layers of a dataset."""
+
+    @property
+    def table_names(self) -> tuple[str, ...]:
+        """Names of the tables, in declared order."""
+
+    def __getitem__(self, table: str) -> TableView:
+        """View of a table."""
 
 
 class TableView:

@@ -18,9 +18,9 @@ from typing import Any, Literal
 
 from branchdrive.audit.finding import location_text
 from branchdrive.audit.tally import Tally
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.document import parse_json, schema_violations
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.dataset.untrusted import read_named_file
 from branchdrive.errors import DatasetError, UsageError
 

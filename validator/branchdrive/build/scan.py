@@ -13,9 +13,9 @@ from branchdrive.audit.engine import Progress, audit_shards, judge_files
 from branchdrive.audit.extract.shard import Extract, merge
 from branchdrive.audit.survey import Survey, take_survey
 from branchdrive.audit.worker import Executor
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.dataset.layout import MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.dataset.manifest import Manifest, parse_manifest
 from branchdrive.dataset.untrusted import read_file

@@ -14,7 +14,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.finding import printable
+from branchdrive.contract.mismatch import printable
 from branchdrive.derive.layer.ledger import num_test_openings
 from branchdrive.derive.layer.wording import (
     UNITS,

@@ -14,12 +14,13 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.finding import location_text, printable
+from branchdrive.audit.finding import location_text
 from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.audit.verdict import Verdict, is_waived
 from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
-from branchdrive.contract.catalogue import AREAS, CATALOGUE, RuleInfo
+from branchdrive.contract.mismatch import printable
+from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 
 if TYPE_CHECKING:
     from branchdrive.build.build import BuildReport

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.dataset.buffer import RowBuffer, check_names, record_table
 from branchdrive.dataset.rollout import ROLLOUTS, Rollout, RolloutTables
 from branchdrive.errors import ContractError, UsageError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TextIO
 
-from branchdrive.audit.finding import printable
+from branchdrive.contract.mismatch import printable
 from branchdrive.dataset.layout import BENCHMARK
 from branchdrive_reference.benchmark.command.evaluate import add_format, shown
 from branchdrive_reference.benchmark.command.option import (

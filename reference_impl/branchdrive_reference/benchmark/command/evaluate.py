@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
+from branchdrive.contract.mismatch import printable
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import (
     add_no_figures,

@@ -21,7 +21,7 @@ from branchdrive.audit.engine import validate
 from branchdrive.audit.report import Report
 from branchdrive.audit.shard import ShardTask
 from branchdrive.audit.worker import in_process
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
 
 Edit: TypeAlias = Callable[[Any], object]
 Base = Literal["full", "media", "bare", "release", "detached", "alone", "benchmark"]

@@ -14,14 +14,14 @@ from tests import synthetic
 from tests.each import Loop, each
 from tests.synthetic import BRANCH_TICK, Plan
 
-from branchdrive.audit.check import SHARD_RULES
 from branchdrive.audit.examine import examine
 from branchdrive.audit.finding import Finding
 from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.rule import rules_of
 
-VALUE_RULES = {rule_id for rule_id in SHARD_RULES if rule_id.split("-")[1] in ("VAL", "BOX", "NUL")}
+VALUE_RULES = {rule_id for rule_id in rules_of("rows") if rule_id.split("-")[1] in ("VAL", "BOX", "NUL")}
 DESCRIPTOR = Descriptor.model_validate(synthetic.media_descriptor())
 TICK = BRANCH_TICK + 5
 STEERED, NOMINAL = "g0.steer_left_0.10.a1", "g0.nominal.a1"
@@ -60,9 +60,9 @@ def findings(table: str, column: str, value: Any, **more: Any) -> list[Finding]:
         else:
             array = pa.array(values, field.type)
         rows = rows.set_column(index, field.with_nullable(True), array)
-    examination = examine(ShardView({**small_shard(), table: rows}, DESCRIPTOR), VALUE_RULES)
-    assert not [message for tally in examination.tallies.values() for message in tally.errors]
-    return [finding for tally in examination.tallies.values() for finding in tally.findings]
+    tallies, _ = examine(ShardView({**small_shard(), table: rows}, DESCRIPTOR), VALUE_RULES)
+    assert not [message for tally in tallies.values() for message in tally.errors]
+    return [finding for tally in tallies.values() for finding in tally.findings]
 
 
 def assert_fails(rule: str, table: str, column: str, value: Any, *also: str, **more: Any) -> None:

@@ -54,11 +54,11 @@ def with_cells(changes: dict[str, dict[int, Any]], shard: str = SHARD) -> pa.Tab
 def found(rows: pa.Table, shard: str = SHARD) -> dict[str, dict[str, int]]:
     """Violating rows per rollout, by evidence rule."""
     tables = {**synthetic.base_tables()[shard], "evidence": rows}
-    examination = examine(ShardView(tables, DESCRIPTOR))
-    assert not [message for tally in examination.tallies.values() for message in tally.errors]
+    tallies, _ = examine(ShardView(tables, DESCRIPTOR))
+    assert not [message for tally in tallies.values() for message in tally.errors]
     return {
         rule_id: {str(f.location["rollout_id"]): f.count for f in tally.findings}
-        for rule_id, tally in examination.tallies.items()
+        for rule_id, tally in tallies.items()
         if tally.num_findings
     }
 
@@ -127,5 +127,5 @@ def test_declared_tolerance_is_the_one_that_counts(tolerance: float) -> None:
     for step, is_sound in ((0.98 * tolerance, True), (1.02 * tolerance + 1e-12, False)):
         changed = values[row] + step * (1 + values[row])
         tables = {**synthetic.base_tables()[SHARD], "evidence": with_cells({"separation_m": {row: changed}})}
-        tally = examine(ShardView(tables, descriptor)).tallies["BD-EVD-001"]
+        tally = examine(ShardView(tables, descriptor))[0]["BD-EVD-001"]
         assert (tally.num_findings == 0) == is_sound

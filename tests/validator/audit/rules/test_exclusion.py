@@ -11,15 +11,14 @@ from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, NUM_TICKS, make_group
 from tests.validator.audit.rules.case import ACCELERATE, BRAKE, NOMINAL, REPLAY, SHARD_0, SHARD_1, STEER_LEFT
 
-from branchdrive.audit.check import GROUP_RULES, ROLLOUT_RULES, SHARD_RULES
 from branchdrive.audit.engine import validate
 from branchdrive.audit.examine import examine
 from branchdrive.audit.finding import Finding
 from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
 from branchdrive.audit.view import ShardView
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 
 MIDDLE = BRANCH_TICK + 10
 STREAMS = ("controls", "observations", "actors", "evidence")
@@ -61,7 +60,7 @@ def test_a_broken_rollout_hides_its_own_later_faults_only(tmp_path: Path, base: 
     tallies = judge(draft, tmp_path)
     assert failed(tallies) == {"BD-VAL-001": 1, "BD-CTL-008": 2, "BD-EVD-001": 1}
     assert rollouts_in(tallies["BD-CTL-008"].findings) == [STEER_LEFT, "g2.brake_0.50.a1"]
-    for rule_id in ROLLOUT_RULES:
+    for rule_id in rules_of("rollout"):
         brakes = rule_id not in (
             "BD-CTL-004",
             "BD-CTL-006",
@@ -93,7 +92,7 @@ def test_a_gap_excludes_the_rollout_from_the_rules_that_require_gapless_ticks(
     assert failed(tallies) == {"BD-TIC-001": 1, "BD-CTL-008": 2, "BD-WIN-003": 1}
     requiring = {rule_id for rule_id, rule in CATALOGUE.items() if "BD-TIC-001" in rule.requires}
     assert requiring == {"BD-CTL-001", "BD-CTL-002", "BD-CTL-012"}
-    for rule_id in ROLLOUT_RULES:
+    for rule_id in rules_of("rollout"):
         assert tallies[rule_id].examined == base[rule_id].examined - (rule_id in requiring), rule_id
 
 
@@ -126,7 +125,7 @@ def test_a_partial_attempt_is_examined_by_structure_rules_alone(tmp_path: Path, 
     draft.recount("g0.brake_0.50.a2")
     tallies = judge(draft, tmp_path)
     assert failed(tallies) == {"BD-STA-001": 1}
-    for rule_id in set(ROLLOUT_RULES) - {"BD-STA-001"}:
+    for rule_id in set(rules_of("rollout")) - {"BD-STA-001"}:
         assert tallies[rule_id].examined == base[rule_id].examined
         assert tallies[rule_id].total == base[rule_id].total + 1
 
@@ -142,7 +141,7 @@ def test_a_broken_candidate_takes_its_group_out_of_the_group_rules(tmp_path: Pat
     report = report_of(draft, tmp_path)
     tallies = {tally.rule_id: tally for tally in report.tallies}
     assert failed(tallies) == {"BD-VAL-004": 1, "BD-GRP-002": 1}
-    for rule_id in GROUP_RULES:
+    for rule_id in rules_of("group"):
         assert (tallies[rule_id].examined, tallies[rule_id].total) == (2, 3)
         assert (base[rule_id].examined, base[rule_id].total) == (3, 3)
     assert report.funnel is not None
@@ -158,7 +157,7 @@ def test_a_broken_attempt_that_is_not_chosen_costs_no_group(spoiled: str, tmp_pa
     draft.set("observations", "x_m", math.nan, rollout_id=spoiled, tick=0)
     report = report_of(draft, tmp_path)
     assert {tally.rule_id for tally in report.tallies if tally.num_findings} == {"BD-VAL-001"}
-    assert all(tally.examined == 3 for tally in report.tallies if tally.rule_id in GROUP_RULES)
+    assert all(tally.examined == 3 for tally in report.tallies if tally.rule_id in rules_of("group"))
     assert report.verdict == "invalid"
     assert report.funnel is not None
     assert report.funnel.qualified == 3
@@ -180,7 +179,7 @@ def test_a_broken_nominal_is_still_what_others_are_compared_with(tmp_path: Path)
     report = report_of(draft, tmp_path)
     tallies = {tally.rule_id: tally for tally in report.tallies}
     assert failed(tallies) == {"BD-VAL-001": 1, "BD-CTL-010": 1}
-    assert {tallies[rule_id].examined for rule_id in GROUP_RULES} == {2}
+    assert {tallies[rule_id].examined for rule_id in rules_of("group")} == {2}
     assert report.funnel is not None
     assert report.funnel.lost == {"bank": 1}
     assert report.funnel.reasons["bank"] == {"BD-VAL-001": 1}
@@ -293,14 +292,10 @@ def test_examined_counts_every_subject(tmp_path: Path, base: dict[str, Tally]) -
 def test_a_rule_that_raises_does_not_hide_the_others(
     rule_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from branchdrive.audit import check
-
     def broken(*_: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    for registry in (check.SURVEY_RULES, check.SHARD_RULES, check.ROLLOUT_RULES, check.GROUP_RULES):
-        if rule_id in registry:
-            monkeypatch.setitem(registry, rule_id, broken)
+    monkeypatch.setitem(RULES, rule_id, broken)
     draft = new_draft()
     draft.set("evidence", "nearest_vehicle_gap_m", 1.0, rollout_id=STEER_LEFT, tick=BRANCH_TICK)
     report = validate(draft.write(tmp_path / "dataset"))
@@ -314,8 +309,8 @@ def test_a_rule_that_raises_does_not_hide_the_others(
 def test_the_same_rows_in_memory_give_the_same_counts(base: dict[str, Tally]) -> None:
     draft = new_draft()
     view = ShardView(make_group(2), Descriptor.model_validate(draft.descriptor))
-    alone = examine(view).tallies
-    assert set(alone) == {*SHARD_RULES, *ROLLOUT_RULES, *GROUP_RULES}
+    alone, _ = examine(view)
+    assert set(alone) == set(rules_of("rows", "rollout", "group"))
     assert alone["BD-STA-001"].examined == 15
     assert all(tally.num_findings == 0 for tally in alone.values())
     assert all(tally.examined <= base[rule_id].examined for rule_id, tally in alone.items())
@@ -347,7 +342,7 @@ def test_without_a_descriptor_no_row_is_judged(tmp_path: Path) -> None:
     assert status["BD-DOC-002"] == status["BD-DOC-003"] == ("skipped", "precondition BD-DOC-001 failed")
     for rule_id in ("BD-DOC-004", "BD-ENC-001", "BD-TAB-004"):
         assert status[rule_id] == ("skipped", "no subject")
-    for rule_id in {*SHARD_RULES, *ROLLOUT_RULES, *GROUP_RULES}:
+    for rule_id in set(rules_of("rows", "rollout", "group")):
         assert status[rule_id] == ("skipped", "the descriptor is unusable")
     for rule_id in ("BD-LAY-002", "BD-LAY-009", "BD-TAB-001", "BD-TAB-002", "BD-TAB-003"):
         assert status[rule_id] == ("pass", None)

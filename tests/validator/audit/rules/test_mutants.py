@@ -10,7 +10,7 @@ from tests.validator.audit.rules.case import INHERITED, RECOMMENDED, judged
 
 from branchdrive.audit.funnel import STAGES
 from branchdrive.audit.report import Report
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
 
 
 def failed_rules(mutant: Mutant, report: Report) -> set[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -12,38 +11,42 @@ from tests.validator.audit.rules.case import INHERITED, RECOMMENDED, judged
 from tests.validator.audit.rules.release import BUILT
 
 from branchdrive.audit import rules as bound_rules
-from branchdrive.audit.check import GROUP_RULES, RELEASE_RULES, ROLLOUT_RULES, SHARD_RULES, SURVEY_RULES
 from branchdrive.audit.engine import validate
-from branchdrive.contract.catalogue import CATALOGUE, Grain, RuleInfo
 from branchdrive.contract.layer import LAYERS
-
-REGISTRIES = (SURVEY_RULES, SHARD_RULES, ROLLOUT_RULES, GROUP_RULES, RELEASE_RULES)
+from branchdrive.contract.rule import CATALOGUE, RULES, Grain, RuleInfo, Scope, rules_of
+from branchdrive.contract.rule import rule as bind
+from branchdrive.errors import BranchDriveError
 
 each_rule = each("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
 
 
 def test_rules_and_functions_correspond_one_to_one() -> None:
-    bound = Counter(rule_id for registry in REGISTRIES for rule_id in registry)
-    assert bound == Counter(dict.fromkeys(CATALOGUE, 1))
-    functions = [function for registry in REGISTRIES for function in registry.values()]
-    assert len(set(functions)) == len(functions)
+    assert RULES.keys() == CATALOGUE.keys()
+    assert len(set(RULES.values())) == len(RULES)
+
+
+@pytest.mark.parametrize("rule_id", ["BD-LAY-001", "BD-XXX-001"])
+def test_a_rule_is_bound_once_and_must_be_in_the_catalogue(rule_id: str) -> None:
+    with pytest.raises(BranchDriveError, match=rule_id):
+        bind(rule_id)(lambda view: ())
+    assert RULES.keys() == CATALOGUE.keys()
 
 
 @each_rule
-def test_kind_fits_the_registry(rule: RuleInfo) -> None:
+def test_kind_fits_the_scope(rule: RuleInfo) -> None:
     """Qualification judges attempts and groups; what decides about the dataset judges everything else."""
     if rule.kind == "qualification":
-        assert rule.id in (GROUP_RULES if rule.grain == "group" else ROLLOUT_RULES)
+        assert rule.scope == rule.grain
         assert rule.stage is not None
     else:
-        assert rule.id in SURVEY_RULES or rule.id in SHARD_RULES or rule.id in RELEASE_RULES
+        assert rule.scope in ("dataset", "rows", "layers")
         assert rule.stage is None
 
 
 @each_rule
-def test_layer_fits_the_registry(rule: RuleInfo) -> None:
+def test_layer_fits_the_scope(rule: RuleInfo) -> None:
     """Rules on derived layers, and no others, are about a claimed layer and may need the raw one."""
-    assert (rule.layer is not None) == (rule.id in RELEASE_RULES)
+    assert (rule.layer is not None) == (rule.scope == "layers")
     assert rule.layer is not None or not rule.needs_raw
     assert rule.layer is None or not rule.streams
 
@@ -53,22 +56,29 @@ def test_rules_need_raw_where_the_catalogue_says_so(tmp_path: Path) -> None:
     report = judged(new_draft("alone"), tmp_path)
     layers = set(BUILT)
     words = {tally.rule_id: tally.status for tally in report.tallies if tally.info.layer in layers}
-    known = [rule_id for rule_id in RELEASE_RULES if CATALOGUE[rule_id].layer in layers]
+    known = [rule_id for rule_id in rules_of("layers") if CATALOGUE[rule_id].layer in layers]
     assert words == {rule_id: "skipped" if CATALOGUE[rule_id].needs_raw else "pass" for rule_id in known}
     assert report.verdict == "partial"
 
 
 @each_rule
-def test_grain_fits_the_registry(rule: RuleInfo) -> None:
-    grains: dict[str, set[Grain]] = {
-        "SURVEY_RULES": {"dataset", "file", "document", "rollout", "group"},
-        "SHARD_RULES": {"row", "rollout"},
-        "ROLLOUT_RULES": {"rollout"},
-        "GROUP_RULES": {"group"},
-        "RELEASE_RULES": {"dataset", "file", "document", "row", "group"},
+def test_grain_fits_the_scope(rule: RuleInfo) -> None:
+    grains: dict[Scope, set[Grain]] = {
+        "dataset": {"dataset", "file", "document", "rollout", "group"},
+        "rows": {"row", "rollout"},
+        "rollout": {"rollout"},
+        "group": {"group"},
+        "layers": {"dataset", "file", "document", "row", "group"},
     }
-    (registry,) = (name for name, rules in zip(grains, REGISTRIES, strict=True) if rule.id in rules)
-    assert rule.grain in grains[registry]
+    assert rule.grain in grains[rule.scope]
+
+
+@each_rule
+def test_preconditions_come_first_and_can_exclude_a_subject(rule: RuleInfo) -> None:
+    order = list(CATALOGUE)
+    for other in rule.requires:
+        assert order.index(other) < order.index(rule.id)
+        assert (CATALOGUE[other].scope == "layers") == (rule.scope == "layers")
 
 
 @each_rule

@@ -15,7 +15,7 @@ from branchdrive.contract.bank import ActionBank
 from branchdrive.derive.layer.frame import Values
 
 if TYPE_CHECKING:
-    from branchdrive.audit.examine import Examination
+    from branchdrive.audit.examination import Examination
 
 __all__ = ["attempts", "policy_columns", "records"]
 

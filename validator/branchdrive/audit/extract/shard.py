@@ -27,7 +27,7 @@ from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.derive.layer.frame import Values, concat
 
 if TYPE_CHECKING:
-    from branchdrive.audit.examine import Examination
+    from branchdrive.audit.examination import Examination
 
 __all__ = ["Extract", "extract_shard", "merge"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from branchdrive.audit.funnel import STAGES
 from branchdrive.audit.view import ShardView, StreamView
 from branchdrive.audit.window import EVIDENCE_OFFSETS
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.timing import (
     ACTIVE_TICKS,
     CONTROL_HISTORY_TICKS,
@@ -24,7 +24,7 @@ from branchdrive.contract.timing import (
 from branchdrive.derive.layer.frame import Values
 
 if TYPE_CHECKING:
-    from branchdrive.audit.examine import Examination
+    from branchdrive.audit.examination import Examination
 
 __all__ = ["attempt_quality", "group_standing", "nominal_replays"]
 

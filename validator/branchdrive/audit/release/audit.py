@@ -7,28 +7,29 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
-from itertools import islice
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from branchdrive.audit import rules as _bind_rules  # noqa: F401  (importing binds the rules)
-from branchdrive.audit.check import RELEASE_RULES
-from branchdrive.audit.finding import Finding, Sighting, printable
-from branchdrive.audit.release.view import NotAtHandError, RawLayer, ReleaseView
+from branchdrive.audit.judge import judge
+from branchdrive.audit.release.compare import place
+from branchdrive.audit.release.view import RawLayer, ReleaseView
 from branchdrive.audit.rules.quality import POPULATION
 from branchdrive.audit.shard import CHECKED_METADATA, ColumnProblem, metadata_problems, type_problems
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.audit.tally import Tally
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_violations
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Check, Location, Mismatch, printable
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.dataset.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import open_file
@@ -98,9 +99,9 @@ class _Files:
     documents: dict[str, Any] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
     sizes: dict[str, int] = field(default_factory=dict)
-    problems: dict[str, list[Sighting]] = field(default_factory=dict)
+    problems: dict[str, list[Mismatch]] = field(default_factory=dict)
 
-    def note(self, rule_id: str, sighting: Sighting) -> None:
+    def note(self, rule_id: str, sighting: Mismatch) -> None:
         self.problems.setdefault(rule_id, []).append(sighting)
 
 
@@ -131,7 +132,7 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
     )
     # Rules on structure come first and always run: they say which tables the others can trust.
     always = {rule_id for rule_id, info in CATALOGUE.items() if info.kind == "structure"} | {_POPULATION_RULE}
-    judged = {r: _judge(view, r) for r in CATALOGUE if r in RELEASE_RULES and (r in task.selected or r in always)}
+    judged = judge_layers(view, [r for r in rules_of("layers") if r in task.selected or r in always])
     result.tallies = {rule_id: tally for rule_id, tally in judged.items() if rule_id in task.selected}
     if judged[_POPULATION_RULE].status == "pass":
         result.population = files.documents[POPULATION]
@@ -188,17 +189,17 @@ def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: 
     try:
         table = decode_table(content, name)
     except DecodeError as error:
-        files.note("BD-LYR-002", Sighting("a table that decodes within the limits", str(error), {"file": path}))
+        files.note("BD-LYR-002", Mismatch({"file": path}, "a table that decodes within the limits", str(error)))
         return
     wrong = type_problems(table.schema, name)
     for problem in wrong:
-        place: dict[str, str | int] = {"file": path, "column": problem.column}
-        files.note("BD-LYR-003", Sighting(problem.expected, problem.found, place))
+        place: Location = {"file": path, "column": problem.column}
+        files.note("BD-LYR-003", Mismatch(place, problem.expected, problem.found))
     if not wrong:
         files.tables[name] = table
         for problem in (*metadata_problems(table.schema, name), *_undeclared_metadata(table.schema, name)):
             files.note(
-                "BD-LYR-004", Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
+                "BD-LYR-004", Mismatch({"file": path, "column": problem.column}, problem.expected, problem.found)
             )
 
 
@@ -222,32 +223,39 @@ def _read_document(task: ReleaseTask, path: str, schema: str, files: _Files, res
     try:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:
-        files.note("BD-LYR-005", Sighting("a JSON document within the limits", str(error), {"file": path}))
+        files.note("BD-LYR-005", Mismatch({"file": path}, "a JSON document within the limits", str(error)))
         return
     violations = schema_violations(document, schema)
     for v in violations:
-        files.note("BD-LYR-005", Sighting(v.expected, v.found, {"file": path, "pointer": v.pointer or "/"}))
+        files.note("BD-LYR-005", Mismatch({"file": path, "pointer": v.pointer or "/"}, v.expected, v.found))
     if not violations:
         files.documents[path] = document
 
 
 @np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
-def _judge(view: ReleaseView, rule_id: str) -> Tally:
-    info, tally = CATALOGUE[rule_id], Tally(rule_id)
-    if info.layer is not None and not view.claims(info.layer):
-        tally.is_claimed = False
-        return tally
-    try:
-        for check in RELEASE_RULES[rule_id](view):
-            tally.examined += check.examined
-            tally.total += check.examined
-            tally.num_findings += check.num_bad
-            room = MAX_FINDINGS_PER_RULE - len(tally.findings)
-            tally.keep([Finding.of(rule_id, sighting) for sighting in islice(check.sightings, max(room, 0))])
-    except NotAtHandError as reason:
-        tally.unjudged = str(reason)
-    except MemoryError:
-        raise
-    except Exception:  # a failing rule is a bug of this tool and must not hide the other rules
-        tally.errors.append(failure_text(rule_id))
-    return tally
+def judge_layers(view: ReleaseView, rule_ids: Iterable[str]) -> dict[str, Tally]:
+    """Tallies of rules in order; tables that fail a rule are kept from those that require it."""
+    tallies, broken = {}, dict[str, set[str]]()
+    for rule_id in rule_ids:
+        info = CATALOGUE[rule_id]
+        tally = tallies[rule_id] = Tally(rule_id, is_claimed=info.layer is None or view.claims(info.layer))
+        if tally.is_claimed:
+            trusted = view.without({name for other in info.requires for name in broken.get(other, ())})
+            bad = judge(tally, partial(RULES[rule_id], trusted), partial(_mismatches, view))
+            broken[rule_id] = {check.table for check in bad if check.table is not None}
+    return tallies
+
+
+def _mismatches(view: ReleaseView, check: Check) -> Iterator[Mismatch]:
+    for row in check.bad.tolist():
+        found = check.mismatch(row)
+        if check.table is not None:
+            found = replace(found, location={**_row_location(view, check.table, row), **found.location})
+        yield found
+
+
+def _row_location(view: ReleaseView, name: str, row: int) -> Location:
+    """Location of a row: by its key, or by its number where a part of the key is null."""
+    if all(view.tables[name][part][row].is_valid for part in LAYER_TABLES[name].key):
+        return place(name, view.rows(name), row)
+    return {"file": table_path(name), "table": name, "row": row}

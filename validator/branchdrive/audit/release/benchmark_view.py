@@ -9,9 +9,9 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.audit.check import ReleaseCheck
 from branchdrive.audit.release.compare import problems_found
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
+from branchdrive.contract.mismatch import Check, PreconditionError
 from branchdrive.dataset.layout import BENCHMARK, LOCK_FILE, PROTOCOL_FILE, RANKING_LOCK_FILE
 from branchdrive.derive.benchmark.data import TABLES, BenchmarkData
 from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
@@ -33,31 +33,31 @@ def protocol_of(view: ReleaseView) -> BenchmarkProtocol:
     """The protocol of the layer.
 
     Raises:
-        NotAtHandError: It cannot be read.
+        PreconditionError: It cannot be read.
     """
     try:
         return read_protocol(view.document(PROTOCOL_FILE))
     except DatasetError as error:
-        raise NotAtHandError(f"{PROTOCOL_FILE}: {error}") from error
+        raise PreconditionError(f"{PROTOCOL_FILE}: {error}") from error
 
 
 def data_of(view: ReleaseView) -> BenchmarkData:
     """What the benchmark is judged on.
 
     Raises:
-        NotAtHandError: The model layer cannot be packed.
+        PreconditionError: The model layer cannot be packed.
     """
     try:
         return BenchmarkData.of({name: view.frame(name) for name in TABLES}, view.descriptor.action_bank)
     except DatasetError as error:
-        raise NotAtHandError(f"the model layer cannot be packed: {error}") from error
+        raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 
 
 def lock_of(view: ReleaseView) -> Mapping[str, Any]:
     """The prediction lock.
 
     Raises:
-        NotAtHandError: It is a lock of another kind.
+        PreconditionError: It is a lock of another kind.
     """
     return lock_of_kind(view, LOCK_FILE)
 
@@ -71,15 +71,15 @@ def lock_of_kind(view: ReleaseView, path: str) -> Mapping[str, Any]:
     """A lock, if it is of the kind that its place takes.
 
     Raises:
-        NotAtHandError: It is not.
+        PreconditionError: It is not.
     """
     if other_kind(view, path) is not None:
-        raise NotAtHandError(f"{path} is a lock of another kind")
+        raise PreconditionError(f"{path} is a lock of another kind")
     document: Mapping[str, Any] = view.document(path)
     return document
 
 
-def other_kind(view: ReleaseView, path: str) -> ReleaseCheck | None:
+def other_kind(view: ReleaseView, path: str) -> Check | None:
     """What is wrong with a lock of another kind than its place takes; ``None`` for the right one."""
     found = view.document(path)["kind"]
     return None if found == _KINDS[path] else problems_found(path, 1, [("/kind", _KINDS[path], found)])
@@ -104,12 +104,12 @@ def predictions_of(view: ReleaseView) -> PredictionSet:
     """The predictions.
 
     Raises:
-        NotAtHandError: They are not complete.
+        PreconditionError: They are not complete.
     """
     try:
         return PredictionSet.from_frames(_frames(view), view.once(data_of))
     except DatasetError as error:
-        raise NotAtHandError(f"predictions are not complete: {error}") from error
+        raise PreconditionError(f"predictions are not complete: {error}") from error
 
 
 def layer_files(view: ReleaseView) -> dict[str, str]:

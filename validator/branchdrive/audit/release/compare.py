@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import ReleaseCheck
-from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.release.view import ReleaseView
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import table_path
+from branchdrive.contract.mismatch import Check, Mismatch, quote
 from branchdrive.derive.layer.frame import Alignment, Frame, Values, num_rows
 
 __all__ = [
@@ -65,27 +64,27 @@ def differs(expected: Values, found: Values, *, exact: bool = False) -> Mask:
     return np.asarray((absent != gone) | (apart & ~absent & ~gone))
 
 
-def rows_agree(view: ReleaseView, table: str) -> Iterator[ReleaseCheck]:
+def rows_agree(view: ReleaseView, table: str) -> Iterator[Check]:
     """The stored rows of `table` are those that raw gives, by key: none is missing and none is more."""
     yield from rows_are(table, view.expected(table), view.frame(table), view.aligned(table))
 
 
-def rows_are(table: str, expected: Frame, found: Frame, pairs: Alignment) -> Iterator[ReleaseCheck]:
+def rows_are(table: str, expected: Frame, found: Frame, pairs: Alignment) -> Iterator[Check]:
     """The stored rows are the expected ones, given how both are paired."""
+    num_missing = len(pairs.missing)
 
-    def sightings() -> Iterator[Sighting]:
-        for row in pairs.missing.tolist():
-            yield Sighting("a row with this key", "no such row", place(table, expected, row))
-        for row in pairs.extra.tolist():
-            yield Sighting("no row with this key, or one", "a row that nothing explains", place(table, found, row))
+    def mismatch(i: int) -> Mismatch:
+        if i < num_missing:
+            return Mismatch(place(table, expected, int(pairs.missing[i])), "a row with this key", "no such row")
+        row = int(pairs.extra[i - num_missing])
+        return Mismatch(place(table, found, row), "no row with this key, or one", "a row that nothing explains")
 
-    examined = num_rows(expected) + len(pairs.extra)
-    yield ReleaseCheck(examined, len(pairs.missing) + len(pairs.extra), sightings())
+    yield Check(num_rows(expected) + len(pairs.extra), np.arange(num_missing + len(pairs.extra)), mismatch)
 
 
 def columns_agree(
     view: ReleaseView, table: str, columns: Sequence[str], *, exact: Collection[str] = (), where: Mask | None = None
-) -> Iterator[ReleaseCheck]:
+) -> Iterator[Check]:
     """Stored values of `columns` agree with what raw gives, in every row that both have; one subject a row.
 
     Args:
@@ -108,23 +107,21 @@ def _cells(
     left: Index,
     right: Index,
     exact: Collection[str],
-) -> ReleaseCheck:
+) -> Check:
     apart = np.stack([differs(expected[c][left], found[c][right], exact=c in exact) for c in columns], axis=1)
     bad = np.flatnonzero(apart.any(axis=1))
 
-    def sightings() -> Iterator[Sighting]:
-        for i in bad.tolist():
-            column = columns[int(np.argmax(apart[i]))]
-            wanted, value = expected[column][left[i]], found[column][right[i]]
-            where = place(table, found, int(right[i]), column)
-            yield Sighting(shown(wanted), shown(value), where)
+    def mismatch(i: int) -> Mismatch:
+        column = columns[int(np.argmax(apart[i]))]
+        wanted, value = expected[column][left[i]], found[column][right[i]]
+        return Mismatch(place(table, found, int(right[i]), column), shown(wanted), shown(value))
 
-    return ReleaseCheck(len(left), len(bad), sightings())
+    return Check(len(left), bad, mismatch)
 
 
 def frames_agree(
     table: str, columns: Sequence[str], expected: Frame, found: Frame, left: Index, right: Index
-) -> Iterator[ReleaseCheck]:
+) -> Iterator[Check]:
     """Values of paired rows are equal: for what follows from stored tables."""
     yield _cells(table, columns, expected, found, left, right, columns)
 
@@ -134,13 +131,15 @@ def shown(value: Any) -> str:
     return "null" if value is np.ma.masked or value is None else quote(value)
 
 
-def problems_found(path: str, examined: int, problems: Iterable[tuple[str, object, object]]) -> ReleaseCheck:
+def problems_found(path: str, examined: int, problems: Iterable[tuple[str, object, object]]) -> Check:
     """Check of a document: one problem is a JSON pointer, what was expected and what was found."""
-    return ReleaseCheck.of(
+    return Check.of(
         examined,
-        (Sighting(_words(expected), _words(found), {"file": path, "pointer": pointer or "/"})
-         for pointer, expected, found in problems),
-    )  # fmt: skip
+        (
+            Mismatch({"file": path, "pointer": pointer or "/"}, _words(expected), _words(found))
+            for pointer, expected, found in problems
+        ),
+    )
 
 
 def _words(value: object) -> str:

@@ -5,7 +5,8 @@ Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,6 +16,7 @@ from branchdrive.audit.view import TableView
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS, layer_of_table
+from branchdrive.contract.mismatch import PreconditionError
 from branchdrive.dataset.frame import from_arrow
 from branchdrive.dataset.layout import SOURCE_FILE
 from branchdrive.derive.layer.frame import Alignment, Frame, Values, align, take
@@ -24,13 +26,9 @@ if TYPE_CHECKING:
 
     from branchdrive.audit.extract.shard import Extract
 
-__all__ = ["NotAtHandError", "RawLayer", "ReleaseView"]
+__all__ = ["RawLayer", "ReleaseView"]
 
 T = TypeVar("T")
-
-
-class NotAtHandError(Exception):
-    """A rule cannot be judged, because something it needs is missing or broken; other rules say so."""
 
 
 class RawLayer:
@@ -98,8 +96,7 @@ class ReleaseView:
         self._expected: dict[str, Frame] = {}
         self._aligned: dict[str, Alignment] = {}
         self._computed: dict[Callable[[ReleaseView], Any], Any] = {}
-        self.distrusted: set[str] = set()
-        """Tables that break their structure: rules on their values are not judged."""
+        self._broken: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         return f"ReleaseView({sorted(self.tables)}, {len(self.documents)} documents)"
@@ -113,6 +110,12 @@ class ReleaseView:
         """Typed columns of a decoded table."""
         return TableView(table, self.tables[table])
 
+    def without(self, broken: Collection[str]) -> ReleaseView:
+        """This view for rules that require others, without the tables that fail those; it shares what was computed."""
+        view = copy(self)
+        view._broken = frozenset(broken)
+        return view
+
     def claims(self, layer: str) -> bool:
         """Whether the dataset claims the layer."""
         return layer in self.descriptor.layers
@@ -121,10 +124,10 @@ class ReleaseView:
         """Rows of a stored table.
 
         Raises:
-            NotAtHandError: It is missing or breaks its structure.
+            PreconditionError: It is missing or breaks its structure.
         """
-        if table not in self.tables or table in self.distrusted:
-            raise NotAtHandError(f"{layer_of_table(table)}/{table}.parquet is missing or breaks the format")
+        if table not in self.tables or table in self._broken:
+            raise PreconditionError(f"{layer_of_table(table)}/{table}.parquet is missing or breaks the format")
         return self.rows(table)
 
     def rows(self, table: str) -> Frame:
@@ -137,10 +140,10 @@ class ReleaseView:
         """A stored document that conforms to its schema.
 
         Raises:
-            NotAtHandError: It is missing or does not conform.
+            PreconditionError: It is missing or does not conform.
         """
         if path not in self.documents:
-            raise NotAtHandError(f"{path} is missing or breaks its schema")
+            raise PreconditionError(f"{path} is missing or breaks its schema")
         return self.documents[path]
 
     @property
@@ -148,13 +151,13 @@ class ReleaseView:
         """What the raw layer says.
 
         Raises:
-            NotAtHandError: It is not at hand, or is another than the release names.
+            PreconditionError: It is not at hand, or is another than the release names.
         """
         if self.raw.extract is None:
-            raise NotAtHandError(self.raw.reason)
+            raise PreconditionError(self.raw.reason)
         named = self.documents.get(SOURCE_FILE, {}).get("raw_layer", self.raw.digest)
         if self.raw.digest not in (None, named):
-            raise NotAtHandError("the raw layer at hand is not the one that the release names")
+            raise PreconditionError("the raw layer at hand is not the one that the release names")
         return self.raw.extract
 
     def expected(self, table: str) -> Frame:
@@ -163,7 +166,7 @@ class ReleaseView:
         The model layer holds the groups of its contexts, so its tables are expected for those that raw has.
 
         Raises:
-            NotAtHandError: The raw layer, or the contexts, are not at hand.
+            PreconditionError: The raw layer, or the contexts, are not at hand.
         """
         if table not in self._expected:
             frame: Frame = self.extract.frames[table]
@@ -177,7 +180,7 @@ class ReleaseView:
         """Pairs of expected and stored rows of a table.
 
         Raises:
-            NotAtHandError: One of both is not at hand.
+            PreconditionError: One of both is not at hand.
         """
         if table not in self._aligned:
             self._aligned[table] = align(self.expected(table), self.frame(table), LAYER_TABLES[table].key)

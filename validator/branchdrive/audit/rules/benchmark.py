@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.benchmark_view import (
     CHECKPOINTS,
     data_of,
@@ -19,9 +17,11 @@ from branchdrive.audit.release.benchmark_view import (
     protocol_of,
 )
 from branchdrive.audit.release.compare import problems_found
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.rules.model import FEATURES, NORMALISATION
 from branchdrive.audit.rules.split import SPLIT
+from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.dataset.layout import (
     BENCHMARK,
     LEDGER_FILE,
@@ -43,8 +43,8 @@ from branchdrive.derive.benchmark.openings import EVENTS, num_openings, openings
 from branchdrive.derive.benchmark.protocol import protocol_problem
 
 
-@release_rule("BD-BMK-001")
-def protocol_is_consistent(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-001")
+def protocol_is_consistent(view: ReleaseView) -> Iterator[Check]:
     """Names differ, profiles are weighed to 1, and families and guard name what is declared."""
     problem = protocol_problem(view.document(PROTOCOL_FILE))
     yield problems_found(
@@ -52,8 +52,8 @@ def protocol_is_consistent(view: ReleaseView) -> Iterator[ReleaseCheck]:
     )
 
 
-@release_rule("BD-BMK-002")
-def lock_is_of_this_release(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-002")
+def lock_is_of_this_release(view: ReleaseView) -> Iterator[Check]:
     """Protocol, identity, split, normalisation, features and candidates are those of the release."""
     if (other := other_kind(view, LOCK_FILE)) is not None:
         yield other
@@ -70,36 +70,36 @@ def lock_is_of_this_release(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(LOCK_FILE, len(facts), lock_problems(document, facts))
 
 
-@release_rule("BD-BMK-003")
-def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-003")
+def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[Check]:
     """One checkpoint for each declared model and seed, each in a file of its own."""
     document = lock_of(view)
     yield problems_found(LOCK_FILE, len(document["checkpoints"]), checkpoint_problems(document, view.once(protocol_of)))
 
 
-@release_rule("BD-BMK-004")
-def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-004")
+def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[Check]:
     """Every locked checkpoint is there with the digest of the lock, and no other."""
     entries = lock_of(view)["checkpoints"]
     if not view.digests:
-        raise NotAtHandError("digests are off")
+        raise PreconditionError("digests are off")
     found = layer_files(view)
     sightings = [
-        Sighting(
+        Mismatch(
+            {"file": f"{BENCHMARK}/{entry['file']}"},
             f"sha256 {entry['sha256']}",
             f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
-            {"file": f"{BENCHMARK}/{entry['file']}"},
         )
         for entry in entries
         if found.get(entry["file"]) != entry["sha256"]
     ]
     stray = sorted(name for name in found.keys() - {entry["file"] for entry in entries} if name.startswith(CHECKPOINTS))
-    sightings += [Sighting("a checkpoint that the lock names", "another", {"file": f"{BENCHMARK}/{n}"}) for n in stray]
-    yield ReleaseCheck.of(len(entries) + len(stray), sightings)
+    sightings += [Mismatch({"file": f"{BENCHMARK}/{n}"}, "a checkpoint that the lock names", "another") for n in stray]
+    yield Check.of(len(entries) + len(stray), sightings)
 
 
-@release_rule("BD-BMK-005")
-def locks_name_the_training_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-005")
+def locks_name_the_training_groups(view: ReleaseView) -> Iterator[Check]:
     """Every checkpoint was trained on the training groups of the frozen population, and on no other."""
     data, protocol, entries = view.once(data_of), view.once(protocol_of), lock_of(view)["checkpoints"]
     fit = data.parts.get(protocol.partitions.fit)
@@ -112,8 +112,8 @@ def locks_name_the_training_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(LOCK_FILE, len(entries), problems)
 
 
-@release_rule("BD-BMK-006")
-def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-006")
+def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
     """Provenance in the header of a checkpoint: model, seed, configuration, split, normalisation, training groups."""
     lock, protocol = lock_of(view), view.once(protocol_of)
     configurations = {model.id: model.config_digest for model in protocol.models}
@@ -134,18 +134,18 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[ReleaseChe
         try:
             found = checkpoint_facts(view.contents[path], view.sizes[path])
         except (ValueError, RecursionError) as error:
-            sightings.append(Sighting("a header with provenance", str(error), {"file": path}))
+            sightings.append(Mismatch({"file": path}, "a header with provenance", str(error)))
             continue
         sightings += [
-            Sighting(f"{name} {wanted!r}", f"{name} {said!r}", {"file": path})
+            Mismatch({"file": path}, f"{name} {wanted!r}", f"{name} {said!r}")
             for name, wanted, said in zip(CheckpointFacts._fields, expected, found, strict=True)
             if wanted != said
         ][:1]
-    yield ReleaseCheck.of(examined, sightings)
+    yield Check.of(examined, sightings)
 
 
-@release_rule("BD-BMK-011")
-def openings_are_under_the_locks(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-011")
+def openings_are_under_the_locks(view: ReleaseView) -> Iterator[Check]:
     """Openings count up, predictions before selections, the last of each kind under the lock of the layer."""
     document = view.document(OPENINGS_FILE)
     problems = openings_problems(
@@ -157,8 +157,8 @@ def openings_are_under_the_locks(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(OPENINGS_FILE, max(1, len(document["entries"])), problems)
 
 
-@release_rule("BD-BMK-014")
-def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-014")
+def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[Check]:
     """One opening for predictions and one for selections, those on the ledger of the release among them."""
     document, ledger = view.document(OPENINGS_FILE), view.document(LEDGER_FILE)
     counts = {event: num_openings(document, event, ledger) for event in EVENTS}

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.benchmark_view import (
     data_of,
     digest_of,
@@ -22,9 +20,11 @@ from branchdrive.audit.release.benchmark_view import (
     ranking_lock_of,
 )
 from branchdrive.audit.release.compare import problems_found
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.rules.release import text_agrees
 from branchdrive.contract.layer import table_path
+from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.dataset.layout import (
     LEDGER_FILE,
     LOCK_FILE,
@@ -51,27 +51,27 @@ from branchdrive.errors import DatasetError
 _SEED = "seed"
 
 
-@release_rule("BD-BMK-007")
-def predictions_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-007")
+def predictions_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Every model predicts whole banks of the partitions that it must, and nothing beside them."""
     problems = [problem for problem in view.once(problems_of) if problem.kind not in (_SEED, "number")]
-    yield ReleaseCheck.of(sum(len(view.tables[name]) for name in PREDICTED), map(_sighting, problems))
+    yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(_sighting, problems))
 
 
-@release_rule("BD-BMK-008")
-def every_declared_seed_predicts(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-008")
+def every_declared_seed_predicts(view: ReleaseView) -> Iterator[Check]:
     """A declared model has predictions of its declared seeds, and of no other."""
     problems = [problem for problem in view.once(problems_of) if problem.kind == _SEED]
-    yield ReleaseCheck.of(len(view.once(protocol_of).models), map(_sighting, problems))
+    yield Check.of(len(view.once(protocol_of).models), map(_sighting, problems))
 
 
-def _sighting(problem: PredictionProblem) -> Sighting:
+def _sighting(problem: PredictionProblem) -> Mismatch:
     place = {"file": table_path(problem.table), "table": problem.table, **problem.place}
-    return Sighting(problem.expected, problem.found, place)
+    return Mismatch(place, problem.expected, problem.found)
 
 
-@release_rule("BD-BMK-009")
-def ranking_lock_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-009")
+def ranking_lock_follows(view: ReleaseView) -> Iterator[Check]:
     """The ranking lock names the prediction lock, the predictions, and the scale of utility of training."""
     if RANKING_LOCK_FILE not in view.files:
         return
@@ -87,12 +87,12 @@ def ranking_lock_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
             scale=utility_scale(view.once(protocol_of), data),
         )
     except DatasetError as error:
-        raise NotAtHandError(str(error)) from error
+        raise PreconditionError(str(error)) from error
     yield problems_found(RANKING_LOCK_FILE, 3, problems)
 
 
-@release_rule("BD-BMK-010")
-def learned_risk_is_sound(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-010")
+def learned_risk_is_sound(view: ReleaseView) -> Iterator[Check]:
     """Weights of the learned risk are in range, and none lets risk rise with predicted separation."""
     if (document := ranking_lock_of(view)) is None or document["risk_fit"] is None:
         return
@@ -113,8 +113,8 @@ def learned_risk_is_sound(view: ReleaseView) -> Iterator[ReleaseCheck]:
     )
 
 
-@release_rule("BD-BMK-012")
-def results_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-012")
+def results_recompute(view: ReleaseView) -> Iterator[Check]:
     """Metrics, tests, rankings, guards and warnings follow from predictions, the model layer and the locks."""
     if RESULTS_FILE not in view.files:
         return
@@ -122,7 +122,7 @@ def results_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     try:
         risk_fit = risk_fit_of(ranking)
     except DatasetError as error:
-        raise NotAtHandError(str(error)) from error
+        raise PreconditionError(str(error)) from error
     noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
     protocol, data, predictions = view.once(protocol_of), view.once(data_of), view.once(predictions_of)
     try:
@@ -149,8 +149,8 @@ def _warnings(view: ReleaseView) -> list[str]:
     )
 
 
-@release_rule("BD-BMK-013")
-def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-013")
+def tables_say_what_results_say(view: ReleaseView) -> Iterator[Check]:
     """`TABLES.md` is the one that the results give."""
     if TABLES_FILE not in view.files:
         return
@@ -160,15 +160,15 @@ def tables_say_what_results_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     try:
         text = render_tables(view.document(RESULTS_FILE))
     except KeyError as error:
-        raise NotAtHandError(f"{RESULTS_FILE} has nothing for {error}, which the tables show") from error
+        raise PreconditionError(f"{RESULTS_FILE} has nothing for {error}, which the tables show") from error
     yield text_agrees(view, TABLES_FILE, text)
 
 
-@release_rule("BD-BMK-015")
-def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-BMK-015")
+def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[Check]:
     """No model predicts whose checkpoint was not locked."""
-    file: dict[str, str | int] = {"file": table_path("predictions"), "table": "predictions"}
-    yield ReleaseCheck.of(
+    file: Location = {"file": table_path("predictions"), "table": "predictions"}
+    yield Check.of(
         len(view.once(predictions_of).models),
-        [Sighting("a locked checkpoint of every seed", "none", {**file, "model": name}) for name in _unlocked(view)],
+        [Mismatch({**file, "model": name}, "a locked checkpoint of every seed", "none") for name in _unlocked(view)],
     )

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.extract.candidate import policy_columns
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import columns_agree, place, problems_found, rows_agree, shown
 from branchdrive.audit.release.view import ReleaseView
 from branchdrive.contract.layer import table_path
+from branchdrive.contract.mismatch import Check, Mismatch
+from branchdrive.contract.rule import rule
 from branchdrive.dataset.layout import SOURCE_FILE
 from branchdrive.derive.layer.canonical import source_counts
 from branchdrive.derive.layer.comparison import document_problems
@@ -28,26 +28,26 @@ _STANDS = ("selected", "kept")
 """Dispositions of attempts that stand for their action."""
 
 
-@release_rule("BD-CAN-001")
-def records_cover_groups_and_actions(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-001")
+def records_cover_groups_and_actions(view: ReleaseView) -> Iterator[Check]:
     """One record for each group of the raw layer and action of the bank."""
     yield from rows_agree(view, "records")
 
 
-@release_rule("BD-CAN-002")
-def records_name_the_canonical_choice(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-002")
+def records_name_the_canonical_choice(view: ReleaseView) -> Iterator[Check]:
     """The attempt of a record is the one that the canonical choice gives."""
     yield from columns_agree(view, "records", ("present", "rollout_id"))
 
 
-@release_rule("BD-CAN-003")
-def record_states_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-003")
+def record_states_recompute(view: ReleaseView) -> Iterator[Check]:
     """Selected where the attempt complies, ineligible where it does not, missing where there is none."""
     yield from columns_agree(view, "records", ("state",))
 
 
-@release_rule("BD-CAN-004")
-def nominal_entries_are_links(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-004")
+def nominal_entries_are_links(view: ReleaseView) -> Iterator[Check]:
     """The record of the nominal action is a link to the nominal rollout; every other one is physical."""
     records, bank = view.frame("records"), view.descriptor.action_bank
     nominal = records["action_key"] == bank.nominal.key
@@ -57,21 +57,17 @@ def nominal_entries_are_links(view: ReleaseView) -> Iterator[ReleaseCheck]:
     )
     bad = np.flatnonzero((records["kind"] != expected) | ~linked)
 
-    def sightings() -> Iterator[Sighting]:
-        for row in bad.tolist():
-            if records["kind"][row] != expected[row]:
-                yield Sighting(
-                    shown(expected[row]), shown(records["kind"][row]), place("records", records, row, "kind")
-                )
-            else:
-                where = place("records", records, row, "nominal_rollout_id")
-                yield Sighting(shown(records["rollout_id"][row]), shown(records["nominal_rollout_id"][row]), where)
+    def mismatch(row: int) -> Mismatch:
+        if records["kind"][row] != expected[row]:
+            return Mismatch(place("records", records, row, "kind"), shown(expected[row]), shown(records["kind"][row]))
+        where = place("records", records, row, "nominal_rollout_id")
+        return Mismatch(where, shown(records["rollout_id"][row]), shown(records["nominal_rollout_id"][row]))
 
-    yield ReleaseCheck(len(expected), len(bad), sightings())
+    yield Check(len(expected), bad, mismatch)
 
 
-@release_rule("BD-CAN-005")
-def interventions_share_their_nominal(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-005")
+def interventions_share_their_nominal(view: ReleaseView) -> Iterator[Check]:
     """The nominal of a selected intervention is the rollout that the group's link record names."""
     records, bank = view.frame("records"), view.descriptor.action_bank
     nominal = records["action_key"] == bank.nominal.key
@@ -80,21 +76,21 @@ def interventions_share_their_nominal(view: ReleaseView) -> Iterator[ReleaseChec
     rows = np.flatnonzero(~nominal & (records["state"] == "selected"))
     named = np.ma.filled(records["nominal_rollout_id"], "")
     bad = [row for row in rows.tolist() if named[row] != links.get(records["group_id"][row], "")]
-    yield ReleaseCheck.of(
+    yield Check.of(
         len(rows),
         [
-            Sighting(
+            Mismatch(
+                place("records", records, row, "nominal_rollout_id"),
                 shown(links.get(records["group_id"][row]) or None),
                 shown(named[row] or None),
-                place("records", records, row, "nominal_rollout_id"),
             )
             for row in bad
         ],
     )
 
 
-@release_rule("BD-CAN-006")
-def records_repeat_their_attempt(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-006")
+def records_repeat_their_attempt(view: ReleaseView) -> Iterator[Check]:
     """Route, scenario, seed, branch, shard and provenance are those of the attempt."""
     expected, found, pairs = view.expected("records"), view.frame("records"), view.aligned("records")
     same = (
@@ -106,8 +102,8 @@ def records_repeat_their_attempt(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield from columns_agree(view, "records", ("nominal_rollout_id",), where=kept)
 
 
-@release_rule("BD-CAN-007")
-def records_state_control_semantics(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-007")
+def records_state_control_semantics(view: ReleaseView) -> Iterator[Check]:
     """Family, magnitude, duration, rules and recovery of a record are those of the bank's policy.
 
     A record of another action is one too many, which is not told again where the raw layer is at hand.
@@ -121,30 +117,29 @@ def records_state_control_semantics(view: ReleaseView) -> Iterator[ReleaseCheck]
     apart = np.stack([((records[name] != policies[name][at]) & ~unknown) | wrong for name in columns], axis=1)
     bad = np.flatnonzero(apart.any(axis=1))
 
-    def sightings() -> Iterator[Sighting]:
-        for row in bad.tolist():
-            column = columns[int(np.argmax(apart[row]))]
-            wanted = shown(policies[column][at[row]]) if at[row] >= 0 else "an action of the bank"
-            yield Sighting(wanted, shown(records[column][row]), place("records", records, row, column))
+    def mismatch(row: int) -> Mismatch:
+        column = columns[int(np.argmax(apart[row]))]
+        wanted = shown(policies[column][at[row]]) if at[row] >= 0 else "an action of the bank"
+        return Mismatch(place("records", records, row, column), wanted, shown(records[column][row]))
 
-    yield ReleaseCheck(len(at), len(bad), sightings())
+    yield Check(len(at), bad, mismatch)
 
 
-@release_rule("BD-CAN-008")
-def attempts_are_listed(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-008")
+def attempts_are_listed(view: ReleaseView) -> Iterator[Check]:
     """Every attempt of the raw layer has one row, and no other has one."""
     yield from rows_agree(view, "attempts")
 
 
-@release_rule("BD-CAN-009")
-def attempts_repeat_the_raw_layer(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-009")
+def attempts_repeat_the_raw_layer(view: ReleaseView) -> Iterator[Check]:
     """Group, role, action, attempt number, variant and status are those of the raw layer."""
     columns = ("group_id", "role", "action_key", "attempt", "protocol_variant", "status")
     yield from columns_agree(view, "attempts", columns)
 
 
-@release_rule("BD-CAN-010")
-def dispositions_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-010")
+def dispositions_recompute(view: ReleaseView) -> Iterator[Check]:
     """What became of an attempt that stands for no action follows from its status, its compliance and the choice.
 
     The choice itself, and that it is listed as such, is the matter of other rules.
@@ -156,8 +151,8 @@ def dispositions_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield from columns_agree(view, "attempts", ("disposition",), where=~stands)
 
 
-@release_rule("BD-CAN-011")
-def records_and_dispositions_agree(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-011")
+def records_and_dispositions_agree(view: ReleaseView) -> Iterator[Check]:
     """Exactly the attempts that records name are selected or kept."""
     records, attempts = view.frame("records"), view.frame("attempts")
     words = dict(zip(("selected", "ineligible"), _STANDS, strict=True))
@@ -169,21 +164,21 @@ def records_and_dispositions_agree(view: ReleaseView) -> Iterator[ReleaseCheck]:
     listed = dict(zip(attempts["rollout_id"].tolist(), attempts["disposition"].tolist(), strict=True))
     taken = {rollout_id for rollout_id, word in listed.items() if word in _STANDS}
     bad = sorted(r for r in named.keys() | taken if named.get(r) != listed.get(r))
-    yield ReleaseCheck.of(
+    yield Check.of(
         len(listed),
         [
-            Sighting(
+            Mismatch(
+                {"file": table_path("attempts"), "table": "attempts", "column": "disposition", "rollout_id": r},
                 named.get(r, "neither selected nor kept"),
                 listed.get(r, "not listed"),
-                {"file": table_path("attempts"), "table": "attempts", "column": "disposition", "rollout_id": r},
             )
             for r in bad
         ],
     )
 
 
-@release_rule("BD-CAN-012")
-def canonical_counts_add_up(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-CAN-012")
+def canonical_counts_add_up(view: ReleaseView) -> Iterator[Check]:
     """Numbers of groups, attempts, records and dispositions are those of the tables."""
     document = view.document(SOURCE_FILE)
     counts = source_counts(view.frame("records"), view.frame("attempts"))

@@ -6,15 +6,15 @@ With ``t_b`` the branch tick and ``T`` the policy's duration, an intervention is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import Mask, SubjectCheck, rollout_rule
-from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.view import ShardView
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, quote
 from branchdrive.contract.policy import ACTUATORS
+from branchdrive.contract.rule import rule
 
 Rows = NDArray[np.int64]
 
@@ -31,16 +31,16 @@ def _at_rows(
     bad_rows: Mask,
     expected: Callable[[int], str],
     found: Callable[[int], str],
-) -> SubjectCheck:
+) -> Check:
     """Rollouts with violating control rows; described at the first of them."""
     summary = view.controls.by_rollout(bad_rows)
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
-        place: dict[str, str | int] = {"table": "controls", "tick": int(view.controls.tick[row])}
-        return Sighting(expected(row), found(row), place, int(summary.count[i]))
+        place: Location = {"table": "controls", "tick": int(view.controls.tick[row])}
+        return Mismatch(place, expected(row), found(row), int(summary.count[i]))
 
-    return SubjectCheck(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe)
 
 
 def _marked(view: ShardView, rows: Rows) -> Mask:
@@ -49,20 +49,20 @@ def _marked(view: ShardView, rows: Rows) -> Mask:
     return marked
 
 
-@rollout_rule("BD-CTL-001")
-def nothing_active_before_branch(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-001")
+def nothing_active_before_branch(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """No active tick ``t < t_b``."""
     subjects = subjects & view.role("intervention") & view.branched
     rows, controls = view.active_rows, view.controls
     early = rows[controls.tick[rows] < view.branch_tick[controls.rollout[rows]]]
-    return _at_rows(
+    yield _at_rows(
         view, subjects, _marked(view, early),
         lambda row: f"inactive before branch tick {view.branch_tick[controls.rollout[row]]}", lambda _: "active",
     )  # fmt: skip
 
 
-@rollout_rule("BD-CTL-002")
-def window_lasts_its_duration(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-002")
+def window_lasts_its_duration(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """From ``t_b`` on, the active ticks are exactly ``t_b .. t_b + T - 1``."""
     subjects = subjects & view.role("intervention") & view.branched
     rows, controls = view.active_rows, view.controls
@@ -74,17 +74,17 @@ def window_lasts_its_duration(view: ShardView, subjects: Mask) -> SubjectCheck:
     num_inside = np.bincount(owner[inside], minlength=view.num_rollouts)
     bad = (num_late != duration) | (num_inside != duration)
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         ticks = controls.tick[rows][(owner == i) & late]
         span = f"{len(ticks)} active ticks" + (f", {ticks.min()} .. {ticks.max()}" if len(ticks) else "")
         window = f"{duration[i]} active ticks, {branch[i]} .. {branch[i] + duration[i] - 1}"
-        return Sighting(window, span, {"table": "controls", "column": "active"})
+        return Mismatch({"table": "controls", "column": "active"}, window, span)
 
-    return SubjectCheck(subjects, subjects & bad, describe)
+    yield Check.of_subjects(subjects, subjects & bad, describe)
 
 
-def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], SubjectCheck]:
-    def check(view: ShardView, subjects: Mask) -> SubjectCheck:
+def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], Iterator[Check]]:
+    def check(view: ShardView, subjects: Mask) -> Iterator[Check]:
         rows, controls = view.active_rows, view.controls
         bank = view.descriptor.action_bank
         policy_of = view.policy[controls.rollout[rows]]
@@ -93,12 +93,12 @@ def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], SubjectCheck]:
         demanded = np.zeros((len(ACTUATORS), len(controls)), np.float32)
         wrong_actuator = np.zeros(len(controls), np.int8)
         for policy_index, policy in enumerate(bank.policies):
-            for actuator_index, (actuator, rule) in enumerate(zip(ACTUATORS, policy.rules, strict=True)):
-                if rule.rule != rule_name or policy.is_nominal:
+            for actuator_index, (actuator, demand) in enumerate(zip(ACTUATORS, policy.rules, strict=True)):
+                if demand.rule != rule_name or policy.is_nominal:
                     continue
                 uses_rule |= view.policy == policy_index
                 here = rows[policy_of == policy_index]
-                command = rule.evaluate(controls[f"expert_{actuator}"][here], controls[f"nominal_{actuator}"][here])
+                command = demand.evaluate(controls[f"expert_{actuator}"][here], controls[f"nominal_{actuator}"][here])
                 wrong = here[controls[f"intended_{actuator}"][here] != command]
                 demanded[actuator_index, here] = command
                 bad[wrong], wrong_actuator[wrong] = True, actuator_index
@@ -110,20 +110,20 @@ def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], SubjectCheck]:
         def expected(row: int) -> str:
             return f"{ACTUATORS[wrong_actuator[row]]} {quote(demanded[wrong_actuator[row], row])} (`{rule_name}`)"
 
-        return _at_rows(view, subjects & view.role("intervention") & uses_rule, bad, expected, found)
+        yield _at_rows(view, subjects & view.role("intervention") & uses_rule, bad, expected, found)
 
     check.__doc__ = f"Intended commands of `{rule_name}` actuators equal the formula, exactly in float32."
     return check
 
 
-online_expert_actuators = rollout_rule("BD-CTL-003")(_follows_rule("online_expert"))
-stored_nominal_actuators = rollout_rule("BD-CTL-004")(_follows_rule("stored_nominal"))
-zero_actuators = rollout_rule("BD-CTL-005")(_follows_rule("zero"))
-absolute_actuators = rollout_rule("BD-CTL-006")(_follows_rule("absolute"))
-floor_actuators = rollout_rule("BD-CTL-007")(_follows_rule("floor"))
+online_expert_actuators = rule("BD-CTL-003")(_follows_rule("online_expert"))
+stored_nominal_actuators = rule("BD-CTL-004")(_follows_rule("stored_nominal"))
+zero_actuators = rule("BD-CTL-005")(_follows_rule("zero"))
+absolute_actuators = rule("BD-CTL-006")(_follows_rule("absolute"))
+floor_actuators = rule("BD-CTL-007")(_follows_rule("floor"))
 
 
-def _applied_equals(view: ShardView, subjects: Mask, rows: Rows | None, demanded: str) -> SubjectCheck:
+def _applied_equals(view: ShardView, subjects: Mask, rows: Rows | None, demanded: str) -> Check:
     """``|applied - demanded| <= tolerance`` on the given rows, all three actuators; exact by default."""
     controls = view.controls
     tolerance = view.descriptor.tolerances.actuator
@@ -139,22 +139,22 @@ def _applied_equals(view: ShardView, subjects: Mask, rows: Rows | None, demanded
     return _at_rows(view, subjects, bad, text(demanded), text("applied"))
 
 
-@rollout_rule("BD-CTL-008")
-def applied_equals_intended(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-008")
+def applied_equals_intended(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """While active, the vehicle gets what the policy demanded."""
     subjects = subjects & view.role("intervention")
-    return _applied_equals(view, subjects, view.active_rows, "intended")
+    yield _applied_equals(view, subjects, view.active_rows, "intended")
 
 
-@rollout_rule("BD-CTL-009")
-def applied_equals_expert(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-009")
+def applied_equals_expert(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """While inactive, the vehicle gets what the online expert commanded."""
     controls = view.controls
-    return _applied_equals(view, subjects, np.flatnonzero(~controls["active"]), "expert")
+    yield _applied_equals(view, subjects, np.flatnonzero(~controls["active"]), "expert")
 
 
-@rollout_rule("BD-CTL-010")
-def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-010")
+def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``nominal_*`` at an active tick equals ``applied_*`` of the nominal rollout at the same tick."""
     controls = view.controls
     subjects = subjects & view.role("intervention")
@@ -175,11 +175,11 @@ def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> SubjectChe
     def found(row: int) -> str:
         return ", ".join(f"{a} {quote(controls[f'nominal_{a}'][row])}" for a in ACTUATORS)
 
-    return _at_rows(view, subjects, _marked(view, rows[wrong]), expected, found)
+    yield _at_rows(view, subjects, _marked(view, rows[wrong]), expected, found)
 
 
-@rollout_rule("BD-CTL-011")
-def source_follows_active(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-011")
+def source_follows_active(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``source = intervention`` exactly at active ticks."""
     controls = view.controls
     intervenes = controls.equals("source", "intervention")
@@ -188,13 +188,13 @@ def source_follows_active(view: ShardView, subjects: Mask) -> SubjectCheck:
     def word(flag: bool) -> str:
         return "`intervention`" if flag else "`online_expert`"
 
-    return _at_rows(
+    yield _at_rows(
         view, subjects, intervenes != active, lambda row: word(active[row]), lambda row: word(intervenes[row])
     )
 
 
-@rollout_rule("BD-CTL-012")
-def expert_recovers(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-012")
+def expert_recovers(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """At ``t_b + T`` there is a control row, inactive and driven by the online expert.
 
     A policy that recovers otherwise does not qualify: this version cannot record it.
@@ -208,20 +208,20 @@ def expert_recovers(view: ShardView, subjects: Mask) -> SubjectCheck:
     reserved = np.array([recovery != "online_expert" for recovery in recoveries])[view.policy]
     bad = ~recovers[row] | reserved  # where there is no row, -1 is the False at the end
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         if reserved[i]:
             found = f"a policy with the recovery {quote(recoveries[view.policy[i]])}"
-            return Sighting("the online expert drives", found, {"table": "controls", "tick": int(tick[i])})
+            return Mismatch({"table": "controls", "tick": int(tick[i])}, "the online expert drives", found)
         found = "no control row" if row[i] < 0 else f"source {quote(controls['source'][row[i]])}"
-        return Sighting("the online expert drives", found, {"table": "controls", "tick": int(tick[i])})
+        return Mismatch({"table": "controls", "tick": int(tick[i])}, "the online expert drives", found)
 
-    return SubjectCheck(subjects, subjects & bad, describe)
+    yield Check.of_subjects(subjects, subjects & bad, describe)
 
 
-@rollout_rule("BD-CTL-013")
-def nominal_runs_untouched(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-013")
+def nominal_runs_untouched(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """A nominal rollout or replay has no active tick."""
-    return _at_rows(
+    yield _at_rows(
         view,
         subjects & ~view.role("intervention"),
         _marked(view, view.active_rows),
@@ -230,8 +230,8 @@ def nominal_runs_untouched(view: ShardView, subjects: Mask) -> SubjectCheck:
     )
 
 
-@rollout_rule("BD-CTL-014")
-def effective_action_is_the_policy(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-CTL-014")
+def effective_action_is_the_policy(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """The ``effective_*`` columns say what the bank's policy says."""
     bank = view.descriptor.action_bank
     differs = np.full(view.num_rollouts, "", dtype=object)
@@ -242,9 +242,9 @@ def effective_action_is_the_policy(view: ShardView, subjects: Mask) -> SubjectCh
             if recorded != value and not differs[i]:
                 differs[i] = column
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         column = differs[i]
         found = quote(view.rollouts[column][i]) if view.rollouts.valid(column)[i] else "null"
-        return Sighting(quote(wanted[view.policy[i]][column]), found, {"table": "rollouts", "column": column})
+        return Mismatch({"table": "rollouts", "column": column}, quote(wanted[view.policy[i]][column]), found)
 
-    return SubjectCheck(subjects, subjects & (differs != ""), describe)
+    yield Check.of_subjects(subjects, subjects & (differs != ""), describe)

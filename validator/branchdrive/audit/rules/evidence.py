@@ -8,13 +8,15 @@ Source: paper III-D; spec/05-raw-streams.md#evidence.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import Mask, SubjectCheck, rollout_rule
-from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.pairs import deciding_pairs, pairs_of_frame
 from branchdrive.audit.view import ShardView
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, quote
+from branchdrive.contract.rule import rule
 from branchdrive.derive.risk import CUTOFF_SLACK, FrameRisk, frame_risk, risk_candidates
 
 Array = NDArray[np.float64]
@@ -36,7 +38,7 @@ def _close(recorded: Array, computed: Array, tolerance: float) -> Mask:
     return np.asarray(np.abs(recorded - finite) <= tolerance * (1 + np.abs(finite)))
 
 
-def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> SubjectCheck:
+def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Check:
     """Mask, value and actor of a minimum are those of the recorded boxes."""
     evidence, pairs = view.stream("evidence"), view.once(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
@@ -65,49 +67,46 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Subj
     def text(available: bool, value: float) -> str:
         return quote(float(value)) if available else "unavailable"
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
         computed = frame_risk(pairs_of_frame(view, int(frame[row])), 1)[name]
         expected = text(bool(np.isfinite(computed.value[0])), computed.value[0])
         found = text(bool(evidence[f"{name}_available"][row]), evidence[column][row])
         if f"{name}_actor_id" in evidence and expected == found:
             expected, found = f"actor {computed.actor_id[0]}", f"actor {evidence[f'{name}_actor_id'][row]}"
-        return Sighting(
+        return Mismatch(
+            {"table": "evidence", "column": column, "tick": int(evidence.tick[row])},
             expected,
             found,
-            {"table": "evidence", "column": column, "tick": int(evidence.tick[row])},
             int(summary.count[i]),
         )
 
-    return SubjectCheck(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe)
 
 
-@rollout_rule("BD-EVD-001")
-def separation_recomputes(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-EVD-001")
+def separation_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``separation_m`` = smallest gap to a relevant actor in range."""
-    return _recomputes(view, subjects, "separation", "separation_m")
+    yield _recomputes(view, subjects, "separation", "separation_m")
 
 
-@rollout_rule("BD-EVD-002")
-def ttc_recomputes(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-EVD-002")
+def ttc_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``ttc_s`` = smallest gap / closing speed over relevant closing actors in range, 0 on overlap."""
-    return _recomputes(view, subjects, "ttc", "ttc_s")
+    yield _recomputes(view, subjects, "ttc", "ttc_s")
 
 
-@rollout_rule("BD-EVD-003")
-def nearest_actors_recompute(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-EVD-003")
+def nearest_actors_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Nearest vehicle and nearest pedestrian gaps recompute, and the vehicle's closing speed with its gap."""
-    vehicle = _recomputes(view, subjects, "nearest_vehicle", "nearest_vehicle_gap_m")
-    pedestrian = _recomputes(view, subjects, "nearest_pedestrian", "nearest_pedestrian_gap_m")
-    speed = _rel_speed_recomputes(view, subjects)
-
-    def describe(i: int) -> Sighting:
-        return next(check for check in (vehicle, pedestrian, speed) if check.bad[i]).describe(i)
-
-    return SubjectCheck(subjects, vehicle.bad | pedestrian.bad | speed.bad, describe)
+    yield Check.of_any(
+        _recomputes(view, subjects, "nearest_vehicle", "nearest_vehicle_gap_m"),
+        _recomputes(view, subjects, "nearest_pedestrian", "nearest_pedestrian_gap_m"),
+        _rel_speed_recomputes(view, subjects),
+    )
 
 
-def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> SubjectCheck:
+def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
     """The recorded closing speed is that of a vehicle at the recorded gap."""
     evidence, pairs = view.stream("evidence"), view.once(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
@@ -126,12 +125,12 @@ def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> SubjectCheck:
     sound[owner[matched]] = True
     summary = evidence.by_rollout(there & has_candidate & ~sound)
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
         candidates = closing[fits & (owner == row)]
-        place: dict[str, str | int] = {
+        place: Location = {
             "table": "evidence", "column": "nearest_vehicle_rel_speed_mps", "tick": int(evidence.tick[row]),
         }  # fmt: skip
-        return Sighting(quote(float(candidates[0])), quote(float(speeds[row])), place, int(summary.count[i]))
+        return Mismatch(place, quote(float(candidates[0])), quote(float(speeds[row])), int(summary.count[i]))
 
-    return SubjectCheck(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe)

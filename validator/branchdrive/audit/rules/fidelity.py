@@ -10,8 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import (
     TOLERANCE,
     columns_agree,
@@ -22,8 +20,10 @@ from branchdrive.audit.release.compare import (
     rows_agree,
     shown,
 )
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.rules.split import SPLIT
+from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.dataset.layout import LEDGER_FILE
 from branchdrive.derive.discrepancy import CORE, EXTENDED
 from branchdrive.derive.layer.comparison import document_problems
@@ -56,33 +56,33 @@ def thresholds_digest(view: ReleaseView) -> str:
     return hashlib.sha256(view.contents[THRESHOLDS]).hexdigest()
 
 
-@release_rule("BD-FID-001")
-def replays_have_a_pair(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-001")
+def replays_have_a_pair(view: ReleaseView) -> Iterator[Check]:
     """One pair for every selected intervention and compliant nominal replay of an integrity-complete group."""
     yield from rows_agree(view, "pairs")
 
 
-@release_rule("BD-FID-002")
-def pairs_name_kind_and_action(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-002")
+def pairs_name_kind_and_action(view: ReleaseView) -> Iterator[Check]:
     """Group, kind and action of a pair are those of the attempt."""
     yield from columns_agree(view, "pairs", ("group_id", "kind", "action_key"))
 
 
-@release_rule("BD-FID-003")
-def core_discrepancies_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-003")
+def core_discrepancies_recompute(view: ReleaseView) -> Iterator[Check]:
     """Largest differences of pose, speed, controls and branch tick before the branch."""
     yield from columns_agree(view, "pairs", [variable.name for variable in CORE], exact=COUNTED)
 
 
-@release_rule("BD-FID-004")
-def extended_discrepancies_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-004")
+def extended_discrepancies_recompute(view: ReleaseView) -> Iterator[Check]:
     """Differences of what surrounds the ego, and whether they can be compared."""
     masks = ("vehicle_comparable", "pedestrian_comparable", "has_pedestrian")
     yield from columns_agree(view, "pairs", (*masks, *(variable.name for variable in EXTENDED)), exact=COUNTED)
 
 
-@release_rule("BD-FID-005")
-def thresholds_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-005")
+def thresholds_recompute(view: ReleaseView) -> Iterator[Check]:
     """The 99 % quantile, higher order statistic, over eligible training groups alone."""
     document = view.document(THRESHOLDS)
     try:
@@ -94,8 +94,8 @@ def thresholds_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(THRESHOLDS, len(document["variables"]), document_problems(expected, document))
 
 
-@release_rule("BD-FID-006")
-def thresholds_carry_the_split(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-006")
+def thresholds_carry_the_split(view: ReleaseView) -> Iterator[Check]:
     """The split digest of the thresholds and of the retention is that of the split."""
     digest = view.document(SPLIT)["digest"]
     for path in (THRESHOLDS, RETENTION):
@@ -103,8 +103,8 @@ def thresholds_carry_the_split(view: ReleaseView) -> Iterator[ReleaseCheck]:
         yield problems_found(path, 1, [("/split_digest", digest, found)] if found != digest else [])
 
 
-@release_rule("BD-FID-007")
-def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-007")
+def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[Check]:
     """A pair passes exactly where every judged variable is within its threshold, exactly.
 
     Where the raw layer is at hand, what it gives instead of the stored discrepancies decides alike, unless last
@@ -115,14 +115,14 @@ def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[ReleaseCheck]:
         thresholds = thresholds_of(view.document(THRESHOLDS))
         expected = with_passes(pairs, thresholds)
     except ValueError as error:
-        raise NotAtHandError(f"{THRESHOLDS}: {error}") from error
+        raise PreconditionError(f"{THRESHOLDS}: {error}") from error
     rows = np.arange(num_rows(pairs))
     yield from frames_agree("pairs", ("core_pass", "extended_pass"), expected, pairs, rows, rows)
     if view.raw.extract is not None:
         yield _turned_around(view, expected, thresholds)
 
 
-def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> ReleaseCheck:
+def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> Check:
     """Pairs whose stored discrepancies agree with raw and decide otherwise; they were examined before.
 
     Args:
@@ -136,30 +136,30 @@ def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> 
     names = [variable.name for variable in VARIABLES]
     agree = ~np.any([differs(raw[name], here[name], exact=name in COUNTED) for name in names], axis=0)
     near, passed = near_thresholds(raw, thresholds, TOLERANCE), with_passes(raw, thresholds)
-    sightings: dict[int, Sighting] = {}
+    sightings: dict[int, Mismatch] = {}
     for criterion, num_variables in zip(CRITERIA, (len(CORE), len(VARIABLES)), strict=True):
         flag = f"{criterion}_pass"
         turned = (passed[flag] != here[flag]) & (told[flag] == here[flag]) & agree
         for i in np.flatnonzero(turned & ~near[:, :num_variables].any(axis=1)).tolist():
             where = place("pairs", found, int(pairs.found[i]), flag)
-            sightings.setdefault(i, Sighting(shown(passed[flag][i]), shown(here[flag][i]), where))
-    return ReleaseCheck.of(0, sightings.values())
+            sightings.setdefault(i, Mismatch(where, shown(passed[flag][i]), shown(here[flag][i])))
+    return Check.of(0, sightings.values())
 
 
-@release_rule("BD-FID-008")
-def groups_are_valid_where_pairs_pass(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-008")
+def groups_are_valid_where_pairs_pass(view: ReleaseView) -> Iterator[Check]:
     """A group is valid exactly where it is eligible and all pairs of its bank pass."""
     groups = view.frame("group_quality")
     try:
         expected = with_validity(groups, view.frame("pairs"))
     except ValueError as error:
-        raise NotAtHandError(f"quality/pairs.parquet: {error}") from error
+        raise PreconditionError(f"quality/pairs.parquet: {error}") from error
     rows = np.arange(num_rows(groups))
     yield from frames_agree("group_quality", ("core_valid", "extended_valid"), expected, groups, rows, rows)
 
 
-@release_rule("BD-FID-009")
-def retention_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-009")
+def retention_recomputes(view: ReleaseView) -> Iterator[Check]:
     """Shares and intervals of pairs and banks that pass, by partition."""
     document = view.document(RETENTION)
     try:
@@ -171,13 +171,13 @@ def retention_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
             seed=int(document["seed"]),
         )
     except ValueError as error:
-        raise NotAtHandError(f"quality/pairs.parquet: {error}") from error
+        raise PreconditionError(f"quality/pairs.parquet: {error}") from error
     problems = document_problems(expected, document, tolerance=INTERVAL_TOLERANCE)
     yield problems_found(RETENTION, max(1, len(document["rows"])), problems)
 
 
-@release_rule("BD-FID-010")
-def ledger_records_openings(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-010")
+def ledger_records_openings(view: ReleaseView) -> Iterator[Check]:
     """Thresholds are fixed, then validation is evaluated, then test is opened, under the digests of the release."""
     document = view.document(LEDGER_FILE)
     digest = view.document(SPLIT)["digest"]
@@ -185,8 +185,8 @@ def ledger_records_openings(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(LEDGER_FILE, max(1, len(document["entries"])), problems)
 
 
-@release_rule("BD-FID-011")
-def retention_reaches_its_targets(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-011")
+def retention_reaches_its_targets(view: ReleaseView) -> Iterator[Check]:
     """Of the test partition, 98 % of the pairs and 90 % of the banks pass the core variables."""
     rows = [
         (i, row)
@@ -205,8 +205,8 @@ def _share(share: float | None) -> str:
     return "no share" if share is None else percent(share)
 
 
-@release_rule("BD-FID-012")
-def test_was_opened_once(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-FID-012")
+def test_was_opened_once(view: ReleaseView) -> Iterator[Check]:
     """The ledger holds one opening of the test partition."""
     openings = num_test_openings(view.document(LEDGER_FILE))
     problems = [("/entries", "one opening of the test partition", f"{openings} openings")] if openings > 1 else []

@@ -5,47 +5,50 @@ Source: paper III-B, V-B; spec/04-policies.md#bank, spec/05-raw-streams.md#group
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import Mask, SubjectCheck, group_rule, rollout_rule
-from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.selection import Selection
 from branchdrive.audit.view import ShardView, TableView
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, quote
+from branchdrive.contract.rule import rule
 
 
-@group_rule("BD-BNK-001")
-def bank_is_complete(view: ShardView, selection: Selection, subjects: Mask) -> SubjectCheck:
+@rule("BD-BNK-001")
+def bank_is_complete(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
     """A complete attempt of every policy, the nominal included."""
     missing = selection.chosen < 0
     keys = np.array(view.descriptor.action_bank.keys)
 
-    def describe(g: int) -> Sighting:
+    def describe(g: int) -> Mismatch:
         lacking = ", ".join(keys[missing[g]])
-        return Sighting(f"all {len(keys)} policies", f"no complete attempt of {lacking}", count=int(missing[g].sum()))
+        return Mismatch(
+            {}, f"all {len(keys)} policies", f"no complete attempt of {lacking}", count=int(missing[g].sum())
+        )
 
-    return SubjectCheck(subjects, subjects & missing.any(axis=1), describe)
+    yield Check.of_subjects(subjects, subjects & missing.any(axis=1), describe)
 
 
-@group_rule("BD-BNK-002")
-def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects: Mask) -> SubjectCheck:
+@rule("BD-BNK-002")
+def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
     """Every chosen intervention was executed against the group's chosen nominal."""
     subjects = subjects & (selection.nominal >= 0)
     used = np.where(selection.chosen >= 0, view.nominal[selection.chosen], selection.nominal[:, None])
     foreign = used != selection.nominal[:, None]
     keys = np.array(view.descriptor.action_bank.keys)
 
-    def describe(g: int) -> Sighting:
-        return Sighting(
+    def describe(g: int) -> Mismatch:
+        return Mismatch(
+            {},
             f"nominal {quote(view.rollout_ids[selection.nominal[g]])} throughout",
             f"another nominal under {', '.join(keys[foreign[g]])}",
             count=int(foreign[g].sum()),
         )
 
-    return SubjectCheck(subjects, subjects & foreign.any(axis=1), describe)
+    yield Check.of_subjects(subjects, subjects & foreign.any(axis=1), describe)
 
 
 def _column_codes(table: TableView, column: str) -> NDArray[np.int64]:
@@ -72,27 +75,27 @@ def _codes(view: ShardView, column: str) -> NDArray[np.int64]:
     return known[column]
 
 
-def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], SubjectCheck]:
-    def check(view: ShardView, selection: Selection, subjects: Mask) -> SubjectCheck:
+def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Iterator[Check]]:
+    def check(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
         subjects = subjects & (selection.nominal >= 0)
         own = selection.nominal[:, None]
         chosen = np.where(selection.chosen >= 0, selection.chosen, own)
         codes = np.stack([_codes(view, column) for column in columns])
         differs = codes[:, chosen] != codes[:, own]  # [columns, groups, policies]
 
-        def describe(g: int) -> Sighting:
+        def describe(g: int) -> Mismatch:
             column_index, policy_index = np.argwhere(differs[:, g])[0]
             column, other = columns[column_index], chosen[g, policy_index]
             values, valid = view.rollouts[column], view.rollouts.valid(column)
             wanted, found = (quote(values[i]) if valid[i] else "null" for i in (selection.nominal[g], other))
-            place: dict[str, str | int] = {
+            place: Location = {
                 "table": "rollouts",
                 "column": column,
                 "rollout_id": view.rollout_ids[other],
             }
-            return Sighting(f"{wanted} as in the nominal", found, place, int(differs[:, g].any(axis=0).sum()))
+            return Mismatch(place, f"{wanted} as in the nominal", found, int(differs[:, g].any(axis=0).sum()))
 
-        return SubjectCheck(subjects, subjects & differs.any(axis=(0, 2)), describe)
+        yield Check.of_subjects(subjects, subjects & differs.any(axis=(0, 2)), describe)
 
     check.__doc__ = f"Chosen attempts agree with their nominal in {', '.join(columns)}."
     return check
@@ -113,25 +116,25 @@ _BRANCH = (
 )
 _SCENARIO = ("scenario_type", "environment", "ego_length_m", "ego_width_m", "ego_height_m")
 
-same_route = group_rule("BD-GRP-001")(_shared(_ROUTE))
-same_town = group_rule("BD-GRP-002")(_shared(_TOWN))
-same_seed = group_rule("BD-GRP-003")(_shared(_SEED))
-same_branch = group_rule("BD-GRP-004")(_shared(_BRANCH))
-same_scenario = group_rule("BD-GRP-005")(_shared(_SCENARIO))
+same_route = rule("BD-GRP-001")(_shared(_ROUTE))
+same_town = rule("BD-GRP-002")(_shared(_TOWN))
+same_seed = rule("BD-GRP-003")(_shared(_SEED))
+same_branch = rule("BD-GRP-004")(_shared(_BRANCH))
+same_scenario = rule("BD-GRP-005")(_shared(_SCENARIO))
 
 
-@rollout_rule("BD-GRP-006")
-def replays_share_their_context(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-GRP-006")
+def replays_share_their_context(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """A nominal replay agrees with its nominal in everything that candidates share."""
     subjects = subjects & view.role("nominal_replay") & (view.nominal >= 0)
     columns = (*_ROUTE, *_TOWN, *_SEED, *_BRANCH, *_SCENARIO)
     codes = np.stack([_codes(view, column) for column in columns])
     differs = codes != codes[:, view.nominal]  # [columns, rollouts]
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         column = columns[int(np.argmax(differs[:, i]))]
         values, valid = view.rollouts[column], view.rollouts.valid(column)
         wanted, found = (quote(values[k]) if valid[k] else "null" for k in (view.nominal[i], i))
-        return Sighting(f"{wanted} as in the nominal", found, {"table": "rollouts", "column": column})
+        return Mismatch({"table": "rollouts", "column": column}, f"{wanted} as in the nominal", found)
 
-    return SubjectCheck(subjects, subjects & differs.any(axis=0), describe)
+    yield Check.of_subjects(subjects, subjects & differs.any(axis=0), describe)

@@ -4,91 +4,103 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from branchdrive.audit.check import RowCheck, SurveyCheck, shard_rule, survey_rule
-from branchdrive.audit.finding import Sighting, quote
 from branchdrive.audit.survey import Survey
-from branchdrive.audit.view import ShardView
+from branchdrive.audit.view import ShardView, TableView
+from branchdrive.contract.mismatch import Check, Mask, Mismatch, quote
+from branchdrive.contract.rule import rule
 
 ATTEMPT_KEY = ("group_id", "role", "action_key", "protocol_variant", "attempt")
 
 
-@survey_rule("BD-KEY-001")
-def rollout_ids_are_unique(survey: Survey) -> SurveyCheck:
+@rule("BD-KEY-001")
+def rollout_ids_are_unique(survey: Survey) -> Iterator[Check]:
     """No rollout identity twice in the dataset."""
     count = Counter(rollout_id for shard in survey.shards for rollout_id in shard.rollout_ids)
-    return SurveyCheck(
+    yield Check.of(
         sum(count.values()),
         tuple(
-            Sighting("a unique rollout_id", f"{n} rows", {"table": "rollouts", "rollout_id": rollout_id})
+            Mismatch({"table": "rollouts", "rollout_id": rollout_id}, "a unique rollout_id", f"{n} rows")
             for rollout_id, n in count.items()
             if n > 1
         ),
     )
 
 
-@survey_rule("BD-KEY-003")
-def groups_stay_in_one_shard(survey: Survey) -> SurveyCheck:
+@rule("BD-KEY-003")
+def groups_stay_in_one_shard(survey: Survey) -> Iterator[Check]:
     """No branch group in two shards."""
     homes: dict[str, list[str]] = {}
     for shard in survey.shards:
         for group_id in shard.group_ids:
             homes.setdefault(group_id, []).append(shard.folder)
-    return SurveyCheck(
+    yield Check.of(
         len(homes),
         tuple(
-            Sighting("one shard", ", ".join(folders[:4]), {"group_id": group_id})
+            Mismatch({"group_id": group_id}, "one shard", ", ".join(folders[:4]))
             for group_id, folders in homes.items()
             if len(folders) > 1
         ),
     )
 
 
-@shard_rule("BD-KEY-002")
-def attempt_keys_are_unique(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-KEY-002")
+def attempt_keys_are_unique(view: ShardView) -> Iterator[Check]:
     """No two attempts with the same group, role, action key, protocol variant and number."""
     keys = list(zip(*(view.rollouts[column] for column in ATTEMPT_KEY), strict=True))
     count = Counter(keys)
     bad = np.flatnonzero([count[key] > 1 for key in keys])
-    yield RowCheck(
-        "rollouts",
-        "attempt",
-        len(keys),
-        bad,
-        lambda row: ("a unique attempt key", quote(tuple(map(str, keys[row])))),
+    yield Check.of_rows(
+        "rollouts", "attempt", len(keys), bad, lambda row: ("a unique attempt key", quote(tuple(map(str, keys[row]))))
     )
 
 
-@shard_rule("BD-KEY-004")
-def rows_belong_to_rollouts(view: ShardView) -> Iterator[RowCheck]:
+def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
+    return "a rollout_id of the shard's rollouts table", quote(stream["rollout_id"][row])
+
+
+@rule("BD-KEY-004")
+def rows_belong_to_rollouts(view: ShardView) -> Iterator[Check]:
     """Every stream row names an attempt of its shard."""
     for name in view.table_names[1:]:
         stream = view.stream(name)
         bad = np.flatnonzero(stream.rollout < 0)
-        yield RowCheck(
-            name, "rollout_id", len(stream), bad,
-            lambda row, s=stream: ("a rollout_id of the shard's rollouts table", quote(s["rollout_id"][row])),  # type: ignore[misc]
-        )  # fmt: skip
+        yield Check.of_rows(
+            name,
+            "rollout_id",
+            len(stream),
+            bad,
+            partial(_unknown_rollout, stream),
+        )
 
 
-@shard_rule("BD-KEY-005")
-def nominal_references_resolve(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-KEY-005")
+def nominal_references_resolve(view: ShardView) -> Iterator[Check]:
     """The named nominal is an attempt of the same group with the role nominal."""
     named = view.rollouts.valid("nominal_rollout_id")
     nominal = view.nominal
     at = np.maximum(nominal, 0)
     sound = (nominal >= 0) & view.role("nominal")[at] & (view.group[at] == view.group)
     bad = np.flatnonzero(named & ~view.role("nominal") & ~sound)
-    yield RowCheck(
-        "rollouts", "nominal_rollout_id", view.num_rollouts, bad,
+    yield Check.of_rows(
+        "rollouts",
+        "nominal_rollout_id",
+        view.num_rollouts,
+        bad,
         lambda row: ("a nominal rollout of the same group", quote(view.rollouts["nominal_rollout_id"][row])),
-    )  # fmt: skip
+    )
 
 
-@shard_rule("BD-KEY-006")
-def evidence_belongs_to_observations(view: ShardView) -> Iterator[RowCheck]:
+def _misplaced(orphan: Mask, row: int) -> tuple[str, str]:
+    return "one row per key and observation", "no observation" if orphan[row] else "a second row"
+
+
+@rule("BD-KEY-006")
+def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
     """Evidence and actor rows are unique under their key and sit on a saved observation."""
     observations = view.observations
     for name in ("evidence", "actors"):
@@ -98,37 +110,50 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[RowCheck]:
         known = stream.rollout >= 0
         orphan = known & (observations.rows_of(stream) < 0)
         repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & known
-        yield RowCheck(
-            name, None, len(stream), np.flatnonzero(orphan | repeated),
-            lambda row, o=orphan: ("one row per key and observation", "no observation" if o[row] else "a second row"),  # type: ignore[misc]
-        )  # fmt: skip
+        yield Check.of_rows(
+            name,
+            None,
+            len(stream),
+            np.flatnonzero(orphan | repeated),
+            partial(_misplaced, orphan),
+        )
 
 
-@shard_rule("BD-KEY-007")
-def row_counts_match(view: ShardView) -> Iterator[RowCheck]:
+def _miscounted(rows: NDArray[np.int64], recorded: NDArray[np.int64], row: int) -> tuple[str, str]:
+    return f"the {rows[row]} rows that are there", quote(recorded[row])
+
+
+@rule("BD-KEY-007")
+def row_counts_match(view: ShardView) -> Iterator[Check]:
     """``num_ticks`` and ``num_observations`` are the rows that the streams hold."""
     for column, name in (("num_ticks", "controls"), ("num_observations", "observations")):
         stream = view.stream(name)
         rows = stream.stop - stream.start
         recorded = view.rollouts[column]
-        yield RowCheck(
-            "rollouts", column, view.num_rollouts, np.flatnonzero(rows != recorded),
-            lambda row, r=rows, c=recorded: (f"the {r[row]} rows that are there", quote(c[row])),  # type: ignore[misc]
-        )  # fmt: skip
+        yield Check.of_rows(
+            "rollouts",
+            column,
+            view.num_rollouts,
+            np.flatnonzero(rows != recorded),
+            partial(_miscounted, rows, recorded),
+        )
 
 
-@shard_rule("BD-KEY-008")
-def action_keys_agree_with_roles(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-KEY-008")
+def action_keys_agree_with_roles(view: ShardView) -> Iterator[Check]:
     """Interventions execute a policy of the bank that intervenes; the other roles the nominal policy."""
     bank = view.descriptor.action_bank
     nominal = list(bank.keys).index(bank.nominal.key)
     intervenes = view.role("intervention")
     known = view.policy >= 0
     bad = np.flatnonzero(~known | ((view.policy == nominal) == intervenes))
-    yield RowCheck(
-        "rollouts", "action_key", view.num_rollouts, bad,
+    yield Check.of_rows(
+        "rollouts",
+        "action_key",
+        view.num_rollouts,
+        bad,
         lambda row: (
             "an intervening policy of the bank" if intervenes[row] else f"{bank.nominal.key!r}",
             quote(view.rollouts["action_key"][row]),
         ),
-    )  # fmt: skip
+    )

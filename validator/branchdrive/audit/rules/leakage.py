@@ -12,13 +12,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
 from branchdrive.audit.extract.metamorphic import STEPS
 from branchdrive.audit.extract.replay_input import replay_inputs
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import problems_found
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.rules.model import FEATURES, model_arrays
+from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.dataset.layout import LEAKAGE_FILE
 from branchdrive.derive.feature import SENSOR_PROFILE
@@ -57,7 +57,7 @@ def _audit(view: ReleaseView) -> dict[str, Any] | None:
     return document
 
 
-def _found(examined: int, problems: Iterable[tuple[str, object, object]]) -> ReleaseCheck:
+def _found(examined: int, problems: Iterable[tuple[str, object, object]]) -> Check:
     return problems_found(LEAKAGE_FILE, examined, problems)
 
 
@@ -65,11 +65,11 @@ def _recomputed(view: ReleaseView) -> ReplayInputs:
     try:
         return replay_inputs(view.extract.replays, view.frame("group_quality"), view.descriptor.action_bank)
     except ValueError as error:
-        raise NotAtHandError(f"inputs of the leakage audit: {error}") from error
+        raise PreconditionError(f"inputs of the leakage audit: {error}") from error
 
 
-@release_rule("BD-LKG-001")
-def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-001")
+def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[Check]:
     """Groups of the audit, by partition, are the core-valid ones; its parts speak of the same groups."""
     if (audit := _audit(view)) is None:
         return
@@ -83,8 +83,8 @@ def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[ReleaseChec
     yield _found(len(counts), [*problems, *count_differences(audit)])
 
 
-@release_rule("BD-LKG-002")
-def audit_inputs_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-002")
+def audit_inputs_recompute(view: ReleaseView) -> Iterator[Check]:
     """What the audit saw is what raw says about replays before the branch, in the stored groups and partitions."""
     if (audit := _audit(view)) is not None:
         inputs = view.once(_recomputed)
@@ -93,8 +93,8 @@ def audit_inputs_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
         yield _found(inputs.num_groups, problems)
 
 
-@release_rule("BD-LKG-003")
-def gate_statistics_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-003")
+def gate_statistics_recompute(view: ReleaseView) -> Iterator[Check]:
     """Statistics, places, p-values and effect size of the gate; permutations are drawn again as far as they decide."""
     if (audit := _audit(view)) is not None:
         inputs = _audited(view, audit)
@@ -105,15 +105,15 @@ def _audited(view: ReleaseView, audit: dict[str, Any]) -> ReplayInputs:
     """Inputs of an audit, where they are those that recompute and its protocol bounds the work.
 
     Raises:
-        NotAtHandError: They are not.
+        PreconditionError: They are not.
     """
     inputs = view.once(_recomputed)
     if inputs.digest() != audit["inputs"]["digest"]:
-        raise NotAtHandError("the leakage audit saw other inputs")
+        raise PreconditionError("the leakage audit saw other inputs")
     if protocol_differences(audit):
-        raise NotAtHandError("the leakage audit followed another protocol")
+        raise PreconditionError("the leakage audit followed another protocol")
     if count_differences(audit):
-        raise NotAtHandError("parts of the leakage audit are of other groups")
+        raise PreconditionError("parts of the leakage audit are of other groups")
     return inputs
 
 
@@ -124,29 +124,29 @@ def _judged(judge: Any, *arguments: Any) -> list[tuple[str, object, object]]:
         return [("/protocol", "numbers within their ranges", str(error))]
 
 
-@release_rule("BD-LKG-004")
-def gate_verdict_follows(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-004")
+def gate_verdict_follows(view: ReleaseView) -> Iterator[Check]:
     """Holm's procedure and alpha give the adjusted p-values and the verdict."""
     if (audit := _audit(view)) is not None:
         yield _found(max(1, len(audit["gate"]["tests"])), _judged(gate_differences, audit))
 
 
-@release_rule("BD-LKG-005")
-def battery_statuses_follow(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-005")
+def battery_statuses_follow(view: ReleaseView) -> Iterator[Check]:
     """Chance, controls and the rule of identical scores give the statuses of the battery."""
     if (audit := _audit(view)) is not None:
         examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
         yield _found(examined, _judged(battery_differences, audit))
 
 
-@release_rule("BD-LKG-006")
-def metamorphic_steps_change_nothing(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-006")
+def metamorphic_steps_change_nothing(view: ReleaseView) -> Iterator[Check]:
     """Cutting, swapping or renaming the raw log changes no input: repeated here, and recorded by the release."""
     if (audit := _audit(view)) is None:
         return
     changed, num_groups = view.extract.changed, len(view.extract.route_groups)
     if changed is None:
-        raise NotAtHandError("the metamorphic steps were not taken")
+        raise PreconditionError("the metamorphic steps were not taken")
     expected = metamorphic_document(changed, num_groups)
     problems = [
         (f"/metamorphic{p.place}", p.expected, p.found) for p in document_problems(expected, audit["metamorphic"])
@@ -159,28 +159,28 @@ def metamorphic_steps_change_nothing(view: ReleaseView) -> Iterator[ReleaseCheck
     yield _found(num_groups * len(STEPS), problems)
 
 
-@release_rule("BD-LKG-007")
-def gate_passes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-007")
+def gate_passes(view: ReleaseView) -> Iterator[Check]:
     """The gate's verdict is a pass."""
     if (audit := _audit(view)) is not None:
         verdict = audit["gate"]["verdict"]
         yield _found(1, [] if verdict == "pass" else [("/gate/verdict", "pass", verdict)])
 
 
-@release_rule("BD-LKG-008")
-def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-008")
+def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[Check]:
     """Neighbours in the order of group ids share a partition no more often than chance has it."""
     groups = view.frame("group_quality")
     homes = dict(zip(groups["group_id"].tolist(), np.ma.filled(groups["partition"], "").tolist(), strict=True))
     ordered = [homes[group] for group in sorted(homes) if homes[group]]
     p = neighbours_p(ordered) if len(ordered) > 1 else 1.0
-    place: dict[str, str | int] = {
+    place: Location = {
         "file": "quality/group_quality.parquet",
         "table": "group_quality",
         "column": "group_id",
     }
-    told = [Sighting(f"p above {ALPHA:g} that order and partition are unrelated", f"p = {p:.2g}", place)]
-    yield ReleaseCheck.of(int(len(ordered) > 1), told if p <= ALPHA else [])
+    told = [Mismatch(place, f"p above {ALPHA:g} that order and partition are unrelated", f"p = {p:.2g}")]
+    yield Check.of(int(len(ordered) > 1), told if p <= ALPHA else [])
 
 
 def _history_variables(view: ReleaseView) -> tuple[NDArray[np.float64], list[str], Targets]:
@@ -194,40 +194,40 @@ def _history_variables(view: ReleaseView) -> tuple[NDArray[np.float64], list[str
     return variables, names, (np.where(available, arrays.scalars.values, 0.0), available)
 
 
-def _told(expected: str, names: list[str], found: list[Telltale]) -> ReleaseCheck:
+def _told(expected: str, names: list[str], found: list[Telltale]) -> Check:
     sightings = [
-        Sighting(
-            expected, f"{t.how} of the target {TARGETS[t.target].name}", {"file": FEATURES, "column": names[t.variable]}
+        Mismatch(
+            {"file": FEATURES, "column": names[t.variable]}, expected, f"{t.how} of the target {TARGETS[t.target].name}"
         )
         for t in found
     ]
-    return ReleaseCheck.of(len(names), sightings)
+    return Check.of(len(names), sightings)
 
 
-@release_rule("BD-LKG-009")
-def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-009")
+def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history ranks a target by itself."""
     variables, names, targets = view.once(_history_variables)
     yield _told(f"a correlation of at most {MAX_CORRELATION:g}", names, ranked_targets(variables, *targets))
 
 
-@release_rule("BD-LKG-010")
-def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-010")
+def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history is an affine function of a target of one action."""
     variables, names, targets = view.once(_history_variables)
     yield _told("values of its own", names, held_targets(variables, *targets))
 
 
-@release_rule("BD-LKG-011")
-def protocol_is_the_specification_s(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-011")
+def protocol_is_the_specification_s(view: ReleaseView) -> Iterator[Check]:
     """Numbers of gate and battery are the specification's constants, exactly."""
     if (audit := _audit(view)) is not None:
         examined = sum(len(audit["protocol"][part]) for part in ("gate", "parity"))
         yield _found(examined, protocol_differences(audit))
 
 
-@release_rule("BD-LKG-012")
-def battery_scores_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-LKG-012")
+def battery_scores_recompute(view: ReleaseView) -> Iterator[Check]:
     """Scores of controls and regressions of the battery; the recurrent tests are not repeated."""
     if (audit := _audit(view)) is not None:
         inputs = _audited(view, audit)

@@ -6,28 +6,31 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.check import RowCheck, SurveyCheck, shard_rule, survey_rule
-from branchdrive.audit.finding import quote
 from branchdrive.audit.survey import Survey
 from branchdrive.audit.view import ShardView
+from branchdrive.contract.mismatch import Check, quote
+from branchdrive.contract.rule import rule
 
 
-@shard_rule("BD-FRM-001")
-def cameras_are_declared(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-FRM-001")
+def cameras_are_declared(view: ShardView) -> Iterator[Check]:
     """Every image names a camera of the descriptor."""
     if "frames" in view:
         frames = view.stream("frames")
         codes, words = frames.words("camera")
         declared = {camera.name for camera in view.descriptor.cameras}
         unknown = np.array([word not in declared for word in words] + [False])
-        yield RowCheck(
-            "frames", "camera", len(frames), np.flatnonzero(unknown[codes]),
+        yield Check.of_rows(
+            "frames",
+            "camera",
+            len(frames),
+            np.flatnonzero(unknown[codes]),
             lambda row: (f"one of {sorted(declared)}", quote(frames["camera"][row])),
-        )  # fmt: skip
+        )
 
 
-@survey_rule("BD-FRM-002")
-def images_are_where_the_index_says(survey: Survey) -> SurveyCheck:
+@rule("BD-FRM-002")
+def images_are_where_the_index_says(survey: Survey) -> Iterator[Check]:
     """File, offset, size and checksum of every indexed image; a condemned file is not blamed twice."""
     found = [
         sighting
@@ -35,11 +38,11 @@ def images_are_where_the_index_says(survey: Survey) -> SurveyCheck:
         for sighting in shard.media_sightings
         if not survey.is_condemned(str(sighting.location["file"]))
     ]
-    return SurveyCheck(sum(shard.num_images for shard in survey.shards), tuple(found))
+    yield Check.of(sum(shard.num_images for shard in survey.shards), tuple(found))
 
 
-@shard_rule("BD-FRM-003")
-def images_belong_to_observations(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-FRM-003")
+def images_belong_to_observations(view: ShardView) -> Iterator[Check]:
     """One image per camera and saved observation."""
     if "frames" in view:
         frames = view.stream("frames")
@@ -47,7 +50,10 @@ def images_belong_to_observations(view: ShardView) -> Iterator[RowCheck]:
         orphan = known & (view.observations.find(frames.rollout, frames.tick) < 0)
         camera = np.unique(frames["camera"], return_inverse=True)[1]
         repeated = frames.repeats_with(camera) & known
-        yield RowCheck(
-            "frames", None, len(frames), np.flatnonzero(orphan | repeated),
+        yield Check.of_rows(
+            "frames",
+            None,
+            len(frames),
+            np.flatnonzero(orphan | repeated),
             lambda row: ("one image per camera, at an observation", "none" if orphan[row] else "a second image"),
-        )  # fmt: skip
+        )

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import (
     columns_agree,
     differs,
@@ -18,12 +16,14 @@ from branchdrive.audit.release.compare import (
     rows_are,
     shown,
 )
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
 from branchdrive.audit.rules.split import SPLIT
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import DeclaredEncoding
 from branchdrive.contract.encoding import ENCODING_NAME
 from branchdrive.contract.layer import table_path
+from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.derive.feature import SENSOR_PROFILE
 from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
@@ -48,16 +48,16 @@ def _groups(view: ReleaseView) -> list[str]:
     return groups
 
 
-@release_rule("BD-MOD-001")
-def contexts_are_the_frozen_population(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-001")
+def contexts_are_the_frozen_population(view: ReleaseView) -> Iterator[Check]:
     """One context for every core-valid group that is no near duplicate, and no other."""
     expected, found = _contexts(view), view.frame("contexts")
     pairs = align(expected, found, ("group_id",))
     yield from rows_are("contexts", expected, found, pairs)
 
 
-@release_rule("BD-MOD-002")
-def contexts_repeat_the_other_layers(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-002")
+def contexts_repeat_the_other_layers(view: ReleaseView) -> Iterator[Check]:
     """Partition, scenario, town, cluster, nominal and validity of a context."""
     expected, found = _contexts(view), view.frame("contexts")
     pairs = align(expected, found, ("group_id",))
@@ -76,14 +76,14 @@ def _cross(axes: Mapping[str, list[object]]) -> Frame:
     return columns
 
 
-def _complete(view: ReleaseView, table: str, axes: Mapping[str, list[object]]) -> Iterator[ReleaseCheck]:
+def _complete(view: ReleaseView, table: str, axes: Mapping[str, list[object]]) -> Iterator[Check]:
     expected, found = _cross(axes), view.frame(table)
     pairs = align(expected, found, LAYER_TABLES[table].key)
     yield from rows_are(table, expected, found, pairs)
 
 
-@release_rule("BD-MOD-003")
-def histories_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-003")
+def histories_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Observations at -75 .. 0 and controls at -80 .. -1 of every context, and no row beside them.
 
     Where no evidence is claimed, there are no surroundings at all.
@@ -94,8 +94,8 @@ def histories_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
         yield from _complete(view, table, {"group_id": [*groups], "offset_ticks": [*history.offsets]})
 
 
-@release_rule("BD-MOD-004")
-def candidates_are_complete(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-004")
+def candidates_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Every action of the bank, and every step of its trajectory, for every context."""
     axes: dict[str, list[object]] = {"group_id": [*_groups(view)], "action_key": [*view.descriptor.action_bank.keys]}
     for table in ("candidates", "scalars"):
@@ -111,32 +111,32 @@ _RECORDED = tuple(f.name for f in SENSOR_PROFILE.state if f.columns == (f.name,)
 """State variables without arithmetic: recorded columns, and which command was recorded."""
 
 
-@release_rule("BD-MOD-005")
-def state_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-005")
+def state_recomputes(view: ReleaseView) -> Iterator[Check]:
     """The 21 variables, from observations of the nominal at ``t_b - 80 .. t_b``; recorded ones to the bit."""
     yield from columns_agree(view, "state", _values("state"), exact=_RECORDED)
 
 
-@release_rule("BD-MOD-006")
-def past_controls_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-006")
+def past_controls_recompute(view: ReleaseView) -> Iterator[Check]:
     """Controls that reached the vehicle at ``t_b - 80 .. t_b - 1``, to the bit."""
     yield from columns_agree(view, "past_controls", _values("past_controls"), exact=_values("past_controls"))
 
 
-@release_rule("BD-MOD-007")
-def expert_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-007")
+def expert_recomputes(view: ReleaseView) -> Iterator[Check]:
     """What the privileged expert computed before the branch, to the bit."""
     yield from columns_agree(view, "expert", _values("expert"), exact=_values("expert"))
 
 
-@release_rule("BD-MOD-008")
-def surroundings_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-008")
+def surroundings_recompute(view: ReleaseView) -> Iterator[Check]:
     """Privileged evidence before the branch, to the bit."""
     yield from columns_agree(view, "surroundings", _values("surroundings"), exact=_values("surroundings"))
 
 
-@release_rule("BD-MOD-009")
-def actions_are_the_bank(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-009")
+def actions_are_the_bank(view: ReleaseView) -> Iterator[Check]:
     """Keys, order, families and the bit-exact encoding of the bank; one of the dataset's own has its digest."""
     declared = view.descriptor.action_encoding
     is_own = declared is not None and declared.name != ENCODING_NAME
@@ -154,37 +154,37 @@ def actions_are_the_bank(view: ReleaseView) -> Iterator[ReleaseCheck]:
         for at, row in zip(pairs.expected, pairs.found, strict=True)
         if shown_vector(expected["encoding"][at]) != shown_vector(found["encoding"][row])
     ]
-    yield ReleaseCheck.of(
+    yield Check.of(
         len(pairs.found),
         [
-            Sighting("the vector of its policy", "another vector", place("actions", found, row, "encoding"))
+            Mismatch(place("actions", found, row, "encoding"), "the vector of its policy", "another vector")
             for row in wrong
         ],
     )
 
 
-def _own_encoding(declared: DeclaredEncoding, actions: Frame) -> ReleaseCheck:
+def _own_encoding(declared: DeclaredEncoding, actions: Frame) -> Check:
     """An encoding of the dataset's own is left out whole, or its matrix has the declared width and digest.
 
     Args:
         declared: What the descriptor says of it.
         actions: Rows of `actions` in the order of the bank.
     """
-    where: dict[str, str | int] = {"file": table_path("actions"), "table": "actions", "column": "encoding"}
+    where: Location = {"file": table_path("actions"), "table": "actions", "column": "encoding"}
     there = np.flatnonzero(~np.ma.getmaskarray(actions["encoding"]))
     if not len(there):
-        return ReleaseCheck(1)
+        return Check.of(1)
     vectors = [np.asarray(actions["encoding"][row], np.float64) for row in there.tolist()]
     shape, widths = f"{len(actions['encoding'])} vectors of {declared.width} numbers", {len(v) for v in vectors}
     if len(vectors) < len(actions["encoding"]) or widths != {declared.width}:
         found = f"{len(vectors)} vectors of {' or '.join(map(str, sorted(widths)))} numbers"
-        return ReleaseCheck.of(1, [Sighting(shape, found, where)])
+        return Check.of(1, [Mismatch(where, shape, found)])
     matrix = np.stack(vectors).astype("<f4")
     digest = hashlib.sha256(matrix.tobytes()).hexdigest()
     if digest != declared.sha256:
-        return ReleaseCheck.of(1, [Sighting(f"a matrix of digest {declared.sha256}", digest, where)])
+        return Check.of(1, [Mismatch(where, f"a matrix of digest {declared.sha256}", digest)])
     inexact = differs(np.stack(vectors).ravel(), matrix.astype(np.float64).ravel(), exact=True).any()
-    return ReleaseCheck.of(1, [Sighting("float32 numbers", "numbers of more digits", where)] if inexact else [])
+    return Check.of(1, [Mismatch(where, "float32 numbers", "numbers of more digits")] if inexact else [])
 
 
 def shown_vector(cell: object) -> bytes | None:
@@ -192,20 +192,20 @@ def shown_vector(cell: object) -> bytes | None:
     return None if cell is np.ma.masked or cell is None else np.asarray(cell, np.float64).tobytes()
 
 
-@release_rule("BD-MOD-010")
-def candidates_are_the_records(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-010")
+def candidates_are_the_records(view: ReleaseView) -> Iterator[Check]:
     """The executed rollout of a candidate is the one that its canonical record names."""
     candidates, records = view.frame("candidates"), view.frame("records")
     pairs = align(records, candidates, LAYER_TABLES["records"].key)
-    yield ReleaseCheck.of(
-        0, [Sighting("a canonical record", "none", place("candidates", candidates, int(row))) for row in pairs.extra]
+    yield Check.of(
+        0, [Mismatch(place("candidates", candidates, int(row)), "a canonical record", "none") for row in pairs.extra]
     )
     expected = {"rollout_id": np.ma.filled(records["rollout_id"], "none")}
     yield from frames_agree("candidates", ("rollout_id",), expected, candidates, pairs.expected, pairs.found)
 
 
-@release_rule("BD-MOD-011")
-def branch_poses_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-011")
+def branch_poses_recompute(view: ReleaseView) -> Iterator[Check]:
     """Where a candidate's own branch pose lies in the frame of the nominal's."""
     yield from columns_agree(view, "candidates", ("offset_x_m", "offset_y_m", "offset_yaw_rad"))
 
@@ -216,8 +216,8 @@ _SMALLEST = ("min_ttc_s", "min_separation_m")
 _MASKS = tuple(target_mask(target.name) for target in TARGETS)
 
 
-@release_rule("BD-MOD-012")
-def scalar_targets_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-012")
+def scalar_targets_recompute(view: ReleaseView) -> Iterator[Check]:
     """The six scalar targets, wherever raw and release agree that they are available."""
     expected, found, pairs = view.expected("scalars"), view.frame("scalars"), view.aligned("scalars")
     left, right = take(expected, pairs.expected), dict(take(found, pairs.found))
@@ -229,29 +229,27 @@ def scalar_targets_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     apart = np.stack([differs(left[name], right[name], exact=name in _SMALLEST) for name in names], axis=1)
     bad = np.flatnonzero(apart.any(axis=1))
 
-    def sightings() -> Iterator[Sighting]:
-        for row in bad.tolist():
-            name = names[int(np.argmax(apart[row]))]
-            where = place("scalars", right, row, name)
-            yield Sighting(shown(left[name][row]), shown(right[name][row]), where)
+    def mismatch(row: int) -> Mismatch:
+        name = names[int(np.argmax(apart[row]))]
+        return Mismatch(place("scalars", right, row, name), shown(left[name][row]), shown(right[name][row]))
 
-    yield ReleaseCheck(len(apart), len(bad), sightings())
+    yield Check(len(apart), bad, mismatch)
 
 
-@release_rule("BD-MOD-013")
-def target_masks_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-013")
+def target_masks_recompute(view: ReleaseView) -> Iterator[Check]:
     """A target is available exactly where the raw layer gives it."""
     yield from columns_agree(view, "scalars", _MASKS)
 
 
-@release_rule("BD-MOD-014")
-def trajectories_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-014")
+def trajectories_recompute(view: ReleaseView) -> Iterator[Check]:
     """Ten steps in the frame of the rollout's own branch pose; recorded speeds to the bit."""
     yield from columns_agree(view, "trajectories", TRAJECTORY, exact=("speed_mps",))
 
 
-@release_rule("BD-MOD-015")
-def displacement_is_the_last_step(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-015")
+def displacement_is_the_last_step(view: ReleaseView) -> Iterator[Check]:
     """The displacement of a candidate is x of its last step."""
     scalars, steps = view.frame("scalars"), view.frame("trajectories")
     last = take(steps, steps["step"] == FUTURE_OBSERVATIONS)
@@ -259,28 +257,24 @@ def displacement_is_the_last_step(view: ReleaseView) -> Iterator[ReleaseCheck]:
     there = scalars["displacement_available"][pairs.found]
     left, right = pairs.expected[there], pairs.found[there]
     wrong = differs(last["x_m"][left], np.ma.getdata(scalars["displacement_m"])[right])
-    bad = np.flatnonzero(wrong)
-    yield ReleaseCheck(
-        len(wrong),
-        len(bad),
-        (
-            Sighting(shown(last["x_m"][left[i]]), shown(scalars["displacement_m"][right[i]]),
-                     place("scalars", scalars, int(right[i]), "displacement_m"))
-            for i in bad.tolist()
-        ),
-    )  # fmt: skip
+
+    def mismatch(i: int) -> Mismatch:
+        where = place("scalars", scalars, int(right[i]), "displacement_m")
+        return Mismatch(where, shown(last["x_m"][left[i]]), shown(scalars["displacement_m"][right[i]]))
+
+    yield Check(len(wrong), np.flatnonzero(wrong), mismatch)
 
 
-@release_rule("BD-MOD-016")
-def media_indices_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-016")
+def media_indices_recompute(view: ReleaseView) -> Iterator[Check]:
     """Images of the nominal rollout before its branch."""
     expected, found, pairs = view.expected("media_index"), view.frame("media_index"), view.aligned("media_index")
     yield from rows_are("media_index", expected, found, pairs)
     yield from columns_agree(view, "media_index", _values("media_index"))
 
 
-@release_rule("BD-MOD-017")
-def features_are_specified(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-017")
+def features_are_specified(view: ReleaseView) -> Iterator[Check]:
     """Features with their tracks, candidate order, contracts and arrays."""
     yield problems_found(FEATURES, 1, feature_problems(view.document(FEATURES), view.descriptor))
 
@@ -289,7 +283,7 @@ def model_arrays(view: ReleaseView) -> ModelArrays:
     """Arrays of the stored model layer, groups in sorted order.
 
     Raises:
-        NotAtHandError: A table is missing or incomplete.
+        PreconditionError: A table is missing or incomplete.
     """
     tables = ("state", "past_controls", "expert", "surroundings", "actions", "scalars", "trajectories")
     try:
@@ -297,15 +291,15 @@ def model_arrays(view: ReleaseView) -> ModelArrays:
             {name: view.frame(name) for name in tables}, sorted(_groups(view)), view.descriptor.action_bank.keys
         )
     except DatasetError as error:
-        raise NotAtHandError(f"the model layer is incomplete: {error}") from error
+        raise PreconditionError(f"the model layer is incomplete: {error}") from error
 
 
 def _assignment(view: ReleaseView) -> dict[str, str]:
     return assignment_of(view.frame("group_quality"))
 
 
-@release_rule("BD-MOD-018")
-def normalisation_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-018")
+def normalisation_recomputes(view: ReleaseView) -> Iterator[Check]:
     """Scalings of histories and targets over the training groups of the frozen population alone."""
     document = view.document(NORMALISATION)
     problems = recompute_problems(document, view.once(model_arrays), _assignment(view))
@@ -313,28 +307,31 @@ def normalisation_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(NORMALISATION, entries, [p for p in problems if p.place != "/split_digest"])
 
 
-@release_rule("BD-MOD-019")
-def normalisation_carries_the_split(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-019")
+def normalisation_carries_the_split(view: ReleaseView) -> Iterator[Check]:
     """The split digest of the normalisation is that of the split."""
     digest, found = view.document(SPLIT)["digest"], view.document(NORMALISATION)["split_digest"]
     yield problems_found(NORMALISATION, 1, [("/split_digest", digest, found)] if digest != found else [])
 
 
-@release_rule("BD-MOD-020")
-def contexts_are_no_near_duplicates(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-MOD-020")
+def contexts_are_no_near_duplicates(view: ReleaseView) -> Iterator[Check]:
     """No context all but repeats one of another partition."""
     contexts, groups = view.frame("contexts"), sorted(_groups(view))
     homes = dict(zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True))
     try:
         found = duplicates_among(view.frame("state"), view.frame("past_controls"), groups, homes)
     except (ValueError, DatasetError) as error:
-        raise NotAtHandError(f"contexts cannot be compared: {error}") from error
+        raise PreconditionError(f"contexts cannot be compared: {error}") from error
     wanted = f"a distance of at least {found.threshold:.3g} to other partitions"
-    yield ReleaseCheck.of(
+    yield Check.of(
         found.num_examined,
         [
-            Sighting(wanted, f"{found.nearest.distance[row]:.3g} to {groups[int(found.nearest.row[row])]}",
-                     {"file": "model/contexts.parquet", "table": "contexts", "group_id": groups[row]})
+            Mismatch(
+                {"file": "model/contexts.parquet", "table": "contexts", "group_id": groups[row]},
+                wanted,
+                f"{found.nearest.distance[row]:.3g} to {groups[int(found.nearest.row[row])]}",
+            )
             for row in np.flatnonzero(found.flagged & ~found.doubtful).tolist()
         ],
-    )  # fmt: skip
+    )

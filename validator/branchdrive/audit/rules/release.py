@@ -7,31 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import problems_found, shown
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
+from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.dataset.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, SOURCE_FILE
 from branchdrive.derive.layer.card import render_card, render_licence
 from branchdrive.derive.layer.comparison import document_problems
 
 
-@release_rule("BD-REL-001")
-def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-REL-001")
+def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[Check]:
     """The digest of the raw layer at hand is the one in `source.json`."""
     document = view.document(SOURCE_FILE)
     if view.raw.digest is None:
-        raise NotAtHandError(view.raw.reason or "digests are off")
+        raise PreconditionError(view.raw.reason or "digests are off")
     found = document["raw_layer"]
     yield problems_found(SOURCE_FILE, 1, [("/raw_layer", view.raw.digest, found)] if found != view.raw.digest else [])
 
 
-@release_rule("BD-REL-002")
-def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-REL-002")
+def raw_dataset_agrees(view: ReleaseView) -> Iterator[Check]:
     """The descriptor of the raw dataset is that of the release, but for the layers that it claims."""
     document, raw = view.document(SOURCE_FILE), view.raw.descriptor
     if raw is None:
-        raise NotAtHandError(view.raw.reason)
+        raise PreconditionError(view.raw.reason)
     facts = [
         ("/dataset_id", raw.dataset_id, document["dataset_id"]),
         ("/dataset_version", raw.dataset_version, document["dataset_version"]),
@@ -41,24 +41,24 @@ def raw_dataset_agrees(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield problems_found(DESCRIPTOR_FILE, len(named), document_problems(named, own))
 
 
-def text_agrees(view: ReleaseView, path: str, expected: str) -> ReleaseCheck:
+def text_agrees(view: ReleaseView, path: str, expected: str) -> Check:
     """A text file says what it must, to the byte; the first line that differs is shown.
 
     A release must have card and licence, and any other dataset may leave them out.
     """
     if path not in view.contents:
-        absent = [Sighting("the file", "no such file", {"file": path})] if view.claims("model") else []
-        return ReleaseCheck.of(len(absent), absent)
+        absent = [Mismatch({"file": path}, "the file", "no such file")] if view.claims("model") else []
+        return Check.of(len(absent), absent)
     found = view.contents[path].decode("utf-8", "replace")
     if found == expected:
-        return ReleaseCheck(1)
+        return Check.of(1)
     lines = list(zip([*expected.split("\n"), "the end"], [*found.split("\n"), "the end"], strict=False))
     number, (wanted, line) = next((i, pair) for i, pair in enumerate(lines, start=1) if pair[0] != pair[1])
-    return ReleaseCheck.of(1, [Sighting(shown(wanted), shown(line), {"file": path, "line": number})])
+    return Check.of(1, [Mismatch({"file": path, "line": number}, shown(wanted), shown(line))])
 
 
-@release_rule("BD-REL-003")
-def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-REL-003")
+def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[Check]:
     """The card is the one that descriptor and documents give."""
     names = ("population", "split", "thresholds", "retention", "ledger", "variants")
     documents = {name: view.document(f"quality/{name}.json") for name in names}
@@ -67,7 +67,7 @@ def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[ReleaseCheck]:
     yield text_agrees(view, CARD_FILE, card)
 
 
-@release_rule("BD-REL-004")
-def licence_is_the_named_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-REL-004")
+def licence_is_the_named_one(view: ReleaseView) -> Iterator[Check]:
     """The licence file names the licence of the descriptor."""
     yield text_agrees(view, LICENCE_FILE, render_licence(view.descriptor.licence))

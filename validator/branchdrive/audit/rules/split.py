@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from branchdrive.audit.check import ReleaseCheck, release_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.release.compare import place, problems_found
-from branchdrive.audit.release.view import NotAtHandError, ReleaseView
+from branchdrive.audit.release.view import ReleaseView
+from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
 from branchdrive.derive.layer.frame import num_rows
 from branchdrive.derive.layer.model import duplicate_flags
 from branchdrive.derive.layer.partition import ALGORITHM, assignment_of, calibration_of, cluster_of_groups, clusters_of
@@ -25,22 +25,22 @@ from branchdrive.derive.layer.split_problem import (
 )
 
 SPLIT = "quality/split.json"
-TABLE: dict[str, str | int] = {"file": "quality/group_quality.parquet", "table": "group_quality"}
+TABLE: Location = {"file": "quality/group_quality.parquet", "table": "group_quality"}
 
 
-def _of_groups(examined: int, problems: Iterable[Problem]) -> ReleaseCheck:
-    return ReleaseCheck.of(examined, (Sighting(p.expected, p.found, {**TABLE, "group_id": p.place}) for p in problems))
+def _of_groups(examined: int, problems: Iterable[Problem]) -> Check:
+    return Check.of(examined, (Mismatch({**TABLE, "group_id": p.place}, p.expected, p.found) for p in problems))
 
 
-@release_rule("BD-SPL-001")
-def complete_groups_have_a_partition(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-001")
+def complete_groups_have_a_partition(view: ReleaseView) -> Iterator[Check]:
     """Every integrity-complete group has a partition and a cluster, and no other group has."""
     groups = view.frame("group_quality")
     yield _of_groups(num_rows(groups), membership_problems(groups))
 
 
-@release_rule("BD-SPL-002")
-def clusters_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-002")
+def clusters_recompute(view: ReleaseView) -> Iterator[Check]:
     """Route clusters by geometry, numbered in order of the sorted groups."""
     extract, found = view.extract, clusters_of(view.frame("group_quality"))
     expected = cluster_of_groups(extract.route_groups, extract.route_towns, extract.routes)
@@ -51,36 +51,36 @@ def clusters_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
     )
 
 
-@release_rule("BD-SPL-003")
-def clusters_lie_in_one_partition(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-003")
+def clusters_lie_in_one_partition(view: ReleaseView) -> Iterator[Check]:
     """All groups of a route cluster are in one partition."""
     groups = view.frame("group_quality")
     yield _of_groups(len(set(clusters_of(groups).values())), cluster_problems(groups))
 
 
-@release_rule("BD-SPL-004")
-def split_digest_recomputes(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-004")
+def split_digest_recomputes(view: ReleaseView) -> Iterator[Check]:
     """The digest is that of the stored assignment: a group that moved, or is in two partitions, changes it."""
     document, groups = view.document(SPLIT), view.frame("group_quality")
     yield problems_found(SPLIT, 1, digest_problems(document, groups))
 
 
-@release_rule("BD-SPL-005")
-def partitions_are_large_enough(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-005")
+def partitions_are_large_enough(view: ReleaseView) -> Iterator[Check]:
     """Training, validation and test have a group each, and calibration what was asked of it."""
     document, groups = view.document(SPLIT), view.frame("group_quality")
     yield problems_found(SPLIT, 4, [*empty_problems(groups), *calibration_problems(document, groups)])
 
 
-@release_rule("BD-SPL-006")
-def split_counts_recompute(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-006")
+def split_counts_recompute(view: ReleaseView) -> Iterator[Check]:
     """Counts of groups and clusters are those of the stored assignment."""
     document, groups = view.document(SPLIT), view.frame("group_quality")
     yield problems_found(SPLIT, 1 + 2 * len(document["partitions"]), count_problems(document, groups))
 
 
-@release_rule("BD-SPL-007")
-def near_duplicates_are_marked(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-007")
+def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
     """Core-valid groups outside of training that all but repeat a context of another partition are marked."""
     groups, frames = view.frame("group_quality"), view.extract.frames
     complete = set(view.extract.route_groups)
@@ -92,28 +92,22 @@ def near_duplicates_are_marked(view: ReleaseView) -> Iterator[ReleaseCheck]:
     )
     bad = np.flatnonzero((expected != np.asarray(groups["near_duplicate"], bool)) & ~doubtful)
     words = {True: "a near duplicate", False: "no near duplicate"}
-    yield ReleaseCheck(
-        len(expected),
-        len(bad),
-        (
-            Sighting(
-                words[bool(expected[row])],
-                words[not expected[row]],
-                place("group_quality", groups, row, "near_duplicate"),
-            )
-            for row in bad.tolist()
-        ),
-    )
+
+    def mismatch(row: int) -> Mismatch:
+        where = place("group_quality", groups, row, "near_duplicate")
+        return Mismatch(where, words[bool(expected[row])], words[not expected[row]])
+
+    yield Check(len(expected), bad, mismatch)
 
 
-@release_rule("BD-SPL-008")
-def split_is_the_drawn_one(view: ReleaseView) -> Iterator[ReleaseCheck]:
+@rule("BD-SPL-008")
+def split_is_the_drawn_one(view: ReleaseView) -> Iterator[Check]:
     """Drawing again from stored clusters and scenario types, by the stored seed, gives the stored partitions."""
     document, groups = view.document(SPLIT), view.frame("group_quality")
     if document["algorithm"] != ALGORITHM:
-        raise NotAtHandError(f"the split was drawn by {document['algorithm']!r}; only {ALGORITHM!r} recomputes")
+        raise PreconditionError(f"the split was drawn by {document['algorithm']!r}; only {ALGORITHM!r} recomputes")
     try:
         problems = draw_problems(groups, seed=int(document["seed"]), calibration=calibration_of(document))
     except ValueError as error:
-        raise NotAtHandError(f"the split cannot be drawn again: {error}") from error
+        raise PreconditionError(f"the split cannot be drawn again: {error}") from error
     yield _of_groups(len(assignment_of(groups)), problems)

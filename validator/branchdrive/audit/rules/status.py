@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from branchdrive.audit.check import Mask, SubjectCheck, rollout_rule
-from branchdrive.audit.finding import Sighting, quote
+from collections.abc import Iterator
+
 from branchdrive.audit.view import ShardView
+from branchdrive.contract.mismatch import Check, Mask, Mismatch, quote
+from branchdrive.contract.rule import rule
 
 ATTEMPT_IS_COMPLETE = "BD-STA-001"
 """The one rule on attempts that are not complete; every other rule examines complete ones."""
 
 
-@rollout_rule(ATTEMPT_IS_COMPLETE)
-def attempt_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule(ATTEMPT_IS_COMPLETE)
+def attempt_is_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Partial and quarantined attempts stay in the dataset and qualify for nothing."""
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         status, reason = view.rollouts["status"][i], view.rollouts["status_reason"][i]
-        return Sighting(
-            "status complete", f"{quote(status)}: {quote(reason)}", {"table": "rollouts", "column": "status"}
+        return Mismatch(
+            {"table": "rollouts", "column": "status"}, "status complete", f"{quote(status)}: {quote(reason)}"
         )
 
-    return SubjectCheck(subjects, subjects & ~view.complete, describe)
+    yield Check.of_subjects(subjects, subjects & ~view.complete, describe)

@@ -2,61 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from branchdrive.audit.check import SurveyCheck, survey_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.survey import Survey
+from branchdrive.contract.mismatch import Check, Mismatch
+from branchdrive.contract.rule import rule
 
 if TYPE_CHECKING:
     from branchdrive.audit.shard import ColumnProblem
 
 
-@survey_rule("BD-TAB-001")
-def tables_decode(survey: Survey) -> SurveyCheck:
+@rule("BD-TAB-001")
+def tables_decode(survey: Survey) -> Iterator[Check]:
     """Every page of every table decodes; a file that its digest already condemns is not blamed twice."""
     found = [
-        Sighting("a table that decodes", reason, {"file": path})
+        Mismatch({"file": path}, "a table that decodes", reason)
         for shard in survey.shards
         for path, reason in shard.undecodable.items()
         if not survey.is_damaged(path)
     ]
     num_damaged = sum(survey.is_damaged(path) for shard in survey.shards for path in shard.undecodable)
-    return SurveyCheck(sum(shard.num_tables for shard in survey.shards) - num_damaged, tuple(found))
+    yield Check.of(sum(shard.num_tables for shard in survey.shards) - num_damaged, tuple(found))
 
 
-def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[ColumnProblem]]]) -> SurveyCheck:
+def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[ColumnProblem]]]) -> Check:
     """Problems of columns by file and shard; every decoded table was examined."""
     found = [
-        Sighting(problem.expected, problem.found, {"file": path, "column": problem.column})
+        Mismatch({"file": path, "column": problem.column}, problem.expected, problem.found)
         for files in shards
         for path, problems in files.items()
         for problem in problems
     ]
-    return SurveyCheck(sum(len(shard.rows) for shard in survey.shards), tuple(found))
+    return Check.of(sum(len(shard.rows) for shard in survey.shards), tuple(found))
 
 
-@survey_rule("BD-TAB-002")
-def tables_have_declared_columns(survey: Survey) -> SurveyCheck:
+@rule("BD-TAB-002")
+def tables_have_declared_columns(survey: Survey) -> Iterator[Check]:
     """Names and types of the columns are those of columns.json."""
-    return _columns(survey, [shard.type_problems for shard in survey.shards])
+    yield _columns(survey, [shard.type_problems for shard in survey.shards])
 
 
-@survey_rule("BD-TAB-003")
-def columns_carry_metadata(survey: Survey) -> SurveyCheck:
+@rule("BD-TAB-003")
+def columns_carry_metadata(survey: Survey) -> Iterator[Check]:
     """Unit, frame, shape and track of every column are recorded as declared."""
-    return _columns(survey, [shard.metadata_problems for shard in survey.shards])
+    yield _columns(survey, [shard.metadata_problems for shard in survey.shards])
 
 
-@survey_rule("BD-TAB-004")
-def shards_hold_claimed_tables(survey: Survey) -> SurveyCheck:
+@rule("BD-TAB-004")
+def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
     """Each shard holds every table of the claimed streams, and there is at least one shard.
 
     A table that the manifest lists and nobody finds is a missing file, not a missing claim.
     """
     if survey.descriptor is None or not (survey.descriptor.has_raw or survey.shards):
-        return SurveyCheck(0, ())
+        yield Check.of(0, ())
+        return
     listed = survey.manifest.files if survey.manifest else {}
     wanted = [
         f"{shard.folder}/{name}.parquet"
@@ -65,8 +66,8 @@ def shards_hold_claimed_tables(survey: Survey) -> SurveyCheck:
         if name not in shard.present
     ]
     found = [
-        Sighting("a table of a claimed stream", "no such file", {"file": path}) for path in wanted if path not in listed
+        Mismatch({"file": path}, "a table of a claimed stream", "no such file") for path in wanted if path not in listed
     ]
     if not survey.shards:
-        found.append(Sighting("at least one shard", "none", {"file": "raw"}))
-    return SurveyCheck(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))
+        found.append(Mismatch({"file": "raw"}, "at least one shard", "none"))
+    yield Check.of(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))

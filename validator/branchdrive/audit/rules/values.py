@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import RowCheck, shard_rule
-from branchdrive.audit.finding import quote
-from branchdrive.audit.view import ShardView, TableView
+from branchdrive.audit.view import ShardView, Tables, TableView
 from branchdrive.contract.columns import PATTERNS, Column, declared_table
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Check, quote
+from branchdrive.contract.rule import rule
 
 MAX_EXTENT_M = 100.0
 
@@ -21,7 +21,7 @@ NONE = np.zeros(0, np.intp)
 """No row."""
 
 
-def _columns(view: ShardView, wanted: Callable[[Column], bool]) -> Iterator[tuple[TableView, Column]]:
+def _columns(view: Tables, wanted: Callable[[Column], bool]) -> Iterator[tuple[TableView, Column]]:
     for name in view.table_names:
         for column in declared_table(name).columns:
             if wanted(column):
@@ -49,19 +49,19 @@ def _describe(expected: str, table: TableView, column: Column) -> Callable[[int]
     return lambda row: (expected, quote(table[column.name][row]))
 
 
-@shard_rule("BD-VAL-001")
-def values_are_finite(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-VAL-001")
+def values_are_finite(view: Tables) -> Iterator[Check]:
     """No NaN and no infinity in any floating-point column."""
     for table, column in _columns(view, lambda c: "float" in c.type and not _is_extent(c)):
         bad = NONE
         if not np.isfinite(table.extremes(column.name)).all():
             numbers, owner = _numbers(table, column)
             bad = _rows(~np.isfinite(numbers), owner)
-        yield RowCheck(table.name, column.name, len(table), bad, _describe("a finite number", table, column))
+        yield Check.of_rows(table.name, column.name, len(table), bad, _describe("a finite number", table, column))
 
 
-@shard_rule("BD-VAL-002")
-def values_lie_in_range(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-VAL-002")
+def values_lie_in_range(view: Tables) -> Iterator[Check]:
     """``min <= value <= max`` of every present finite number."""
     for table, column in _columns(view, lambda c: c.min is not None or c.max is not None):
         low = -np.inf if column.min is None else column.min
@@ -73,7 +73,9 @@ def values_lie_in_range(view: ShardView) -> Iterator[RowCheck]:
             outside = np.isfinite(numbers) & ((numbers < low) | (numbers > high))
             bad = _rows(outside & table.valid(column.name) if owner is None else outside, owner)
         unit = f" {column.unit}" if column.unit else ""
-        yield RowCheck(table.name, column.name, len(table), bad, _describe(f"{low:g} .. {high:g}{unit}", table, column))
+        yield Check.of_rows(
+            table.name, column.name, len(table), bad, _describe(f"{low:g} .. {high:g}{unit}", table, column)
+        )
 
 
 def _words_fail(table: TableView, column: Column, accept: Callable[[str], bool]) -> NDArray[np.intp]:
@@ -82,18 +84,14 @@ def _words_fail(table: TableView, column: Column, accept: Callable[[str], bool])
     return np.flatnonzero(rejected[codes]) if rejected.any() else NONE
 
 
-@shard_rule("BD-VAL-003")
-def words_belong_to_vocabulary(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-VAL-003")
+def words_belong_to_vocabulary(view: Tables) -> Iterator[Check]:
     """Every word of an enumerated column is one that the column declares."""
     for table, column in _columns(view, lambda c: bool(c.values)):
         vocabulary = set(column.values)
         bad = _words_fail(table, column, vocabulary.__contains__)
-        yield RowCheck(
-            table.name,
-            column.name,
-            len(table),
-            bad,
-            _describe(f"one of {list(column.values)}", table, column),
+        yield Check.of_rows(
+            table.name, column.name, len(table), bad, _describe(f"one of {list(column.values)}", table, column)
         )
 
 
@@ -102,18 +100,18 @@ def _pattern(name: str) -> re.Pattern[str]:
     return re.compile(PATTERNS[name].removeprefix("^").removesuffix("$"))
 
 
-@shard_rule("BD-VAL-004")
-def text_matches_pattern(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-VAL-004")
+def text_matches_pattern(view: Tables) -> Iterator[Check]:
     """Every text of a patterned column matches it from start to end."""
     for table, column in _columns(view, lambda c: c.pattern is not None):
         pattern = _pattern(str(column.pattern))
         bad = _words_fail(table, column, lambda word, p=pattern: p.fullmatch(word) is not None)  # type: ignore[misc]
         expected = f"text like {PATTERNS[str(column.pattern)]}"
-        yield RowCheck(table.name, column.name, len(table), bad, _describe(expected, table, column))
+        yield Check.of_rows(table.name, column.name, len(table), bad, _describe(expected, table, column))
 
 
-@shard_rule("BD-VAL-005")
-def routes_are_polylines(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-VAL-005")
+def routes_are_polylines(view: ShardView) -> Iterator[Check]:
     """Route x and y have the same length, two to `max_route_vertices` vertices, and no vertex twice in a row."""
     xs, ys = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
     limit = spec_limits().max_route_vertices
@@ -124,14 +122,17 @@ def routes_are_polylines(view: ShardView) -> Iterator[RowCheck]:
         return len(x) != len(y) or not 2 <= len(x) <= limit or bool(((np.diff(x) == 0) & (np.diff(y) == 0)).any())
 
     bad = np.flatnonzero([broken(x.tobytes(), y.tobytes()) for x, y in zip(xs, ys, strict=True)])
-    yield RowCheck(
-        "rollouts", "route_x_m", len(xs), bad,
+    yield Check.of_rows(
+        "rollouts",
+        "route_x_m",
+        len(xs),
+        bad,
         lambda row: (f"2 .. {limit} vertices, neighbours apart", f"{len(xs[row])} x and {len(ys[row])} y values"),
-    )  # fmt: skip
+    )
 
 
-@shard_rule("BD-BOX-001")
-def boxes_are_positive(view: ShardView) -> Iterator[RowCheck]:
+@rule("BD-BOX-001")
+def boxes_are_positive(view: ShardView) -> Iterator[Check]:
     """Box extents are finite, above 0 and at most 100 m."""
     for table, column in _columns(view, _is_extent):
         least, most = table.extremes(column.name)
@@ -139,4 +140,6 @@ def boxes_are_positive(view: ShardView) -> Iterator[RowCheck]:
         if table.num_nulls(column.name) or not (least > 0 and most <= MAX_EXTENT_M):
             extent = table[column.name]
             bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M)))
-        yield RowCheck(table.name, column.name, len(table), bad, _describe("above 0 and at most 100 m", table, column))
+        yield Check.of_rows(
+            table.name, column.name, len(table), bad, _describe("above 0 and at most 100 m", table, column)
+        )

@@ -5,14 +5,14 @@ Source: paper III-A, V-B; spec/02-time-frames-units.md#windows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.check import Mask, SubjectCheck, rollout_rule
-from branchdrive.audit.finding import Sighting
 from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import (
     ACTIVE_TICKS,
     CONTROL_HISTORY_TICKS,
@@ -38,71 +38,70 @@ def _offsets_missing(
     return absent.sum(axis=1), ticks[np.arange(view.num_rollouts), absent.argmax(axis=1)]
 
 
-@rollout_rule("BD-WIN-001")
-def control_history_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-WIN-001")
+def control_history_is_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Controls at ``t_b - 80 .. t_b - 1``."""
     subjects = subjects & view.branched
     missing = _ticks_missing(view, view.controls, -CONTROL_HISTORY_TICKS, -1)
 
-    def describe(i: int) -> Sighting:
-        return Sighting(
+    def describe(i: int) -> Mismatch:
+        return Mismatch(
+            {"table": "controls"},
             f"{CONTROL_HISTORY_TICKS} controls before tick {view.branch_tick[i]}",
             f"{CONTROL_HISTORY_TICKS - missing[i]}",
-            {"table": "controls"},
             int(missing[i]),
         )
 
-    return SubjectCheck(subjects, subjects & (missing > 0), describe)
+    yield Check.of_subjects(subjects, subjects & (missing > 0), describe)
 
 
-def _observed(view: ShardView, subjects: Mask, table: str, offsets: Sequence[int]) -> SubjectCheck:
+def _observed(view: ShardView, subjects: Mask, table: str, offsets: Sequence[int]) -> Check:
     subjects = subjects & view.branched
     missing, first = _offsets_missing(view, view.stream(table), offsets)
 
-    def describe(i: int) -> Sighting:
-        return Sighting(
+    def describe(i: int) -> Mismatch:
+        return Mismatch(
+            {"table": table, "tick": int(first[i])},
             f"{len(offsets)} rows, {view.branch_tick[i] + offsets[0]} .. {view.branch_tick[i] + offsets[-1]}",
             f"{missing[i]} missing",
-            {"table": table, "tick": int(first[i])},
             int(missing[i]),
         )
 
-    return SubjectCheck(subjects, subjects & (missing > 0), describe)
+    return Check.of_subjects(subjects, subjects & (missing > 0), describe)
 
 
-@rollout_rule("BD-WIN-002")
-def observation_history_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-WIN-002")
+def observation_history_is_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Observations at ``t_b - 80`` (for backward differences) and ``t_b - 75 .. t_b``."""
-    return _observed(view, subjects, "observations", (PREDECESSOR_OFFSET, *HISTORY_OFFSETS))
+    yield _observed(view, subjects, "observations", (PREDECESSOR_OFFSET, *HISTORY_OFFSETS))
 
 
-@rollout_rule("BD-WIN-003")
-def future_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-WIN-003")
+def future_is_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Observations at ``t_b + 5 .. t_b + 50`` and controls at ``t_b .. t_b + 50``."""
     observed = _observed(view, subjects, "observations", FUTURE_OFFSETS)
     missing = _ticks_missing(view, view.controls, 0, ACTIVE_TICKS)
 
-    def describe(i: int) -> Sighting:
-        if observed.bad[i]:
-            return observed.describe(i)
-        return Sighting(
+    def describe(i: int) -> Mismatch:
+        return Mismatch(
+            {"table": "controls"},
             f"{ACTIVE_TICKS + 1} controls from tick {view.branch_tick[i]}",
             f"{missing[i]} missing",
-            {"table": "controls"},
             int(missing[i]),
         )
 
-    return SubjectCheck(observed.examined, observed.bad | (observed.examined & (missing > 0)), describe)
+    subjects = observed.mask
+    yield Check.of_any(observed, Check.of_subjects(subjects, subjects & (missing > 0), describe))
 
 
-@rollout_rule("BD-WIN-004")
-def evidence_window_is_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-WIN-004")
+def evidence_window_is_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Evidence at ``t_b - 75 .. t_b + 50``."""
-    return _observed(view, subjects, "evidence", (*HISTORY_OFFSETS, *FUTURE_OFFSETS))
+    yield _observed(view, subjects, "evidence", (*HISTORY_OFFSETS, *FUTURE_OFFSETS))
 
 
-@rollout_rule("BD-WIN-005")
-def actors_are_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
+@rule("BD-WIN-005")
+def actors_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """At every evidence row, ``num_actors`` rows of the actors table."""
     evidence, actors = view.stream("evidence"), view.stream("actors")
     frame = evidence.rows_of(actors)
@@ -110,9 +109,9 @@ def actors_are_complete(view: ShardView, subjects: Mask) -> SubjectCheck:
     recorded = evidence["num_actors"]
     summary = evidence.by_rollout(rows != recorded)
 
-    def describe(i: int) -> Sighting:
+    def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
-        place: dict[str, str | int] = {"table": "actors", "tick": int(evidence.tick[row])}
-        return Sighting(f"{recorded[row]} actor rows", f"{rows[row]}", place, int(summary.count[i]))
+        place: Location = {"table": "actors", "tick": int(evidence.tick[row])}
+        return Mismatch(place, f"{recorded[row]} actor rows", f"{rows[row]}", int(summary.count[i]))
 
-    return SubjectCheck(subjects, subjects & summary.any, describe)
+    yield Check.of_subjects(subjects, subjects & summary.any, describe)
