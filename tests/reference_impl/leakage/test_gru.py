@@ -86,7 +86,6 @@ def test_the_audit_finds_it_and_runs_it() -> None:
     ego[:, :, 8:, 3] += np.linspace(-1, 1, 5)[:, None]
     document = audit_leakage(
         changed(inputs, ego=ego),
-        metamorphic={},
         seed=1,
         protocol=AuditProtocol(
             Protocol(num_permutations=9, num_frequencies=4, offsets_sd=()), ParityProtocol(num_permutations=4_999)

@@ -11,7 +11,6 @@ Source: spec/10-layers.md#derivation.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,11 +63,14 @@ class OtherBits(ReleaseView):
 
     def __init__(self, source: ReleaseView, rng: np.random.Generator) -> None:
         extract = source.extract
-        routes = extract.routes + rng.integers(-8, 9, extract.routes.shape) * np.spacing(extract.routes)
-        frames = with_noise(extract.frames, tuple(extract.frames), rng)
+        points = extract["routes"]["points"]
+        frames = with_noise(extract, tuple(extract), rng)
+        frames["routes"] = {
+            **extract["routes"], "points": points + rng.integers(-8, 9, points.shape) * np.spacing(points)
+        }  # fmt: skip
         super().__init__(
             source.descriptor, source.tables, source.documents, source.contents,
-            RawLayer(replace(extract, frames=frames, routes=routes), digest=source.raw.digest,
+            RawLayer(frames, digest=source.raw.digest,
                      descriptor=source.raw.descriptor),
             source.files, source.problems, digests=source.digests, sizes=source.sizes,
         )  # fmt: skip

@@ -20,7 +20,7 @@ from branchdrive.audit.judge import judge
 from branchdrive.audit.release.audit import ReleaseResult, ReleaseTask, audit_release
 from branchdrive.audit.release.view import RawLayer
 from branchdrive.audit.report import DatasetFacts, Report, RunOptions
-from branchdrive.audit.shard import Extraction, ShardResult, ShardTask, audit_shard
+from branchdrive.audit.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.audit.survey import Survey, take_survey
 from branchdrive.audit.tally import Tally
 from branchdrive.audit.verdict import decide
@@ -28,7 +28,7 @@ from branchdrive.audit.waiver import Waiver, apply_waivers
 from branchdrive.audit.worker import Died, Executor, Failed, in_process
 from branchdrive.contract.mismatch import Mismatch, printable
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
-from branchdrive.dataset.layout import LEAKAGE_FILE, RAW_DIR
+from branchdrive.dataset.layout import RAW_DIR
 from branchdrive.dataset.manifest import Manifest
 from branchdrive.errors import UsageError
 
@@ -98,8 +98,8 @@ def validate(
     # Without the rule on digests, a damaged table is the matter of the rule on decoding.
     survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
     source = _raw_survey(survey, raw)
-    extraction = _extraction(survey, selected)
-    results, errors = audit_shards(source, selected, extraction, executor, progress)
+    extracts = _extracts(survey, selected)
+    results, errors = audit_shards(source, selected, executor, progress, extracts=extracts)
     source = source.with_shards(tuple(results))
     survey = source if source.root == survey.root else replace(survey, shards=source.shards)
     release = _audit_derived(survey, source, selected, executor, errors)
@@ -137,13 +137,11 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     return source
 
 
-def _extraction(survey: Survey, selected: frozenset[str]) -> Extraction:
-    """What the derived layers need of the raw one."""
+def _extracts(survey: Survey, selected: frozenset[str]) -> bool:
+    """Whether the derived layers need rows of the raw one."""
     claimed = survey.descriptor.derived_layers if survey.descriptor else ()
     wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers") if rule_id in selected]
-    if not any(info.needs_raw and info.layer in claimed for info in wanted):
-        return "nothing"
-    return "rows and metamorphic steps" if LEAKAGE_FILE in survey.paths else "rows"
+    return any(info.needs_raw and info.layer in claimed for info in wanted)
 
 
 def _audit_derived(
@@ -192,12 +190,12 @@ def _raw_layer(source: Survey) -> RawLayer:
 
 
 def audit_shards(
-    survey: Survey, selected: frozenset[str], extraction: Extraction, executor: Executor, progress: Progress | None
+    survey: Survey, selected: frozenset[str], executor: Executor, progress: Progress | None, *, extracts: bool
 ) -> tuple[list[ShardResult], list[str]]:
     """Results of all shards, in order of their folders, and failures of the tool."""
     tasks = [
         ShardTask(
-            survey.root, folder, tuple(e.path for e in files), survey.descriptor, selected, survey.is_hashed, extraction
+            survey.root, folder, tuple(e.path for e in files), survey.descriptor, selected, survey.is_hashed, extracts
         )
         for folder, files in survey.shard_folders.items()
     ]

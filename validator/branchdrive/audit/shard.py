@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from branchdrive.audit.examine import VIEW_RULES, examine
-from branchdrive.audit.extract.shard import Extract, extract_shard
+from branchdrive.audit.extract.shard import extract_shard
 from branchdrive.audit.funnel import Funnel
 from branchdrive.audit.media import media_sightings
 from branchdrive.audit.tally import Tally
@@ -24,6 +25,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import open_file
+from branchdrive.derive.layer.frame import Frame
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 
 if TYPE_CHECKING:
@@ -31,16 +33,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ColumnProblem",
-    "Extraction",
     "ShardResult",
     "ShardTask",
     "audit_shard",
     "metadata_problems",
     "type_problems",
 ]
-
-Extraction = Literal["nothing", "rows", "rows and metamorphic steps"]
-"""What the derived layers need of a shard."""
 
 CHECKED_METADATA = ("unit", "frame", "shape", "track")
 """Metadata that every column carries as declared."""
@@ -57,7 +55,7 @@ class ShardTask:
         descriptor: ``None`` where the dataset's descriptor is unusable: then rows cannot be judged.
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
-        extraction: What the derived layers need of the shard.
+        extracts: Whether the derived layers need rows of the shard.
     """
 
     root: Path
@@ -66,7 +64,7 @@ class ShardTask:
     descriptor: Descriptor | None
     selected: frozenset[str]
     is_hashed: bool
-    extraction: Extraction = "nothing"
+    extracts: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ class ShardResult:
     media_sightings: list[Mismatch] = field(default_factory=list)
     tallies: dict[str, Tally] = field(default_factory=dict)
     funnel: Funnel = field(default_factory=Funnel)
-    extract: Extract | None = None
+    extract: Mapping[str, Frame] | None = None
     no_extract: str = "the raw layer could not be read"
 
 
@@ -223,10 +221,10 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
     # What attempts comply with takes every rule, also where only some are asked for.
-    tallies, examination = examine(view, task.selected if task.extraction == "nothing" else None)
+    tallies, examination = examine(view, None if task.extracts else task.selected)
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
-    if task.extraction == "nothing":
+    if not task.extracts:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
     if broken:
@@ -234,4 +232,4 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     elif any(tally.errors for tally in tallies.values()):
         result.no_extract = "a rule on the raw layer failed"
     else:
-        result.extract = extract_shard(view, examination, metamorphic=task.extraction != "rows")
+        result.extract = extract_shard(view, examination)

@@ -53,14 +53,12 @@ class AuditTask:
 
     Attributes:
         inputs: What is seen.
-        metamorphic: What the metamorphic steps gave.
         seed: Of everything random.
         protocol: Numbers of the audit; None is the default.
         classifier: Of the recurrent tests, or why there is none.
     """
 
     inputs: ReplayInputs
-    metamorphic: dict[str, Any]
     seed: int
     protocol: AuditProtocol | None
     classifier: SequenceClassifier | Unavailable
@@ -78,7 +76,6 @@ def audit_here(task: AuditTask, parts: KnownParts, progress: Progress | None = N
 
     return audit_leakage(
         task.inputs,
-        metamorphic=task.metamorphic,
         seed=task.seed,
         protocol=task.protocol,
         sequence_classifier=task.classifier,

@@ -14,9 +14,7 @@ from branchdrive.build.parts import StoredParts
 from branchdrive.build.scan import RawScan
 from branchdrive.dataset.layout import LEAKAGE_FILE
 from branchdrive.derive.leakage.audit import AuditProtocol, Progress, audit_key
-from branchdrive.derive.leakage.metamorphic import metamorphic_document
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable, sequence_classifier
-from branchdrive.errors import DatasetError
 
 __all__ = ["build_leakage"]
 
@@ -43,13 +41,10 @@ def build_leakage(
         progress: Called with parts done, parts in total, and the name of the next.
 
     Raises:
-        DatasetError: The metamorphic steps were not taken on every shard, or the audit's process died.
+        ToolError: The audit's process died.
     """
-    if scan.extract.changed is None:
-        raise DatasetError(f"{scan.root}: the metamorphic steps were not taken on every shard; read the raw layer anew")
-    inputs = replay_inputs(scan.extract.replays, layers.frames["group_quality"], scan.descriptor.action_bank)
+    inputs = replay_inputs(scan.extract["replays"], layers.frames["group_quality"], scan.descriptor.action_bank)
     classifier = classifier or sequence_classifier()
     key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
-    metamorphic = metamorphic_document(scan.extract.changed, len(scan.extract.route_groups))
-    task = AuditTask(inputs, metamorphic, seed, protocol, classifier)
+    task = AuditTask(inputs, seed, protocol, classifier)
     layers.put_document(LEAKAGE_FILE, audit_apart(task, StoredParts.of(area, key), progress))

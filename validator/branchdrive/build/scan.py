@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.audit.engine import Progress, audit_shards, judge_files
-from branchdrive.audit.extract.shard import Extract, merge
+from branchdrive.audit.extract.shard import merge
 from branchdrive.audit.survey import Survey, take_survey
 from branchdrive.audit.worker import Executor
 from branchdrive.contract.descriptor import Descriptor
@@ -19,6 +19,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.dataset.layout import MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.dataset.manifest import Manifest, parse_manifest
 from branchdrive.dataset.untrusted import read_file
+from branchdrive.derive.layer.frame import Frame
 from branchdrive.errors import DatasetError
 
 __all__ = ["RawScan", "check_unchanged", "scan_raw"]
@@ -36,14 +37,14 @@ class RawScan:
         descriptor: The dataset's descriptor.
         digest: Digest of the raw layer.
         files: SHA-256 of every file of the raw layer and its media, by path.
-        extract: What the derived layers take from it.
+        extract: Rows that it gives for the derived layers, by table.
     """
 
     root: Path
     descriptor: Descriptor
     digest: str
     files: dict[str, str]
-    extract: Extract
+    extract: Mapping[str, Frame]
 
 
 def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -> RawScan:
@@ -55,7 +56,7 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     """
     survey = take_survey(root)
     descriptor = _finished(survey)
-    results, errors = audit_shards(survey, frozenset(CATALOGUE), "rows and metamorphic steps", executor, progress)
+    results, errors = audit_shards(survey, frozenset(CATALOGUE), executor, progress, extracts=True)
     survey = survey.with_shards(tuple(results))
     for message in errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()

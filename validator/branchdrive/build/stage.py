@@ -64,7 +64,7 @@ class BuildOptions:
 def build_canonical(scan: RawScan, layers: BuiltLayers) -> None:
     """One record for each group and action, and what became of every attempt."""
     for name in LAYERS["canonical"].tables:
-        layers.put_table(name, scan.extract.frames[name])
+        layers.put_table(name, scan.extract[name])
     document: dict[str, Any] = {
         "spec_version": SPEC_VERSION,
         "raw_layer": scan.digest,
@@ -91,13 +91,13 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
         DatasetError: There are too few groups for a split or for thresholds.
     """
     extract = scan.extract
-    standing = extract.frames["group_quality"]
+    standing, routes = extract["group_quality"], extract["routes"]
     try:
-        clusters = cluster_of_groups(extract.route_groups, extract.route_towns, extract.routes)
+        clusters = cluster_of_groups(routes["group_id"].tolist(), routes["town"].tolist(), routes["points"])
         assignment = draw_partitions(standing, clusters, seed=options.seed, calibration=options.calibration)
         groups = with_partitions(standing, clusters, assignment)
         split = split_document(assignment, clusters, seed=options.seed, calibration=options.calibration)
-        thresholds = threshold_document(extract.frames["pairs"], groups)
+        thresholds = threshold_document(extract["pairs"], groups)
     except ValueError as error:
         raise DatasetError(f"{scan.root}: {error}; collect more groups or ask for less") from error
     layers.put_document(_SPLIT, split)
@@ -105,12 +105,10 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
     layers.put_document(LEDGER_FILE, opened(ledger, **digests))
 
-    pairs = with_passes(extract.frames["pairs"], thresholds_of(thresholds))
+    pairs = with_passes(extract["pairs"], thresholds_of(thresholds))
     groups = with_validity(groups, pairs)
-    groups["near_duplicate"] = near_duplicate_flags(
-        groups, extract.frames["state"], extract.frames["past_controls"], assignment
-    )
-    layers.put_table("attempt_quality", extract.frames["attempt_quality"])
+    groups["near_duplicate"] = near_duplicate_flags(groups, extract["state"], extract["past_controls"], assignment)
+    layers.put_table("attempt_quality", extract["attempt_quality"])
     layers.put_table("pairs", pairs)
     layers.put_table("group_quality", groups)
     # From the tables as they are stored, as a validator recomputes it.
@@ -150,7 +148,7 @@ def build_model(scan: RawScan, layers: BuiltLayers) -> None:
     layers.put_table("actions", action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None))
     for name in LAYERS["model"].tables:
         if name not in ("contexts", "actions"):
-            layers.put_table(name, of_groups(scan.extract.frames[name], groups))
+            layers.put_table(name, of_groups(scan.extract[name], groups))
     layers.put_document("model/features.json", features_document(descriptor))
     arrays = pack_arrays(layers.frames, groups, descriptor.action_bank.keys)
     try:

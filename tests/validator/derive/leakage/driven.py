@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from branchdrive.audit.extract.metamorphic import STEPS
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.derive.discrepancy import History, core_discrepancy
 from branchdrive.derive.leakage.audit import AuditProtocol, audit_leakage
@@ -22,7 +21,6 @@ from branchdrive.derive.leakage.ego import EGO_NAMES, ego_frames
 from branchdrive.derive.leakage.gate import dealt
 from branchdrive.derive.leakage.gate_input import gate_features
 from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.metamorphic import metamorphic_document
 from branchdrive.derive.leakage.parity_protocol import ParityProtocol
 from branchdrive.derive.leakage.protocol import Protocol
 from branchdrive.derive.leakage.sequence import Unavailable
@@ -85,10 +83,7 @@ def driven_inputs() -> ReplayInputs:
 
 def audited(inputs: ReplayInputs) -> dict[str, Any]:
     """The document of an audit without recurrent tests."""
-    steps = metamorphic_document(dict.fromkeys(STEPS, ()), inputs.num_groups)
-    return audit_leakage(
-        inputs, metamorphic=steps, seed=5, protocol=PROTOCOL, sequence_classifier=Unavailable("not installed")
-    )
+    return audit_leakage(inputs, seed=5, protocol=PROTOCOL, sequence_classifier=Unavailable("not installed"))
 
 
 def differences(document: dict[str, Any], inputs: ReplayInputs) -> list[str]:

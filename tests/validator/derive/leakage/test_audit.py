@@ -12,11 +12,9 @@ from tests.content_cache import kept
 from tests.validator.derive.leakage.classifiers import Regression, Undecided
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 
-from branchdrive.audit.extract.metamorphic import STEPS
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
 from branchdrive.derive.leakage.audit import AuditProtocol, audit_key, audit_leakage
 from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.metamorphic import metamorphic_document
 from branchdrive.derive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
 from branchdrive.derive.leakage.protocol import Protocol
 from branchdrive.derive.leakage.sequence import SequenceClassifier, Unavailable
@@ -31,9 +29,7 @@ CLEAN = replay_inputs(60, seed=2)
 def audited(
     inputs: ReplayInputs, classifier: SequenceClassifier | Unavailable | None = None, **options: Any
 ) -> dict[str, Any]:
-    steps = metamorphic_document(dict.fromkeys(STEPS, ()), inputs.num_groups)
     options = {
-        "metamorphic": steps,
         "seed": 4,
         "protocol": QUICK,
         "sequence_classifier": classifier or Regression(),

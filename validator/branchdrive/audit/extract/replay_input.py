@@ -5,9 +5,6 @@ Source: paper VI-A; spec/13-leakage.md#inputs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +19,7 @@ from branchdrive.derive.leakage.ego import EGO_NAMES, ego_frames
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.threshold import VARIABLES
 
-__all__ = ["AVAILABILITY_NAMES", "CONTROL_NAMES", "ReplayBlock", "replay_block", "replay_inputs"]
+__all__ = ["AVAILABILITY_NAMES", "CONTROL_NAMES", "replay_facts", "replay_inputs"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,36 +30,9 @@ AVAILABILITY_NAMES = ("controls", "observations", "evidence", "actors")
 CONTROL_NAMES = ("steer", "throttle", "brake")
 
 
-@dataclass(frozen=True)
-class ReplayBlock:
-    """Inputs of a leakage audit by group, before partitions are known; see `ReplayInputs` for shapes."""
-
-    group_ids: tuple[str, ...]
-    availability: Array
-    discrepancy: Array
-    ego: Array
-    controls: Array
-    has_nominal_replay: NDArray[np.bool_]
-
-    @classmethod
-    def merge(cls, parts: Sequence[ReplayBlock]) -> ReplayBlock:
-        """Groups of all parts, sorted by identity.
-
-        Raises:
-            ValueError: There is no part.
-        """
-        ids = [group_id for part in parts for group_id in part.group_ids]
-        order = sorted(range(len(ids)), key=ids.__getitem__)
-        arrays = {
-            name: np.concatenate([getattr(part, name) for part in parts])[order]
-            for name in ("availability", "discrepancy", "ego", "controls", "has_nominal_replay")
-        }
-        return cls(tuple(ids[i] for i in order), **arrays)
-
-
-def replay_block(
+def replay_facts(
     view: ShardView, groups: Index, candidates: Index, replays: Index, pairs: Pairs, paired: Frame
-) -> ReplayBlock:
+) -> Frame:
     """Inputs of integrity-complete groups.
 
     Args:
@@ -72,6 +42,9 @@ def replay_block(
         replays: Compliant nominal replays of these groups; of several, the lowest attempt stands for the nominal.
         pairs: All pairs of replay and nominal.
         paired: Their discrepancies, columns of the table `pairs`.
+
+    Returns:
+        A row for each group; see `ReplayInputs` for the shapes of its cells.
     """
     nominal_index = view.descriptor.action_bank.nominal_index
     drives = candidates.copy()
@@ -86,14 +59,14 @@ def replay_block(
     row_of[pairs.replay] = np.arange(len(pairs.replay))
     values = np.stack([np.ma.filled(paired[v.name], np.inf) for v in VARIABLES], axis=1)
     discrepancy[there] = values[row_of[drives[there]]]
-    return ReplayBlock(
-        tuple(view.group_ids[g] for g in groups),
-        _availability(view, drives),
-        discrepancy,
-        _ego(view, drives, candidates[:, nominal_index]),
-        _controls(view, drives),
-        there[:, nominal_index],
-    )
+    return {
+        "group_id": np.array(view.group_ids, object)[groups],
+        "availability": _availability(view, drives),
+        "discrepancy": discrepancy,
+        "ego": _ego(view, drives, candidates[:, nominal_index]),
+        "controls": _controls(view, drives),
+        "has_nominal_replay": there[:, nominal_index],
+    }
 
 
 def _absent(values: Array, drives: Index) -> Array:
@@ -140,11 +113,11 @@ def _controls(view: ShardView, drives: Index) -> Array:
     return _absent(np.stack(applied, axis=2).reshape(*drives.shape, len(CONTROL_WINDOW), len(CONTROL_NAMES)), drives)
 
 
-def replay_inputs(block: ReplayBlock, groups: Frame, bank: ActionBank) -> ReplayInputs:
+def replay_inputs(replays: Frame, groups: Frame, bank: ActionBank) -> ReplayInputs:
     """Inputs of the audit of a release: its core-valid groups with their partitions.
 
     Args:
-        block: What raw rows say about integrity-complete groups.
+        replays: Facts of the replays of integrity-complete groups, as `replay_facts` gives them.
         groups: Rows of `group_quality`, complete.
         bank: The action bank.
 
@@ -155,7 +128,7 @@ def replay_inputs(block: ReplayBlock, groups: Frame, bank: ActionBank) -> Replay
     home = dict(
         zip(groups["group_id"][valid].tolist(), np.ma.filled(groups["partition"], "")[valid].tolist(), strict=True)
     )
-    place = {group: row for row, group in enumerate(block.group_ids)}
+    place = {group: row for row, group in enumerate(replays["group_id"].tolist())}
     chosen = sorted(home)
     if not set(chosen) <= place.keys():
         raise ValueError(f"group {min(set(chosen) - place.keys())!r} is core-valid and not integrity-complete")
@@ -168,9 +141,9 @@ def replay_inputs(block: ReplayBlock, groups: Frame, bank: ActionBank) -> Replay
         AVAILABILITY_NAMES,
         EGO_NAMES,
         CONTROL_NAMES,
-        block.availability[rows],
-        block.discrepancy[rows],
-        block.ego[rows],
-        block.controls[rows],
-        block.has_nominal_replay[rows],
+        replays["availability"][rows],
+        replays["discrepancy"][rows],
+        replays["ego"][rows],
+        replays["controls"][rows],
+        replays["has_nominal_replay"][rows],
     )

@@ -24,7 +24,6 @@ from branchdrive.derive.layer.frame import Alignment, Frame, Values, align, take
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from branchdrive.audit.extract.shard import Extract
 
 __all__ = ["RawLayer", "ReleaseView"]
 
@@ -35,7 +34,7 @@ class RawLayer:
     """The raw layer that a release was derived from, as far as it is at hand.
 
     Attributes:
-        extract: What it says; ``None`` where it is not at hand.
+        extract: Rows that it gives, by table; ``None`` where it is not at hand.
         reason: Why it is not.
         digest: Digest of the layer; ``None`` where it was not computed.
         descriptor: Its dataset's descriptor; ``None`` where it is not at hand.
@@ -43,7 +42,7 @@ class RawLayer:
 
     def __init__(
         self,
-        extract: Extract | None,
+        extract: Mapping[str, Frame] | None,
         reason: str = "",
         *,
         digest: str | None = None,
@@ -147,7 +146,7 @@ class ReleaseView:
         return self.documents[path]
 
     @property
-    def extract(self) -> Extract:
+    def extract(self) -> Mapping[str, Frame]:
         """What the raw layer says.
 
         Raises:
@@ -169,7 +168,7 @@ class ReleaseView:
             PreconditionError: The raw layer, or the contexts, are not at hand.
         """
         if table not in self._expected:
-            frame: Frame = self.extract.frames[table]
+            frame = self.extract[table]
             if table in LAYERS["model"].tables:
                 wanted = set(self.frame("contexts")["group_id"].tolist())
                 frame = take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))

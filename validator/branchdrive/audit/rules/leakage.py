@@ -12,7 +12,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.extract.metamorphic import STEPS
 from branchdrive.audit.extract.replay_input import replay_inputs
 from branchdrive.audit.release.compare import problems_found
 from branchdrive.audit.release.view import ReleaseView
@@ -25,7 +24,6 @@ from branchdrive.derive.feature import SENSOR_PROFILE
 from branchdrive.derive.history import CONTROL_WINDOW
 from branchdrive.derive.layer.comparison import document_problems
 from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.metamorphic import metamorphic_document
 from branchdrive.derive.leakage.structural import (
     ALPHA,
     MAX_CORRELATION,
@@ -63,7 +61,7 @@ def _found(examined: int, problems: Iterable[tuple[str, object, object]]) -> Che
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
     try:
-        return replay_inputs(view.extract.replays, view.frame("group_quality"), view.descriptor.action_bank)
+        return replay_inputs(view.extract["replays"], view.frame("group_quality"), view.descriptor.action_bank)
     except ValueError as error:
         raise PreconditionError(f"inputs of the leakage audit: {error}") from error
 
@@ -137,26 +135,6 @@ def battery_statuses_follow(view: ReleaseView) -> Iterator[Check]:
     if (audit := _audit(view)) is not None:
         examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
         yield _found(examined, _judged(battery_differences, audit))
-
-
-@rule("BD-LKG-006")
-def metamorphic_steps_change_nothing(view: ReleaseView) -> Iterator[Check]:
-    """Cutting, swapping or renaming the raw log changes no input: repeated here, and recorded by the release."""
-    if (audit := _audit(view)) is None:
-        return
-    changed, num_groups = view.extract.changed, len(view.extract.route_groups)
-    if changed is None:
-        raise PreconditionError("the metamorphic steps were not taken")
-    expected = metamorphic_document(changed, num_groups)
-    problems = [
-        (f"/metamorphic{p.place}", p.expected, p.found) for p in document_problems(expected, audit["metamorphic"])
-    ]
-    problems += [
-        (f"/metamorphic/{step}", "no input that changes", f"{len(groups)} groups")
-        for step, groups in changed.items()
-        if groups
-    ]
-    yield _found(num_groups * len(STEPS), problems)
 
 
 @rule("BD-LKG-007")

@@ -42,8 +42,8 @@ def complete_groups_have_a_partition(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-SPL-002")
 def clusters_recompute(view: ReleaseView) -> Iterator[Check]:
     """Route clusters by geometry, numbered in order of the sorted groups."""
-    extract, found = view.extract, clusters_of(view.frame("group_quality"))
-    expected = cluster_of_groups(extract.route_groups, extract.route_towns, extract.routes)
+    found, routes = clusters_of(view.frame("group_quality")), view.extract["routes"]
+    expected = cluster_of_groups(routes["group_id"].tolist(), routes["town"].tolist(), routes["points"])
     both = sorted(expected.keys() & found.keys())
     apart = [g for g in both if expected[g] != found[g]]
     yield _of_groups(
@@ -82,8 +82,8 @@ def split_counts_recompute(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-SPL-007")
 def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
     """Core-valid groups outside of training that all but repeat a context of another partition are marked."""
-    groups, frames = view.frame("group_quality"), view.extract.frames
-    complete = set(view.extract.route_groups)
+    groups, frames = view.frame("group_quality"), view.extract
+    complete = set(frames["routes"]["group_id"].tolist())
     judged = np.asarray(groups["core_valid"], bool)
     if not set(groups["group_id"][judged].tolist()) <= complete & assignment_of(groups).keys():
         judged &= np.array([g in complete and g in assignment_of(groups) for g in groups["group_id"].tolist()])

@@ -67,7 +67,6 @@ def audit_key(
 def audit_leakage(
     inputs: ReplayInputs,
     *,
-    metamorphic: dict[str, Any],
     seed: int,
     protocol: AuditProtocol | None = None,
     sequence_classifier: SequenceClassifier | Unavailable,
@@ -78,7 +77,6 @@ def audit_leakage(
 
     Args:
         inputs: What is seen.
-        metamorphic: What the metamorphic steps gave, as `metamorphic_document` has it.
         seed: Of everything random, below 2**64.
         protocol: Numbers of the audit; None is the default.
         sequence_classifier: Of the three recurrent tests, as `sequence_classifier()` finds it.
@@ -135,7 +133,6 @@ def audit_leakage(
         "protocol": {**protocol.as_json(), "sequence_classifier": _settings(sequence_classifier)},
         "gate": gate_part,
         "battery": judged_battery(recorded, protocol.parity),
-        "metamorphic": metamorphic,
         "not_run": [
             {"test": f"{way['name']}/{result['name']}", "reason": result["reason"]}
             for way in recorded

@@ -288,19 +288,6 @@ def offset_missed_that_is_found(d: ReleaseDraft) -> None:
     d.reseal("card")
 
 
-# BD-LKG-006: metamorphic steps
-
-
-@mutant("BD-LKG-006", at={"file": LEAKAGE, "pointer": "/metamorphic/truncation/num_groups"})
-def step_taken_on_fewer_groups(d: ReleaseDraft) -> None:
-    audit(d)["metamorphic"]["truncation"]["num_groups"] -= 1
-
-
-@mutant("BD-LKG-006", at={"file": LEAKAGE, "pointer": "/metamorphic/future_swap/num_changed"}, findings=2)
-def change_that_did_not_happen(d: ReleaseDraft) -> None:
-    audit(d)["metamorphic"]["future_swap"].update(num_changed=1, changed=["g0"])
-
-
 # BD-LKG-007: the gate, a diagnostic
 
 

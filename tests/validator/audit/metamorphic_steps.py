@@ -12,20 +12,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from branchdrive.audit.extract.history import INPUT_TABLES, inputs_of
 from branchdrive.audit.view import ShardView, StreamView
 from branchdrive.contract.timing import ACTIVE_TICKS, PREDECESSOR_OFFSET
 from branchdrive.derive.layer.frame import Values
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-__all__ = ["STEPS", "changed_groups"]
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -106,8 +102,6 @@ def _is_before(view: ShardView, stream: StreamView) -> Mask:
 
 def _with_rollouts(view: ShardView, stream: StreamView, rollout: Index) -> pa.Table:
     """The stream's rows, given to other rollouts."""
-    import pyarrow as pa
-
     column = pa.DictionaryArray.from_arrays(pa.array(rollout, pa.int32()), pa.array(view.rollout_ids, pa.string()))
     return _with_column(stream.arrow, column)
 
@@ -122,8 +116,6 @@ def _truncated(view: ShardView, nominals: Index, _: Index) -> dict[str, dict[str
 
 
 def _arrow_mask(mask: Mask) -> pa.Array:
-    import pyarrow as pa
-
     return pa.array(mask)
 
 
@@ -152,8 +144,6 @@ def _replays_swapped(view: ShardView, nominals: Index, candidates: Index) -> dic
 
 
 def _renamed(view: ShardView, nominals: Index, _: Index) -> dict[str, dict[str, Values]]:
-    import pyarrow as pa
-
     names = pa.array([hashlib.sha256(name.encode()).hexdigest() for name in view.rollout_ids], pa.string())
     tables = {}
     for stream in _streams(view):
