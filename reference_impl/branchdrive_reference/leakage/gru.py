@@ -19,6 +19,7 @@ from torch import Tensor, nn
 
 from branchdrive.derive.leakage.sequence import SequenceScores, SequenceTask
 from branchdrive.derive.stream import orders, words
+from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.execution import deterministic
 
 __all__ = ["GruClassifier", "gru"]
@@ -58,15 +59,13 @@ class GruClassifier:
             torch.manual_seed(seed)
             train, val, test = (torch.from_numpy(part.copy()).float() for part in task)
             network = _Network(train.shape[3], self.hidden, train.shape[1])
-            optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
+            optimizer = AdamW(network.parameters())
             best, best_loss, best_epoch, epoch = network.weights(), float("inf"), 1, 0
             while epoch < self.max_epochs and epoch - best_epoch < self.patience:
                 epoch += 1
                 drawn = orders(words(seed, "leakage/gru/batches", 1, len(train), first_row=epoch))[0]
                 for groups in torch.from_numpy(drawn).split(self.batch_groups):
-                    optimizer.zero_grad()
-                    network.loss(train[groups]).backward()
-                    optimizer.step()
+                    optimizer.descend(network.loss(train[groups]), self.learning_rate)
                 with torch.no_grad():
                     loss = float(network.loss(val))
                 if loss < best_loss:

@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.optim import AdamW
 
 from branchdrive.dataset.durable import delete
 from branchdrive.dataset.model_layer import ModelLayer, open_model
 from branchdrive.derive.feature import InputContract
 from branchdrive.errors import UsageError
+from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.checkpoint import (
     Checkpoint,
     Curve,
@@ -221,16 +221,13 @@ def _is_over(curve: Curve, config: TrainingConfig) -> bool:
 def _epoch(state: TrainingState, data: Mapping[str, Tensor], config: TrainingConfig, *, seed: int) -> float:
     """One pass over the training groups; the mean loss of a group."""
     epoch, num_groups = state.epoch + 1, len(data["scalars"])
-    for group in state.optimizer.param_groups:
-        group["lr"] = config.learning_rate_at(epoch)
+    learning_rate = config.learning_rate_at(epoch)
     order = torch.from_numpy(stream(seed, BATCHES, epoch).permutation(num_groups)).to(data["scalars"].device)
     total = 0.0
     for rows in order.split(config.batch_groups):
         batch = {name: values if name in _SHARED else values[rows] for name, values in data.items()}
-        state.optimizer.zero_grad()
         loss = _loss(state.network, batch, config)
-        loss.backward()
-        state.optimizer.step()
+        state.optimizer.descend(loss, learning_rate)
         total += float(loss.detach()) * len(rows)
     return total / num_groups
 

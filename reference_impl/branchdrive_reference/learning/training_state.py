@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from torch import Tensor, nn
-from torch.optim import AdamW
 
 from branchdrive.errors import DatasetError
+from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.checkpoint import Curve
 from branchdrive_reference.learning.provenance import Provenance
 from branchdrive_reference.learning.tensor_file import read_tensors, write_tensors
@@ -26,8 +26,6 @@ from branchdrive_reference.learning.tensor_file import read_tensors, write_tenso
 __all__ = ["TrainingState", "read_state", "state_path", "write_state"]
 
 FORMAT = "branchdrive-training-1"
-
-_MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 
 
 @dataclass
@@ -65,8 +63,8 @@ def write_state(path: Path, state: TrainingState, provenance: Provenance, enviro
     """Create or replace the file at once and durably."""
     tensors = {f"network.{name}": values for name, values in state.network.state_dict().items()}
     tensors |= {f"best.{name}": values for name, values in state.best.items()}
-    for place, moments in state.optimizer.state_dict()["state"].items():
-        tensors |= {f"{moment}.{place}": moments[moment] for moment in _MOMENTS}
+    for name, moments in state.optimizer.moments.items():
+        tensors |= {f"{name}.{place}": moment for place, moment in enumerate(moments)}
     write_tensors(path, _document(state.curve, provenance, environment), tensors)
 
 
@@ -85,13 +83,10 @@ def read_state(path: Path, state: TrainingState, provenance: Provenance, environ
         state.best = _part(file.tensors, "best")
         if state.best.keys() != state.network.state_dict().keys():
             raise DatasetError("its best weights are not those of the model; delete it to start anew")
-        moments = {name: _part(file.tensors, name) for name in _MOMENTS}
-        record = state.optimizer.state_dict()
-        record["state"] = {
-            place: {name: moments[name][str(place)] for name in _MOMENTS}
-            for place in range(len(list(state.network.parameters())))
-        }
-        state.optimizer.load_state_dict(record)
+        for name, moments in state.optimizer.moments.items():
+            found = _part(file.tensors, name)
+            for place, moment in enumerate(moments):
+                moment.copy_(found[str(place)])
     except (AttributeError, LookupError, RuntimeError, TypeError, ValueError, DatasetError) as error:
         raise DatasetError(f"{path}: no state to go on from: {str(error).splitlines()[0]}") from error
     state.curve = curve

@@ -1,4 +1,4 @@
-"""Collections that are killed: a child process writes, and is killed before a file operation or at a random moment.
+"""Collections that are killed before a file operation, or at a random moment as a process of their own.
 
 Run as a program: ``python -m tests.validator.dataset.crashing sweep FOLDER`` or ``... collect ROOT``.
 """
@@ -6,13 +6,9 @@ Run as a program: ``python -m tests.validator.dataset.crashing sweep FOLDER`` or
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
 import sys
-import traceback
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from tests.validator.dataset.invented import ATTEMPTS, make_descriptor, write_group, write_rollout
@@ -62,53 +58,39 @@ def check_visible(root: Path) -> None:
             raise RuntimeError(f"visible manifest is not that of the files: {problems}")
 
 
-def _killed_child(work: Callable[[], object], fatal_event: int) -> bool:
-    """Fork a child that kills itself before its name operation `fatal_event`; whether it got that far."""
-    pid = os.fork()
-    if pid == 0:
-        num_events = 0
-
-        def count(event: str, args: tuple[object, ...]) -> None:
-            nonlocal num_events
-            if event in NAME_EVENTS:
-                num_events += 1
-                if num_events == fatal_event:
-                    os.kill(os.getpid(), signal.SIGKILL)
-
-        sys.addaudithook(count)
-        try:
-            work()
-        except BaseException:
-            traceback.print_exc()
-            os._exit(1)
-        os._exit(0)
-    _, status = os.waitpid(pid, 0)
-    if not os.WIFSIGNALED(status) and os.WEXITSTATUS(status):
-        raise RuntimeError(f"child failed before event {fatal_event}")
-    return os.WIFSIGNALED(status)
-
-
 def sweep(folder: Path, work: Callable[[Path], str], start: Path | None) -> dict[str, object]:
-    """Kill `work` before each of its name operations in turn, resume it, and compare with an uninterrupted run."""
+    """Resume `work` from what is left where it is killed before any of its name operations, one after another.
 
-    def fresh(name: str) -> Path:
-        root = folder / name
-        shutil.rmtree(root, ignore_errors=True)
-        if start is not None:
-            shutil.copytree(start, root)
-        return root
-
+    What a kill leaves is a copy of the files before the operation: one uninterrupted run gives them all, and the
+    identity and manifest that every resumed one must come to.
+    """
     folder.mkdir()
-    expected = fresh("expected")
-    identity = work(expected)
-    manifest = (expected / MANIFEST_FILE).read_bytes()
-    num_kills, differing = 0, []
-    while _killed_child(partial(work, root := fresh("killed")), num_kills + 1):
-        num_kills += 1
-        check_visible(root)
-        if work(root) != identity or (root / MANIFEST_FILE).read_bytes() != manifest:
-            differing.append(num_kills)
-    return {"num_kills": num_kills, "differing": differing}
+    root, left = folder / "expected", folder / "left"
+    left.mkdir()
+    if start is not None:
+        shutil.copytree(start, root)
+    kills: list[Path] = []
+    is_watched = True
+
+    def keep(event: str, args: tuple[object, ...]) -> None:
+        nonlocal is_watched
+        if is_watched and event in NAME_EVENTS:
+            is_watched = False  # a copy changes names, too
+            kills.append(left / str(len(kills) + 1))
+            if root.exists():
+                shutil.copytree(root, kills[-1])
+            is_watched = True
+
+    sys.addaudithook(keep)
+    identity = work(root)
+    is_watched = False
+    manifest = (root / MANIFEST_FILE).read_bytes()
+    differing = []
+    for number, killed in enumerate(kills, start=1):
+        check_visible(killed)
+        if work(killed) != identity or (killed / MANIFEST_FILE).read_bytes() != manifest:
+            differing.append(number)
+    return {"num_kills": len(kills), "differing": differing}
 
 
 def main() -> None:
