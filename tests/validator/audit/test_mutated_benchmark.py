@@ -19,7 +19,7 @@ from tests.validator.audit.rules.benchmark_release import (
     RESULTS,
     BenchmarkDraft,
 )
-from tests.validator.audit.rules.case import judged_release
+from tests.validator.audit.rules.case import judged_folder
 from tests.validator.contract.mutation import mutated
 
 from branchdrive.audit.report import Report
@@ -51,7 +51,7 @@ def judged(root: Path, path: str, content: bytes) -> Report:
     try:
         (root / path).write_bytes(content)
         write_manifest(root, build_manifest(root))
-        return judged_release(root, select=RULES)
+        return judged_folder(root, select=RULES)
     finally:
         (root / path).write_bytes(before)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from datetime import date
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -311,6 +312,7 @@ def _facts(survey: Survey, source: Survey) -> DatasetFacts:
     )
 
 
+@cache
 def _own_version() -> str:
     try:
         return version("branchdrive")

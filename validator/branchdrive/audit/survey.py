@@ -88,12 +88,12 @@ class Survey:
     unreadable: dict[str, str] = field(default_factory=dict)
     shards: tuple[ShardResult, ...] = ()
 
-    @property
+    @cached_property
     def files(self) -> tuple[Entry, ...]:
         """Regular files with safe paths: all that is ever opened."""
         return tuple(e for e in self.entries if e.kind == "file" and unsafe_reason(e.path) is None)
 
-    @property
+    @cached_property
     def shard_folders(self) -> dict[str, tuple[Entry, ...]]:
         """Files of each raw shard folder, in order of the folders."""
         folders: dict[str, list[Entry]] = {}
@@ -106,7 +106,7 @@ class Survey:
                     files.append(entry)
         return {folder: tuple(files) for folder, files in sorted(folders.items())}
 
-    @property
+    @cached_property
     def release_files(self) -> tuple[str, ...]:
         """Files of the derived layers that the descriptor claims, with card and licence beside them."""
         if self.descriptor is None or not self.descriptor.derived_layers:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES, declared_table
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.dataset.frame import filled
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -105,13 +106,13 @@ class TableView:
             for i, (stop, length) in enumerate(zip(np.cumsum(lengths), lengths, strict=True)):
                 cells[i] = items[stop - length : stop]
             return cells
-        return _filled(array)
+        return filled(array)
 
     def pieces(self, columns: Sequence[str], num_rows: int) -> Iterator[tuple[int, list[NDArray[Any]]]]:
         """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row; joins nothing."""
         start = 0
         for batch in self._table.select(columns).to_batches(max_chunksize=num_rows):
-            yield start, [_filled(array) for array in batch.columns]
+            yield start, [filled(array) for array in batch.columns]
             start += batch.num_rows
 
     def extremes(self, column: str) -> tuple[Any, Any]:
@@ -156,15 +157,6 @@ class TableView:
         codes, words = self.words(column)
         matching = np.array([candidate == word for candidate in words] + [False])
         return np.asarray(matching[codes])
-
-
-def _filled(array: pa.Array) -> NDArray[Any]:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if array.null_count:
-        array = pc.fill_null(array, pa.scalar(False if pa.types.is_boolean(array.type) else 0, array.type))
-    return np.asarray(array.to_numpy(zero_copy_only=False))
 
 
 @dataclass(frozen=True)

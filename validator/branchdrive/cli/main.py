@@ -13,6 +13,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points, version
 from typing import NoReturn, Protocol, TextIO
@@ -49,6 +50,7 @@ class Command(Protocol):
         """Carry the command out; returns the exit code."""
 
 
+@cache
 def _command_modules() -> dict[str, str]:
     """Module of every command: the built-in ones and those of installed extras."""
     added = {point.name: point.value for point in entry_points(group="branchdrive.commands")}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.derive.layer.frame import Frame, Values
@@ -16,7 +17,7 @@ from branchdrive.errors import ContractError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["from_arrow", "to_arrow"]
+__all__ = ["filled", "from_arrow", "to_arrow"]
 
 
 def to_arrow(name: str, frame: Frame) -> pa.Table:
@@ -55,22 +56,32 @@ def from_arrow(table: pa.Table, name: str) -> dict[str, Values]:
 
 def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     array = chunked.combine_chunks()
     if isinstance(array, pa.ChunkedArray):
         array = pa.concat_arrays(array.chunks)
-    absent = array.is_null().to_numpy(zero_copy_only=False)
+    absent = array.is_null().to_numpy(zero_copy_only=False) if array.null_count else np.zeros(len(array), bool)
     kind = array.type
     if pa.types.is_list(kind):
+        lengths = filled(array.value_lengths())
+        items = np.array(array.flatten().to_numpy(zero_copy_only=False), np.float64)
         plain = np.empty(len(array), dtype=object)
-        for i, cell in enumerate(array):
-            plain[i] = np.array(cell.as_py() or [], np.float64)
+        for i, (stop, length) in enumerate(zip(np.cumsum(lengths).tolist(), lengths.tolist(), strict=True)):
+            plain[i] = items[stop - length : stop]
     elif pa.types.is_string(kind) or pa.types.is_dictionary(kind):
         coded = array if pa.types.is_dictionary(kind) else array.dictionary_encode()
         words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-        plain = words[coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)]
+        plain = words[np.where(absent, -1, filled(coded.indices))]
     else:
-        filler: Any = False if pa.types.is_boolean(kind) else 0
-        plain = np.asarray(pc.fill_null(array, pa.scalar(filler, kind)).to_numpy(zero_copy_only=False))
+        plain = filled(array)
     return np.ma.masked_array(plain, absent) if nullable else plain
+
+
+def filled(array: pa.Array) -> NDArray[Any]:
+    """Numbers or flags of an array; null numbers read 0, null flags false."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if array.null_count:
+        array = pc.fill_null(array, pa.scalar(False if pa.types.is_boolean(array.type) else 0, array.type))
+    return np.asarray(array.to_numpy(zero_copy_only=False))

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+import pyarrow as pa
 import pytest
 from tests import synthetic
 from tests.content_cache import kept, remembered
@@ -22,6 +23,7 @@ from branchdrive.audit.report import Report
 from branchdrive.audit.shard import ShardTask
 from branchdrive.audit.worker import in_process
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.dataset.parquet import decode_table
 
 Edit: TypeAlias = Callable[[Any], object]
 Base = Literal["full", "media", "bare", "release", "detached", "alone", "benchmark"]
@@ -184,17 +186,16 @@ def new_draft(base: Base = "full") -> Draft:
 def judged(draft: Draft, folder: Path) -> Report:
     """Report on a draft that is written into `folder`; its raw dataset is named where it has one beside it."""
     root = draft.write(folder / "dataset")
-    if not isinstance(draft, ReleaseDraft):
-        return validate(root, executor=remembering)
-    return judged_release(root, raw=draft.raw_root(root))
+    return judged_folder(root, raw=draft.raw_root(root) if isinstance(draft, ReleaseDraft) else None)
 
 
-def judged_release(root: Path, **options: Any) -> Report:
-    """Report on the release at `root`; what was computed before of the same files is not computed again."""
+def judged_folder(root: Path, **options: Any) -> Report:
+    """Report on the dataset at `root`; what was computed before of the same files is not computed again."""
     with pytest.MonkeyPatch.context() as patch:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
+        patch.setattr("branchdrive.audit.release.audit.decode_table", _decoded)
         return validate(root, executor=remembering, **options)
 
 
@@ -212,12 +213,25 @@ PURE = (
     "branchdrive.derive.leakage.parity.fit_logistic",
     "branchdrive.derive.leakage.parity.held_out_score",
     "branchdrive.derive.leakage.redraw._prefix",
+    "branchdrive.derive.retention._resampled_sums",
 )
 """Functions of their arguments alone that most of a judgement's time goes into.
 
 Every rule runs on every case; what one of these said of equal arguments before is not computed again, since most
 defects leave most tables and documents as they are.
 """
+
+
+_tables: dict[tuple[bytes, str], pa.Table] = {}
+"""Decoded tables, which nobody can change, by content and name."""
+
+
+def _decoded(content: bytes, name: str) -> pa.Table:
+    """Table of a derived layer; the same bytes are decoded once: most defects leave most tables as they are."""
+    key = hashlib.sha256(content).digest(), name
+    if key not in _tables:
+        _tables[key] = decode_table(content, name)
+    return _tables[key]
 
 
 def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:

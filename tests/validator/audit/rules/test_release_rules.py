@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.mutation import MUTANTS, Mutant, new_draft
-from tests.validator.audit.rules.case import judged, judged_release
+from tests.validator.audit.rules.case import judged, judged_folder
 from tests.validator.audit.rules.release import BUILT, SPLIT, THRESHOLDS, ReleaseDraft, release_draft
 
 from branchdrive.audit.engine import validate
@@ -45,11 +45,11 @@ def test_rules_on_values_distrust_a_table_that_breaks_its_structure(
 ) -> None:
     root = spoiled(BY_NAME[rule, name]).write(tmp_path / "dataset")
     words = f"{table_path(table)} is missing or breaks the format"
-    whole = reasons(judged_release(root))
+    whole = reasons(judged_folder(root))
     assert words in whole.values()
     # The same, where the rules on structure are not asked for.
     areas = ("BD-CAN", "BD-QUA", "BD-SPL", "BD-FID", "BD-MOD")
-    alone = judged_release(root, select=areas)
+    alone = judged_folder(root, select=areas)
     assert alone.errors == ()
     unjudged = {rule_id for rule_id, reason in reasons(alone).items() if reason == words}
     assert unjudged

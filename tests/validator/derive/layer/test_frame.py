@@ -44,6 +44,14 @@ def test_nulls_in_a_key_are_equal_to_each_other_and_to_no_text() -> None:
     assert repeated_rows(rows, ("group_id",)).tolist() == [2]
 
 
+def test_keys_of_more_values_than_one_number_can_tell_apart() -> None:
+    columns = {f"part {i}": np.append(np.roll(np.arange(32), i), np.roll(np.arange(32), i)[5]) for i in range(14)}
+    assert repeated_rows(columns, [*columns]).tolist() == [32]
+    last = {**columns, "part 13": np.append(columns["part 13"][:-1], 31)}
+    assert repeated_rows(last, [*last]).tolist() == []
+    assert align(take(columns, np.arange(32)), columns, [*columns]).extra.tolist() == [32]
+
+
 @given(KEYS)
 def test_rows_are_sorted_by_key(keys: list[tuple[str, int]]) -> None:
     assert keys_of(sort_rows(frame(keys), KEY)) == sorted(keys)

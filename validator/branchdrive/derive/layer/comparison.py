@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isfinite
 from typing import Any
 
 from branchdrive.derive.layer.problem import Problem
@@ -27,6 +28,8 @@ def _problems(pointer: str, expected: Any, found: Any, tolerance: float) -> Iter
     match expected, found:
         case dict(), dict():
             for key in [*expected, *(key for key in found if key not in expected)]:
+                if key in expected and key in found and _is_same(expected[key], found[key]):
+                    continue
                 place = f"{pointer}/{str(key).replace('~', '~0').replace('/', '~1')}"
                 if key in expected and key in found:
                     yield from _problems(place, expected[key], found[key], tolerance)
@@ -36,7 +39,8 @@ def _problems(pointer: str, expected: Any, found: Any, tolerance: float) -> Iter
                     )
         case list(), list() if len(expected) == len(found):
             for i, (one, other) in enumerate(zip(expected, found, strict=True)):
-                yield from _problems(f"{pointer}/{i}", one, other, tolerance)
+                if not _is_same(one, other):
+                    yield from _problems(f"{pointer}/{i}", one, other, tolerance)
         case list(), list():
             yield Problem(pointer, f"{len(expected)} entries", f"{len(found)} entries")
         case _ if _is_number(expected) and _is_number(found):
@@ -45,6 +49,12 @@ def _problems(pointer: str, expected: Any, found: Any, tolerance: float) -> Iter
         case _:
             if type(expected) is not type(found) or expected != found:
                 yield Problem(pointer, _shown(expected), _shown(found))
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    """Whether two texts or finite numbers of one type are equal, as most are; anything else takes a closer look."""
+    kind = type(one)
+    return kind is type(other) and (kind is str or kind is int or (kind is float and isfinite(one))) and one == other
 
 
 def _is_number(value: Any) -> bool:

@@ -18,6 +18,9 @@ Values: TypeAlias = "NDArray[Any] | np.ma.MaskedArray[Any, Any]"
 Frame: TypeAlias = Mapping[str, Values]
 Index = NDArray[np.int64]
 
+_MAX_CODE = 2**62
+"""Codes of the columns of a key are joined up to here without being counted anew."""
+
 
 class Alignment(NamedTuple):
     """Pairs of rows of two frames with equal keys.
@@ -71,20 +74,17 @@ def sort_rows(frame: Frame, key: Sequence[str], orders: Mapping[str, Sequence[st
         values = np.ma.getdata(frame[name])
         if words is not None:
             place = {word: i for i, word in enumerate(words)}
-            values = np.array([place.get(word, len(place)) for word in values], np.int64)
+            values = np.array([place.get(word, len(place)) for word in values.tolist()], np.int64)
         elif values.dtype == object:
-            values = _codes([values])[0]
+            values = _codes(values)
         columns.append(values)
     return take(frame, np.lexsort(columns[::-1]))
 
 
 def align(expected: Frame, found: Frame, key: Sequence[str]) -> Alignment:
     """Pair the rows of two frames by the columns of `key`, which are unique in `expected`."""
-    left, right = (np.zeros(num_rows(frame), np.int64) for frame in (expected, found))
-    for name in key:
-        a, b = _codes([np.ma.getdata(frame[name]) for frame in (expected, found)])
-        width = int(max(a.max(initial=-1), b.max(initial=-1))) + 1
-        left, right = _codes([left * width + a, right * width + b])
+    both = (expected, found)
+    left, right = _key_codes([[np.ma.getdata(frame[name]) for frame in both] for name in key], [*map(num_rows, both)])
     order = np.argsort(right, kind="stable")
     place = np.searchsorted(right[order], left)
     is_there = place < len(right)
@@ -97,23 +97,35 @@ def align(expected: Frame, found: Frame, key: Sequence[str]) -> Alignment:
 
 def repeated_rows(frame: Frame, key: Sequence[str]) -> Index:
     """Rows whose key an earlier row has; a null in a key is equal to a null."""
-    code = np.zeros(num_rows(frame), np.int64)
-    for name in key:
-        values = np.ma.getdata(frame[name])
-        if values.dtype == object:
-            values = np.array(["" if word is None else f"={word}" for word in values.tolist()], object)
-        (part,) = _codes([values])
-        (code,) = _codes([code * (int(part.max(initial=0)) + 1) + part])
-    _, first = np.unique(code, return_index=True)
-    return np.setdiff1d(np.arange(len(code)), first)
+    (code,) = _key_codes([[np.ma.getdata(frame[name])] for name in key], [num_rows(frame)])
+    order = np.argsort(code, kind="stable")
+    is_new = np.diff(code[order], prepend=-1) != 0
+    return np.sort(order[~is_new])
 
 
-def _codes(parts: Sequence[NDArray[Any]]) -> list[Index]:
-    """Ascending codes of values over all parts together."""
-    joined = np.concatenate(parts)
-    if joined.dtype == object:
-        words = {word: i for i, word in enumerate(sorted(set(joined.tolist())))}
-        codes = np.array([words[word] for word in joined.tolist()], np.int64)
-    else:
-        codes = np.unique(joined, return_inverse=True)[1].astype(np.int64)
-    return np.split(codes, np.cumsum([len(part) for part in parts])[:-1])
+def _key_codes(columns: Sequence[Sequence[NDArray[Any]]], lengths: Sequence[int]) -> list[Index]:
+    """One code of every row, from 0 on, for rows of several parts: equal where all columns of a key are.
+
+    Args:
+        columns: Values of each column in each part.
+        lengths: Rows of each part.
+    """
+    code, width = np.zeros(sum(lengths), np.int64), 1
+    for parts in columns:
+        own = _codes(parts[0] if len(parts) == 1 else np.concatenate(parts))
+        own_width = int(own.max(initial=0)) + 1
+        if width * own_width > _MAX_CODE:
+            code = _codes(code)
+            width = int(code.max(initial=0)) + 1
+        code, width = code * own_width + own, width * own_width
+    return np.split(code, np.cumsum(lengths)[:-1])
+
+
+def _codes(values: NDArray[Any]) -> Index:
+    """Ascending codes of values, from 0 on; null comes before every word."""
+    if values.dtype != object:
+        return np.unique(values, return_inverse=True)[1].astype(np.int64)
+    cells = values.tolist()
+    words = sorted(set(cells) - {None})
+    places = {word: i for i, word in enumerate([None, *words] if None in cells else words)}
+    return np.fromiter(map(places.__getitem__, cells), np.int64, len(cells))

@@ -59,9 +59,14 @@ def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Te
     """
     if len(variables) < _MIN_GROUPS:
         return []
+    places = [np.unique(column, return_inverse=True)[1] for column in variables.T]
+    ranked: dict[bytes, tuple[Array, Array]] = {}  # most targets are available in the same groups
     found = []
     for target in range(targets.shape[2]):
-        rho = _spearman(variables, targets[..., target], available[..., target])
+        weight = available[..., target].sum(axis=1).astype(np.float64)
+        if weight.tobytes() not in ranked:
+            ranked[weight.tobytes()] = _centred_ranks(places, weight)
+        rho = _spearman(*ranked[weight.tobytes()], targets[..., target], available[..., target])
         ranking = np.flatnonzero(np.abs(rho) > MAX_CORRELATION).tolist()
         found += [Telltale(v, target, f"a rank correlation of {rho[v]:.3f}") for v in ranking]
     return found
@@ -98,30 +103,42 @@ def _is_affine(variables: Array, y: Array) -> Mask:
     return affine
 
 
-def _spearman(variables: Array, y: Array, there: Mask) -> Array:
-    """Rank correlation of every variable with the available values of `y`, 0 where one of both is constant."""
-    weight = there.sum(axis=1).astype(np.float64)
+def _spearman(ranks: Array, spreads: Array, y: Array, there: Mask) -> Array:
+    """Rank correlation of every variable with the available values of `y`, 0 where one of both is constant.
+
+    Args:
+        ranks: Centred ranks of the variables ``[variables, groups]``.
+        spreads: Their spreads ``[variables]``.
+        y: Values of a target ``[groups, actions]``.
+        there: Where they are available ``[groups, actions]``.
+    """
     values = y[there]
     if len(values) < 2:
-        return np.zeros(variables.shape[1])
-    ranks = np.zeros(y.shape)
-    ranks[there] = _mean_ranks(values, np.ones(len(values)))
+        return np.zeros(len(ranks))
+    centred = np.zeros(y.shape)
+    own = _mean_ranks(np.unique(values, return_inverse=True)[1], np.ones(len(values)))
+    centred[there] = own - own.mean()
+    spread = spreads * np.sqrt(np.square(centred).sum())
+    shared = (ranks * centred.sum(axis=1)).sum(axis=1)
+    return np.asarray(np.divide(shared, spread, out=np.zeros(len(ranks)), where=spread > 0))
+
+
+def _centred_ranks(places: Sequence[NDArray[np.intp]], weight: Array) -> tuple[Array, Array]:
+    """Ranks of variables about their mean ``[variables, groups]`` and their spreads ``[variables]``.
+
+    Args:
+        places: Of every variable, the place of each group among the distinct values ``[groups]``.
+        weight: How often each group counts ``[groups]``.
+    """
+    ranks = np.array([_mean_ranks(place, weight) for place in places]).reshape(len(places), len(weight))
     total = weight.sum()
-    centred = np.where(there, ranks - ranks[there].mean(), 0.0)
-    of_groups, spread_y = centred.sum(axis=1), np.sqrt(np.square(centred).sum())
-    rho = np.zeros(variables.shape[1])
-    for i, column in enumerate(variables.T):
-        own = _mean_ranks(column, weight)
-        own -= (own * weight).sum() / total
-        spread = np.sqrt((weight * np.square(own)).sum()) * spread_y
-        if spread > 0:
-            rho[i] = (own * of_groups).sum() / spread
-    return rho
+    if total > 0:
+        ranks -= (ranks * weight).sum(axis=1, keepdims=True) / total
+    return ranks, np.sqrt((weight * np.square(ranks)).sum(axis=1))
 
 
-def _mean_ranks(values: Array, weight: Array) -> Array:
-    """Mean rank of every value, which counts `weight` times."""
-    _, place = np.unique(values, return_inverse=True)
+def _mean_ranks(place: NDArray[np.intp], weight: Array) -> Array:
+    """Mean rank of every value, which counts `weight` times, by its place among the distinct ones."""
     mass = np.bincount(place, weights=weight)
     return np.asarray((np.cumsum(mass) - mass + (mass + 1) / 2)[place])
 
