@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from branchdrive.audit.extract.future import targets_of
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.layer import table_path
 from branchdrive.dataset.frame import from_arrow
 from branchdrive.dataset.shard import find_shards
@@ -20,6 +19,7 @@ from branchdrive.derive.benchmark.data import BenchmarkData
 from branchdrive.derive.guard.outcome_noise import OutcomeNoise, outcome_noise
 from branchdrive.derive.layer.frame import Frame
 from branchdrive.derive.target import Targets
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.benchmark.release import Release
 
 __all__ = ["noise_of"]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.dataset.group import BranchGroup
 from branchdrive.dataset.rollout import ROLLOUTS, Rollout
 from branchdrive.errors import UsageError
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.candidate import choose_candidates, good_attempts
 from branchdrive_reference.study.label import label, labels
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.window import active_as_declared, windows_are_whole
 
 __all__ = ["choose_candidates", "good_attempts", "have_complete_attempts"]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from branchdrive.audit.extract.future import targets_of
 from branchdrive.audit.extract.replay import Pairs
-from branchdrive.audit.view import ShardView
 from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.derive.target import TARGETS
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.candidate import choose_candidates, good_attempts, have_complete_attempts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
 from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.extract import replay
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import StreamView
 from branchdrive.contract.columns import TABLES
 from branchdrive.derive.discrepancy import CORE
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["COMPARED_TABLES", "discrepancies", "equal_records"]
 

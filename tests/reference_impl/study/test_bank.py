@@ -12,7 +12,7 @@ from tests.reference_impl.study.test_faults import AGAIN, FAULTS, TWICE
 from tests.synthetic import BRANCH_TICK
 
 from branchdrive import UsageError, load_action_bank, open_dataset
-from branchdrive.audit.view import ShardView
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.bank import good_bank
 from branchdrive_reference.study.candidate import choose_candidates, good_attempts
 

@@ -69,7 +69,7 @@ def test_the_longest_text_is_still_a_name(tmp_path: Path) -> None:
 
 
 def test_one_long_name_does_not_make_every_name_long(tmp_path: Path) -> None:
-    from branchdrive.audit.view import ShardView
+    from branchdrive.raw.shard_view import ShardView
     from branchdrive_reference.study.facts import shard_facts
 
     edit = replaced("town", {NOMINAL: "x" * 1_000_000})

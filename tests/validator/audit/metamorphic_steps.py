@@ -19,9 +19,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from branchdrive.audit.extract.history import INPUT_TABLES, inputs_of
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import StreamView
 from branchdrive.contract.timing import ACTIVE_TICKS, PREDECESSOR_OFFSET
 from branchdrive.derive.layer.frame import Values
+from branchdrive.raw.shard_view import ShardView
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]

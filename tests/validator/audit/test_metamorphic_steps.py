@@ -17,8 +17,8 @@ from tests.validator.audit.metamorphic_steps import STEPS, changed_groups
 
 from branchdrive.audit.examine import examine
 from branchdrive.audit.extract.history import inputs_of
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.raw.shard_view import ShardView
 
 Inputs = Callable[[ShardView, Any], Any]
 

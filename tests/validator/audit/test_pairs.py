@@ -13,11 +13,11 @@ from tests import synthetic
 
 from branchdrive.audit import pairs
 from branchdrive.audit.rules import evidence
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.derive.risk import risk_evidence
+from branchdrive.raw.shard_view import ShardView
 
 RULES = (evidence.separation_recomputes, evidence.ttc_recomputes, evidence.nearest_actors_recompute)
 ROUTE = (np.array([-60.0, 0.0, 60.0]), np.array([0.0, 0.0, 20.0]))

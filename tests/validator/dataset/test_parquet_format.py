@@ -18,12 +18,12 @@ import pyarrow.parquet as pq
 import pytest
 from tests import synthetic
 
-from branchdrive.audit.shard import type_problems
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.limits import spec_limits
 from branchdrive.dataset.parquet import decode_table, encode_table
 from branchdrive.dataset.table_file import conform
 from branchdrive.errors import DecodeError, LimitError
+from branchdrive.tables.schema import type_mismatches
 
 CODECS = ("none", "snappy", "gzip", "brotli", "zstd", "lz4")
 ENCODINGS = {
@@ -84,7 +84,7 @@ def test_every_codec_encoding_page_and_version_gives_the_same_table() -> None:
         for index, options in enumerate(choices(table)):
             if index % len(there) == list(there).index(name):  # the tables share the work
                 decoded = decode_table(written(table, **options), name)
-                assert type_problems(decoded.schema, name) == [], (name, options)
+                assert list(type_mismatches(decoded.schema, name)) == [], (name, options)
                 assert conform(decoded, name).equals(conform(table, name)), (name, options)
 
 
@@ -96,7 +96,7 @@ def test_types_of_arrow_do_not_change_a_table() -> None:
         for encoding in ("PLAIN", "DELTA_BYTE_ARRAY"):
             names = {f.name: encoding for f in schema if not pa.types.is_list(f.type) and f.type == text}
             decoded = decode_table(written(table.cast(schema), use_dictionary=False, column_encoding=names))
-            assert type_problems(decoded.schema, "rollouts") == [], text
+            assert list(type_mismatches(decoded.schema, "rollouts")) == [], text
             assert conform(decoded, "rollouts").equals(conform(table, "rollouts")), text
     numbers = pa.table({"x": [1.0, 2.0, 1.0]})
     assert decode_table(written(pa.table({"x": numbers["x"].dictionary_encode()}))).equals(numbers)

@@ -103,9 +103,9 @@ def validate(
     results, errors = audit_shards(source, selected, executor, progress, extracts=extracts)
     source = source.with_shards(tuple(results))
     survey = source if source.root == survey.root else replace(survey, shards=source.shards)
-    release = _audit_derived(survey, source, selected, executor, errors)
+    release = _audit_derived(survey, source, results, selected, executor, errors)
     survey = survey.with_digests(release.digests, release.unreadable)
-    tallies = _merge(survey, selected, release)
+    tallies = _merge(survey, results, selected, release)
     outcomes = apply_waivers(tallies, waivers, today or date.today())
     funnel = Funnel()
     for result in results:
@@ -146,7 +146,12 @@ def _extracts(survey: Survey, selected: frozenset[str]) -> bool:
 
 
 def _audit_derived(
-    survey: Survey, source: Survey, selected: frozenset[str], executor: Executor, errors: list[str]
+    survey: Survey,
+    source: Survey,
+    results: Sequence[ShardResult],
+    selected: frozenset[str],
+    executor: Executor,
+    errors: list[str],
 ) -> ReleaseResult:
     """Audit of the derived layers, in a process of its own like that of a shard."""
     if survey.descriptor is None or not survey.descriptor.derived_layers:
@@ -156,7 +161,7 @@ def _audit_derived(
         survey.release_files,
         tuple(entry.path for entry in survey.files),
         survey.descriptor,
-        _raw_layer(source),
+        _raw_layer(source, results),
         selected & frozenset(rules_of("layers")),
         survey.is_hashed,
     )
@@ -173,19 +178,19 @@ def _audit_derived(
     return ReleaseResult(tallies=unjudged)
 
 
-def _raw_layer(source: Survey) -> RawLayer:
-    if not source.shards:
+def _raw_layer(source: Survey, results: Sequence[ShardResult]) -> RawLayer:
+    if not results:
         return RawLayer(None, "the raw layer is not at hand; name its dataset with --raw")
     digest = None
     if source.is_hashed:
         digest = Manifest.of(source.digests).layers.get(RAW_DIR)
-    lacking = next((shard.no_extract for shard in source.shards if shard.extract is None), None)
+    lacking = next((shard.no_extract for shard in results if shard.extract is None), None)
     if lacking is None and source.descriptor is None:
         lacking = "the descriptor beside the raw layer is unusable"
     if lacking is not None:
         return RawLayer(None, lacking, digest=digest, descriptor=source.descriptor)
-    extract = merge([shard.extract for shard in source.shards if shard.extract is not None])
-    for shard in source.shards:
+    extract = merge([shard.extract for shard in results if shard.extract is not None])
+    for shard in results:
         shard.extract = None  # its rows live on in the whole
     return RawLayer(extract, digest=digest, descriptor=source.descriptor)
 
@@ -244,7 +249,9 @@ def _unjudged(task: ShardTask) -> ShardResult:
     return ShardResult(task.folder, tallies=tallies)
 
 
-def _merge(survey: Survey, selected: frozenset[str], release: ReleaseResult) -> dict[str, Tally]:
+def _merge(
+    survey: Survey, results: Sequence[ShardResult], selected: frozenset[str], release: ReleaseResult
+) -> dict[str, Tally]:
     """One tally per rule of the catalogue over the whole dataset."""
     tallies: dict[str, Tally] = {}
     for rule_id in CATALOGUE:
@@ -261,7 +268,7 @@ def _merge(survey: Survey, selected: frozenset[str], release: ReleaseResult) -> 
             else:
                 tally.is_claimed = False
         else:
-            for shard in survey.shards:
+            for shard in results:
                 tally.add(shard.tallies[rule_id])
             if survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"

@@ -18,9 +18,10 @@ from branchdrive.audit.judge import judge
 from branchdrive.audit.rules.status import ATTEMPT_IS_COMPLETE
 from branchdrive.audit.selection import select_candidates
 from branchdrive.audit.tally import Tally
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import StreamView
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["VIEW_RULES", "examine"]
 

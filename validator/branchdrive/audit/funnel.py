@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from branchdrive.audit.selection import Selection
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["STAGES", "Funnel", "Standing", "funnel_of", "standings_of"]
 

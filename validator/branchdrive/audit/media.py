@@ -20,7 +20,7 @@ from branchdrive.errors import DatasetError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["CHECKSUM_DIGITS", "media_sightings"]
+__all__ = ["CHECKSUM_DIGITS", "media_mismatches"]
 
 _FILE_NAME = re.compile(PATTERNS["file"].removeprefix("^").removesuffix("$"))
 
@@ -28,7 +28,7 @@ CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
 
-def media_sightings(root: Path, folder: str, files: Sequence[str], frames: pa.Table) -> Iterator[Mismatch]:
+def media_mismatches(root: Path, folder: str, files: Sequence[str], frames: pa.Table) -> Iterator[Mismatch]:
     """Images that are not where the index of the shard `folder` says, file by file.
 
     Args:

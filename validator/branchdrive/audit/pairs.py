@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.limits import spec_limits
 from branchdrive.derive.bound import pair_bounds
 from branchdrive.derive.box import Boxes
 from branchdrive.derive.risk import CUTOFF_SLACK, RANGE_M, PairRisk, corridor_excess_m, pair_risk
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["deciding_pairs", "pairs_of_frame"]
 

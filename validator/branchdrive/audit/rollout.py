@@ -14,11 +14,11 @@ import pyarrow as pa
 from branchdrive.audit.examine import examine
 from branchdrive.audit.finding import Finding
 from branchdrive.audit.selection import Selection
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import RULES, rules_of
 from branchdrive.errors import BranchDriveError
+from branchdrive.raw.shard_view import ShardView
 
 if TYPE_CHECKING:
     from branchdrive.dataset.rollout import Rollout

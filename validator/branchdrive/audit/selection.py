@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["Selection", "select_candidates"]
 

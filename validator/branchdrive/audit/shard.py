@@ -16,32 +16,27 @@ from typing import TYPE_CHECKING
 from branchdrive.audit.examine import VIEW_RULES, examine
 from branchdrive.audit.extract.shard import extract_shard
 from branchdrive.audit.funnel import Funnel
-from branchdrive.audit.media import media_sightings
+from branchdrive.audit.media import media_mismatches
 from branchdrive.audit.tally import Tally
-from branchdrive.audit.view import ShardView
-from branchdrive.contract.columns import TABLES, declared_table, table_schema
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.mismatch import Mismatch
 from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import open_file
 from branchdrive.derive.layer.frame import Frame
 from branchdrive.errors import DatasetError, DecodeError, LimitError
+from branchdrive.files.shard_facts import ShardFacts
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.schema import metadata_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "ColumnProblem",
     "ShardResult",
     "ShardTask",
     "audit_shard",
-    "metadata_problems",
-    "type_problems",
 ]
-
-CHECKED_METADATA = ("unit", "frame", "shape", "track")
-"""Metadata that every column carries as declared."""
 
 
 @dataclass(frozen=True)
@@ -67,33 +62,17 @@ class ShardTask:
     extracts: bool = False
 
 
-@dataclass(frozen=True)
-class ColumnProblem:
-    """One column that is not as declared."""
-
-    column: str
-    expected: str
-    found: str
-
-
 @dataclass
-class ShardResult:
-    """What became of one shard: small, so that it travels between processes."""
+class ShardResult(ShardFacts):
+    """What became of one shard: small, so that it travels between processes.
 
-    folder: str
-    num_tables: int = 0
-    digests: dict[str, str] = field(default_factory=dict)
-    unreadable: dict[str, str] = field(default_factory=dict)
-    undecodable: dict[str, str] = field(default_factory=dict)
-    over_limit: dict[str, str] = field(default_factory=dict)
-    type_problems: dict[str, list[ColumnProblem]] = field(default_factory=dict)
-    metadata_problems: dict[str, list[ColumnProblem]] = field(default_factory=dict)
-    present: tuple[str, ...] = ()
-    rows: dict[str, int] = field(default_factory=dict)
-    rollout_ids: list[str] = field(default_factory=list)
-    group_ids: list[str] = field(default_factory=list)
-    num_images: int = 0
-    media_sightings: list[Mismatch] = field(default_factory=list)
+    Attributes:
+        tallies: Totals of the rules on its rows.
+        funnel: How far its groups get.
+        extract: Rows for the derived layers, by table; ``None`` where none were asked for, or `no_extract` says why.
+        no_extract: Why there are none.
+    """
+
     tallies: dict[str, Tally] = field(default_factory=dict)
     funnel: Funnel = field(default_factory=Funnel)
     extract: Mapping[str, Frame] | None = None
@@ -116,13 +95,13 @@ def audit_shard(task: ShardTask) -> ShardResult:
         table = _read_table(task, path, name, result)
         if table is not None:
             result.rows[name] = table.num_rows
-            result.type_problems[path] = type_problems(table.schema, name)
-            result.metadata_problems[path] = [] if result.type_problems[path] else metadata_problems(table.schema, name)
+            wrong = result.type_mismatches[path] = list(type_mismatches(table.schema, name))
+            result.metadata_mismatches[path] = [] if wrong else list(metadata_mismatches(table.schema, name))
             tables[name] = table
     frames = tables.get("frames")
-    if frames is not None and not result.type_problems[f"{task.folder}/{TABLES['frames'].file_name}"]:
+    if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
         result.num_images = frames.num_rows
-        result.media_sightings = list(media_sightings(task.root, task.folder, task.files, frames))
+        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames))
     _judge(task, tables, result)
     return result
 
@@ -167,38 +146,6 @@ def _release_memory() -> None:
     pa.default_memory_pool().release_unused()
 
 
-def _plain(kind: pa.DataType) -> pa.DataType:
-    """The type of a column's values; text may come as a dictionary, other values may not."""
-    import pyarrow as pa
-
-    return kind.value_type if pa.types.is_dictionary(kind) and pa.types.is_string(kind.value_type) else kind
-
-
-def type_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
-    """Columns of the stored table `name` that are missing, undeclared or of another type."""
-    declared = table_schema(name)
-    there = set(schema.names)
-    problems = [ColumnProblem(f.name, f"{f.type}", "no such column") for f in declared if f.name not in there]
-    for column in schema:
-        if column.name not in declared.names:
-            problems.append(ColumnProblem(column.name, "no undeclared column", f"{column.type}"))
-        elif not _plain(column.type).equals(declared.field(column.name).type):
-            problems.append(ColumnProblem(column.name, f"{declared.field(column.name).type}", f"{_plain(column.type)}"))
-    return problems
-
-
-def metadata_problems(schema: pa.Schema, name: str) -> list[ColumnProblem]:
-    """Columns of the stored table `name` whose unit, frame, shape or track is not recorded as declared."""
-    problems = []
-    for column in declared_table(name).columns:
-        stored = schema.field(column.name).metadata or {}
-        for key in CHECKED_METADATA:
-            wanted, found = column.metadata.get(key), stored.get(key.encode())
-            if wanted != (found.decode("utf-8", "replace") if found is not None else None):
-                problems.append(ColumnProblem(column.name, f"{key} {wanted!r}", f"{found!r}"))
-    return problems
-
-
 def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> None:
     reason = None
     if task.descriptor is None:
@@ -209,7 +156,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         path, limit = f"{task.folder}/{TABLES['rollouts'].file_name}", spec_limits().max_shard_rollouts
         reason = f"{task.folder} has {tables['rollouts'].num_rows} rollouts; the limit is {limit}"
         result.over_limit[path] = reason
-    elif any(result.type_problems.values()):
+    elif any(result.type_mismatches.values()):
         reason = f"{task.folder} has tables with undeclared columns or types"
     if task.descriptor is None or reason is not None:
         result.tallies = {

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
@@ -36,9 +36,7 @@ from branchdrive.dataset.manifest import Manifest, ManifestProblem, parse_manife
 from branchdrive.dataset.untrusted import open_file, read_file
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.file_error import machine_faults
-
-if TYPE_CHECKING:
-    from branchdrive.audit.shard import ShardResult
+from branchdrive.files.shard_facts import ShardFacts
 
 __all__ = ["Entry", "Survey", "take_survey"]
 
@@ -86,7 +84,7 @@ class Survey:
     is_hashed: bool = True
     digests: dict[str, str] = field(default_factory=dict)
     unreadable: dict[str, str] = field(default_factory=dict)
-    shards: tuple[ShardResult, ...] = ()
+    shards: tuple[ShardFacts, ...] = ()
 
     @cached_property
     def files(self) -> tuple[Entry, ...]:
@@ -150,7 +148,7 @@ class Survey:
         """This survey with digests of further files."""
         return replace(self, digests={**self.digests, **digests}, unreadable={**self.unreadable, **unreadable})
 
-    def with_shards(self, shards: tuple[ShardResult, ...]) -> Survey:
+    def with_shards(self, shards: tuple[ShardFacts, ...]) -> Survey:
         """This survey with the shards' results and digests merged in."""
         digests, unreadable = dict(self.digests), dict(self.unreadable)
         for shard in shards:

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView, StreamView, TableView
+from branchdrive.audit.view import StreamView, TableView
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["EVIDENCE_OFFSETS", "take_float", "window_rows"]
 

@@ -5,12 +5,13 @@ Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.audit.engine import Progress, audit_shards, judge_files
 from branchdrive.audit.extract.shard import merge
+from branchdrive.audit.shard import ShardResult
 from branchdrive.audit.survey import Survey, take_survey
 from branchdrive.audit.worker import Executor
 from branchdrive.contract.descriptor import Descriptor
@@ -61,7 +62,7 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     for message in errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
         raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
-    for problem in (*_damage(survey), *_breaches(survey)):
+    for problem in (*_damage(survey), *_breaches(survey, results)):
         raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and mend the raw layer first")
     lacking = next((shard.no_extract for shard in results if shard.extract is None), None)
     if lacking is not None:
@@ -111,9 +112,9 @@ def _damage(survey: Survey) -> Iterator[str]:
             return
 
 
-def _breaches(survey: Survey) -> Iterator[str]:
+def _breaches(survey: Survey, results: Sequence[ShardResult]) -> Iterator[str]:
     """Structure rules that the raw layer breaks."""
-    for shard in survey.shards:
+    for shard in results:
         for tally in shard.tallies.values():
             if tally.info.decides and tally.num_findings:
                 yield f"{shard.folder} breaks {tally.rule_id} ({tally.info.title})"

@@ -26,8 +26,9 @@ from branchdrive.derive.layer.fidelity import (
     with_passes,
     with_validity,
 )
+from branchdrive.derive.layer.frame import of_groups
 from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.model import action_rows, context_rows, near_duplicate_flags, of_groups
+from branchdrive.derive.layer.model import action_rows, context_rows
 from branchdrive.derive.layer.normalisation import normalisation_document
 from branchdrive.derive.layer.partition import (
     assignment_of,
@@ -38,6 +39,7 @@ from branchdrive.derive.layer.partition import (
 )
 from branchdrive.derive.layer.population import population_document
 from branchdrive.derive.layer.variants import Variant, variants_document
+from branchdrive.derive.near_duplicate import near_duplicate_flags
 from branchdrive.derive.split import Calibration
 from branchdrive.errors import DatasetError
 

@@ -13,15 +13,23 @@ Source: paper V-E (partitions share no context); the measure is this project's c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.derive.feature import SENSOR_PROFILE
+from branchdrive.derive.history import HistoryInput
+from branchdrive.derive.layer.arrays import pack_history
+from branchdrive.derive.layer.frame import Frame, of_groups
+from branchdrive.derive.normalisation import fit_controls, fit_state, training
 from branchdrive.derive.split import TRAINING
 
-__all__ = ["QUANTILE", "TOLERANCE", "NearDuplicates", "Nearest", "history_vectors", "near_duplicates", "nearest_other"]
+__all__ = [
+    "QUANTILE", "TOLERANCE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
+    "history_vectors", "near_duplicate_flags", "near_duplicates", "nearest_other",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -163,3 +171,61 @@ def _distance(points: Array, a: Index, b: Index) -> Array:
         for start in range(0, len(a), at_once)
     ]
     return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def duplicates_among(
+    state: Frame, past_controls: Frame, groups: Sequence[str], assignment: Mapping[str, str]
+) -> NearDuplicates:
+    """Near duplicates among `groups`, by histories that are scaled on those of them that are in training.
+
+    Args:
+        state: Rows of the table `state`, of these groups and no others.
+        past_controls: Rows of the table `past_controls`, of the same groups.
+        groups: Groups in sorted order.
+        assignment: Partition by group id.
+
+    Raises:
+        ValueError: Fewer than two groups are in training.
+        DatasetError: A group lacks a row.
+    """
+    histories = [pack_history(state, "state", groups), pack_history(past_controls, "past_controls", groups)]
+    fitted_on = training(groups, assignment)
+    scaled = []
+    for values, fit in zip(histories, (fit_state, fit_controls), strict=True):
+        history = HistoryInput(values, np.asarray(np.isfinite(values).all(axis=2)))
+        scaled.append(fit(history, SENSOR_PROFILE, fitted_on).apply(values))
+    return near_duplicates(history_vectors(*scaled), [assignment[group] for group in groups])
+
+
+class DuplicateFlags(NamedTuple):
+    """Groups outside of training that are near duplicates, and those of which last bits decide, ``[groups]`` each."""
+
+    flagged: NDArray[np.bool_]
+    doubtful: NDArray[np.bool_]
+
+
+def near_duplicate_flags(
+    groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]
+) -> NDArray[np.bool_]:
+    """Which groups are core-valid, outside of training, and near duplicates across partitions ``[groups]``."""
+    return duplicate_flags(groups, state, past_controls, assignment).flagged
+
+
+def duplicate_flags(groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]) -> DuplicateFlags:
+    """Core-valid groups outside of training that are near duplicates across partitions, and how surely.
+
+    Nothing is compared where fewer than two core-valid groups are in training.
+
+    Args:
+        groups: Rows of `group_quality` with `core_valid`.
+        state: Rows of the table `state` of at least the core-valid groups.
+        past_controls: Rows of the table `past_controls`, likewise.
+        assignment: Partition by group id.
+    """
+    valid = sorted(groups["group_id"][np.asarray(groups["core_valid"], bool)].tolist())
+    if sum(assignment[group] == TRAINING for group in valid) < 2:
+        return DuplicateFlags(*np.zeros((2, len(groups["group_id"])), bool))
+    found = duplicates_among(of_groups(state, valid), of_groups(past_controls, valid), valid, assignment)
+    judged = {group: row for row, group in enumerate(valid) if assignment[group] != TRAINING}
+    rows = [judged.get(group, len(valid)) for group in groups["group_id"].tolist()]
+    return DuplicateFlags(*(np.append(told, False)[rows] for told in (found.flagged, found.doubtful)))

@@ -43,11 +43,11 @@ from branchdrive.derive.layer.fidelity import (
 )
 from branchdrive.derive.layer.frame import Frame, sort_rows
 from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.model import near_duplicate_flags
 from branchdrive.derive.layer.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.derive.layer.population import population_document
 from branchdrive.derive.layer.variants import declared_of, variants_document
 from branchdrive.derive.leakage.sequence import Unavailable
+from branchdrive.derive.near_duplicate import near_duplicate_flags
 
 __all__ = [
     "BUILT", "LEAKAGE", "LEDGER", "POPULATION", "RETENTION", "SOURCE", "SPLIT", "STEPS", "THRESHOLDS", "VARIANTS",

@@ -16,10 +16,10 @@ from tests.synthetic import BRANCH_TICK, Plan
 
 from branchdrive.audit.examine import examine
 from branchdrive.audit.finding import Finding
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import rules_of
+from branchdrive.raw.shard_view import ShardView
 
 VALUE_RULES = {rule_id for rule_id in rules_of("rows") if rule_id.split("-")[1] in ("VAL", "BOX", "NUL")}
 DESCRIPTOR = Descriptor.model_validate(synthetic.media_descriptor())

@@ -11,8 +11,8 @@ from tests import synthetic
 from tests.each import each
 
 from branchdrive.audit.examine import examine
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.raw.shard_view import ShardView
 
 DESCRIPTOR = Descriptor.model_validate(synthetic.descriptor())
 SHARD, QUIET_SHARD = synthetic.SHARDS

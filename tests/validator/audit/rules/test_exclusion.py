@@ -16,9 +16,9 @@ from branchdrive.audit.examine import examine
 from branchdrive.audit.finding import Finding
 from branchdrive.audit.report import Report
 from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
+from branchdrive.raw.shard_view import ShardView
 
 MIDDLE = BRANCH_TICK + 10
 STREAMS = ("controls", "observations", "actors", "evidence")

@@ -16,9 +16,9 @@ from tests.validator.audit.rules.case import BRAKE, NOMINAL
 
 from branchdrive.audit.engine import validate
 from branchdrive.audit.selection import select_candidates
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.raw.shard_view import ShardView
 
 DESCRIPTOR = Descriptor.model_validate(synthetic.descriptor())
 KEYS = DESCRIPTOR.action_bank.keys

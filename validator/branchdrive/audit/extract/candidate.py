@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.bank import ActionBank
 from branchdrive.derive.layer.frame import Values
+from branchdrive.raw.shard_view import ShardView
 
 if TYPE_CHECKING:
     from branchdrive.audit.examination import Examination

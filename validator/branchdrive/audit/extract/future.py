@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
 from branchdrive.audit.window import take_float, window_rows
 from branchdrive.contract.timing import FUTURE_OFFSETS
 from branchdrive.derive.angle import wrap_rad
@@ -23,6 +22,7 @@ from branchdrive.derive.target import (
     scalar_targets,
     trajectory,
 )
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["candidate_columns", "scalar_columns", "targets_of", "trajectory_columns"]
 

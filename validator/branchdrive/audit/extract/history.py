@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
 from branchdrive.audit.window import window_rows
 from branchdrive.contract.columns import LAYER_TABLES, Column
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.derive.feature import SENSOR_PROFILE
 from branchdrive.derive.history import CONTROL_WINDOW, STATE_WINDOW, control_history, state_history
 from branchdrive.derive.layer.frame import Values
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["INPUT_TABLES", "empty_columns", "inputs_of"]
 

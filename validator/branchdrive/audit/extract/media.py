@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.extract.history import empty_columns
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.derive.layer.frame import Values
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["media_columns"]
 

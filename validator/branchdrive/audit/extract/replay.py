@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
 from branchdrive.audit.window import window_rows
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS
 from branchdrive.derive.discrepancy import (
@@ -23,6 +22,7 @@ from branchdrive.derive.discrepancy import (
     extended_discrepancy,
 )
 from branchdrive.derive.layer.frame import Values
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["Pairs", "discrepancies", "history_of", "pair_columns"]
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.extract.replay import Pairs
-from branchdrive.audit.view import ShardView
 from branchdrive.audit.window import window_rows
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.timing import HISTORY_OFFSETS, PREDECESSOR_OFFSET
@@ -18,6 +17,7 @@ from branchdrive.derive.layer.frame import Frame
 from branchdrive.derive.leakage.ego import EGO_NAMES, ego_frames
 from branchdrive.derive.leakage.inputs import ReplayInputs
 from branchdrive.derive.threshold import VARIABLES
+from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["AVAILABILITY_NAMES", "CONTROL_NAMES", "replay_facts", "replay_inputs"]
 

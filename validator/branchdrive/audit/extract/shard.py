@@ -20,9 +20,9 @@ from branchdrive.audit.extract.media import media_columns
 from branchdrive.audit.extract.replay import Pairs, pair_columns
 from branchdrive.audit.extract.replay_input import replay_facts
 from branchdrive.audit.extract.standing import attempt_quality, group_standing, nominal_replays
-from branchdrive.audit.view import ShardView
 from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.derive.layer.frame import Frame, concat
+from branchdrive.raw.shard_view import ShardView
 
 if TYPE_CHECKING:
     from branchdrive.audit.examination import Examination

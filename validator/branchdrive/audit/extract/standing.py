@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.funnel import STAGES
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import StreamView
 from branchdrive.audit.window import EVIDENCE_OFFSETS
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.timing import (
@@ -22,6 +22,7 @@ from branchdrive.contract.timing import (
     PREDECESSOR_OFFSET,
 )
 from branchdrive.derive.layer.frame import Values
+from branchdrive.raw.shard_view import ShardView
 
 if TYPE_CHECKING:
     from branchdrive.audit.examination import Examination

@@ -21,7 +21,6 @@ from branchdrive.audit.judge import judge
 from branchdrive.audit.release.compare import place
 from branchdrive.audit.release.view import RawLayer, ReleaseView
 from branchdrive.audit.rules.quality import POPULATION
-from branchdrive.audit.shard import CHECKED_METADATA, ColumnProblem, metadata_problems, type_problems
 from branchdrive.audit.tally import Tally
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
@@ -35,6 +34,7 @@ from branchdrive.dataset.parquet import decode_table
 from branchdrive.dataset.untrusted import open_file
 from branchdrive.derive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.tables.schema import CHECKED_METADATA, metadata_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -191,28 +191,27 @@ def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: 
     except DecodeError as error:
         files.note("BD-LYR-002", Mismatch({"file": path}, "a table that decodes within the limits", str(error)))
         return
-    wrong = type_problems(table.schema, name)
-    for problem in wrong:
-        place: Location = {"file": path, "column": problem.column}
-        files.note("BD-LYR-003", Mismatch(place, problem.expected, problem.found))
+    wrong = list(type_mismatches(table.schema, name))
+    for found in wrong:
+        files.note("BD-LYR-003", replace(found, location={"file": path, **found.location}))
     if not wrong:
         files.tables[name] = table
-        for problem in (*metadata_problems(table.schema, name), *_undeclared_metadata(table.schema, name)):
-            files.note(
-                "BD-LYR-004", Mismatch({"file": path, "column": problem.column}, problem.expected, problem.found)
-            )
+        for found in (*metadata_mismatches(table.schema, name), *_undeclared_metadata(table.schema, name)):
+            files.note("BD-LYR-004", replace(found, location={"file": path, **found.location}))
 
 
-def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[ColumnProblem]:
+def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
     """What a table of a derived layer stores beside its rows and the declared metadata of its columns."""
     for key in schema.metadata or {}:
-        yield ColumnProblem("", "no metadata of the file", printable(key.decode("utf-8", "replace")))
+        yield Mismatch({"column": ""}, "no metadata of the file", printable(key.decode("utf-8", "replace")))
     for column in LAYER_TABLES[name].columns:
         declared = {key.encode(): value.encode() for key, value in column.metadata.items()}
         for key, value in (schema.field(column.name).metadata or {}).items():
             if key in (*_FORMAT_KEYS, *_JUDGED_KEYS) or declared.get(key) == value:
                 continue
-            yield ColumnProblem(column.name, "declared metadata alone", printable(key.decode("utf-8", "replace")))
+            yield Mismatch(
+                {"column": column.name}, "declared metadata alone", printable(key.decode("utf-8", "replace"))
+            )
 
 
 def _read_document(task: ReleaseTask, path: str, schema: str, files: _Files, result: ReleaseResult) -> None:

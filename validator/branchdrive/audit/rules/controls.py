@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, quote
 from branchdrive.contract.policy import ACTUATORS
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 Rows = NDArray[np.int64]
 

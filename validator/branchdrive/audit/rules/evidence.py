@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.pairs import deciding_pairs, pairs_of_frame
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, quote
 from branchdrive.contract.rule import rule
 from branchdrive.derive.risk import CUTOFF_SLACK, FrameRisk, frame_risk, risk_candidates
+from branchdrive.raw.shard_view import ShardView
 
 Array = NDArray[np.float64]
 

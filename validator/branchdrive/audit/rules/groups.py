@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.selection import Selection
-from branchdrive.audit.view import ShardView, TableView
+from branchdrive.audit.view import TableView
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, quote
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 
 @rule("BD-BNK-001")

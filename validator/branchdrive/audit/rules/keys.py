@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.audit.survey import Survey
-from branchdrive.audit.view import ShardView, TableView
+from branchdrive.audit.view import TableView
 from branchdrive.contract.mismatch import Check, Mask, Mismatch, quote
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 ATTEMPT_KEY = ("group_id", "role", "action_key", "protocol_variant", "attempt")
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from branchdrive.audit.survey import Survey
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.mismatch import Check, quote
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 
 @rule("BD-FRM-001")
@@ -35,7 +35,7 @@ def images_are_where_the_index_says(survey: Survey) -> Iterator[Check]:
     found = [
         sighting
         for shard in survey.shards
-        for sighting in shard.media_sightings
+        for sighting in shard.media_mismatches
         if not survey.is_condemned(str(sighting.location["file"]))
     ]
     yield Check.of(sum(shard.num_images for shard in survey.shards), tuple(found))

@@ -29,7 +29,7 @@ from branchdrive.derive.feature import SENSOR_PROFILE
 from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
 from branchdrive.derive.layer.features import HISTORIES, feature_problems, target_mask
 from branchdrive.derive.layer.frame import Frame, align, take
-from branchdrive.derive.layer.model import action_rows, context_rows, duplicates_among
+from branchdrive.derive.layer.model import action_rows, context_rows
 from branchdrive.derive.layer.normalisation import recompute_problems
 from branchdrive.derive.layer.partition import assignment_of
 from branchdrive.derive.target import TARGETS, TRAJECTORY
@@ -43,7 +43,8 @@ def _contexts(view: ReleaseView) -> Frame:
     return context_rows(view.frame("group_quality"), view.frame("records"))
 
 
-def _groups(view: ReleaseView) -> list[str]:
+def context_groups(view: ReleaseView) -> list[str]:
+    """Groups of the contexts, in stored order."""
     groups: list[str] = view.frame("contexts")["group_id"].tolist()
     return groups
 
@@ -90,14 +91,17 @@ def histories_are_complete(view: ReleaseView) -> Iterator[Check]:
     """
     for table, history in HISTORIES.items():
         is_there = table != "surroundings" or "actor_risk_evidence" in view.descriptor.streams
-        groups = _groups(view) if is_there else []
+        groups = context_groups(view) if is_there else []
         yield from _complete(view, table, {"group_id": [*groups], "offset_ticks": [*history.offsets]})
 
 
 @rule("BD-MOD-004")
 def candidates_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Every action of the bank, and every step of its trajectory, for every context."""
-    axes: dict[str, list[object]] = {"group_id": [*_groups(view)], "action_key": [*view.descriptor.action_bank.keys]}
+    axes: dict[str, list[object]] = {
+        "group_id": [*context_groups(view)],
+        "action_key": [*view.descriptor.action_bank.keys],
+    }
     for table in ("candidates", "scalars"):
         yield from _complete(view, table, axes)
     yield from _complete(view, "trajectories", {**axes, "step": [*range(1, FUTURE_OBSERVATIONS + 1)]})
@@ -288,7 +292,7 @@ def model_arrays(view: ReleaseView) -> ModelArrays:
     tables = ("state", "past_controls", "expert", "surroundings", "actions", "scalars", "trajectories")
     try:
         return pack_arrays(
-            {name: view.frame(name) for name in tables}, sorted(_groups(view)), view.descriptor.action_bank.keys
+            {name: view.frame(name) for name in tables}, sorted(context_groups(view)), view.descriptor.action_bank.keys
         )
     except DatasetError as error:
         raise PreconditionError(f"the model layer is incomplete: {error}") from error
@@ -312,26 +316,3 @@ def normalisation_carries_the_split(view: ReleaseView) -> Iterator[Check]:
     """The split digest of the normalisation is that of the split."""
     digest, found = view.document(SPLIT)["digest"], view.document(NORMALISATION)["split_digest"]
     yield problems_found(NORMALISATION, 1, [("/split_digest", digest, found)] if digest != found else [])
-
-
-@rule("BD-MOD-020")
-def contexts_are_no_near_duplicates(view: ReleaseView) -> Iterator[Check]:
-    """No context all but repeats one of another partition."""
-    contexts, groups = view.frame("contexts"), sorted(_groups(view))
-    homes = dict(zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True))
-    try:
-        found = duplicates_among(view.frame("state"), view.frame("past_controls"), groups, homes)
-    except (ValueError, DatasetError) as error:
-        raise PreconditionError(f"contexts cannot be compared: {error}") from error
-    wanted = f"a distance of at least {found.threshold:.3g} to other partitions"
-    yield Check.of(
-        found.num_examined,
-        [
-            Mismatch(
-                {"file": "model/contexts.parquet", "table": "contexts", "group_id": groups[row]},
-                wanted,
-                f"{found.nearest.distance[row]:.3g} to {groups[int(found.nearest.row[row])]}",
-            )
-            for row in np.flatnonzero(found.flagged & ~found.doubtful).tolist()
-        ],
-    )

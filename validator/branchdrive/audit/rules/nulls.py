@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView, Tables, TableView
+from branchdrive.audit.view import Tables, TableView
 from branchdrive.contract.columns import Availability, Column, declared_table
 from branchdrive.contract.mismatch import Check, quote
 from branchdrive.contract.rule import rule
 from branchdrive.derive.risk import MIN_CLOSING_MPS, RANGE_M
+from branchdrive.raw.shard_view import ShardView
 
 IMPOSSIBLE_TTC_S = RANGE_M / MIN_CLOSING_MPS
 """500 s, all the range at the slowest closing speed: no time to collision can lie beyond."""

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
-from branchdrive.audit.release.compare import place, problems_found
+from branchdrive.audit.release.compare import problems_found
 from branchdrive.audit.release.view import ReleaseView
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.derive.layer.frame import num_rows
-from branchdrive.derive.layer.model import duplicate_flags
 from branchdrive.derive.layer.partition import ALGORITHM, assignment_of, calibration_of, cluster_of_groups, clusters_of
 from branchdrive.derive.layer.problem import Problem
 from branchdrive.derive.layer.split_problem import (
@@ -77,27 +74,6 @@ def split_counts_recompute(view: ReleaseView) -> Iterator[Check]:
     """Counts of groups and clusters are those of the stored assignment."""
     document, groups = view.document(SPLIT), view.frame("group_quality")
     yield problems_found(SPLIT, 1 + 2 * len(document["partitions"]), count_problems(document, groups))
-
-
-@rule("BD-SPL-007")
-def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
-    """Core-valid groups outside of training that all but repeat a context of another partition are marked."""
-    groups, frames = view.frame("group_quality"), view.extract
-    complete = set(frames["routes"]["group_id"].tolist())
-    judged = np.asarray(groups["core_valid"], bool)
-    if not set(groups["group_id"][judged].tolist()) <= complete & assignment_of(groups).keys():
-        judged &= np.array([g in complete and g in assignment_of(groups) for g in groups["group_id"].tolist()])
-    expected, doubtful = duplicate_flags(
-        {**groups, "core_valid": judged}, frames["state"], frames["past_controls"], assignment_of(groups)
-    )
-    bad = np.flatnonzero((expected != np.asarray(groups["near_duplicate"], bool)) & ~doubtful)
-    words = {True: "a near duplicate", False: "no near duplicate"}
-
-    def mismatch(row: int) -> Mismatch:
-        where = place("group_quality", groups, row, "near_duplicate")
-        return Mismatch(where, words[bool(expected[row])], words[not expected[row]])
-
-    yield Check(len(expected), bad, mismatch)
 
 
 @rule("BD-SPL-008")

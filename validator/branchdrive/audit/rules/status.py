@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.mismatch import Check, Mask, Mismatch, quote
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 ATTEMPT_IS_COMPLETE = "BD-STA-001"
 """The one rule on attempts that are not complete; every other rule examines complete ones."""

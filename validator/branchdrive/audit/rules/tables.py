@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 from branchdrive.audit.survey import Survey
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
-
-if TYPE_CHECKING:
-    from branchdrive.audit.shard import ColumnProblem
 
 
 @rule("BD-TAB-001")
@@ -26,27 +23,27 @@ def tables_decode(survey: Survey) -> Iterator[Check]:
     yield Check.of(sum(shard.num_tables for shard in survey.shards) - num_damaged, tuple(found))
 
 
-def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[ColumnProblem]]]) -> Check:
+def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[Mismatch]]]) -> Check:
     """Problems of columns by file and shard; every decoded table was examined."""
-    found = [
-        Mismatch({"file": path, "column": problem.column}, problem.expected, problem.found)
+    every = [
+        replace(found, location={"file": path, **found.location})
         for files in shards
-        for path, problems in files.items()
-        for problem in problems
+        for path, mismatches in files.items()
+        for found in mismatches
     ]
-    return Check.of(sum(len(shard.rows) for shard in survey.shards), tuple(found))
+    return Check.of(sum(len(shard.rows) for shard in survey.shards), every)
 
 
 @rule("BD-TAB-002")
 def tables_have_declared_columns(survey: Survey) -> Iterator[Check]:
     """Names and types of the columns are those of columns.json."""
-    yield _columns(survey, [shard.type_problems for shard in survey.shards])
+    yield _columns(survey, [shard.type_mismatches for shard in survey.shards])
 
 
 @rule("BD-TAB-003")
 def columns_carry_metadata(survey: Survey) -> Iterator[Check]:
     """Unit, frame, shape and track of every column are recorded as declared."""
-    yield _columns(survey, [shard.metadata_problems for shard in survey.shards])
+    yield _columns(survey, [shard.metadata_mismatches for shard in survey.shards])
 
 
 @rule("BD-TAB-004")

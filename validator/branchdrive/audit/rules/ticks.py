@@ -9,10 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import StreamView
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.raw.shard_view import ShardView
 
 
 def _steps(stream: StreamView, step: int, subjects: Mask) -> Check:

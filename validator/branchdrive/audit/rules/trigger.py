@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.audit.view import ShardView
 from branchdrive.contract.mismatch import Check, Mask, Mismatch, quote
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 
 @rule("BD-TRG-001")

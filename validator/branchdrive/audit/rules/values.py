@@ -9,11 +9,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView, Tables, TableView
+from branchdrive.audit.view import Tables, TableView
 from branchdrive.contract.columns import PATTERNS, Column, declared_table
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Check, quote
 from branchdrive.contract.rule import rule
+from branchdrive.raw.shard_view import ShardView
 
 MAX_EXTENT_M = 100.0
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView, StreamView
+from branchdrive.audit.view import StreamView
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import (
@@ -20,6 +20,7 @@ from branchdrive.contract.timing import (
     HISTORY_OFFSETS,
     PREDECESSOR_OFFSET,
 )
+from branchdrive.raw.shard_view import ShardView
 
 
 def _ticks_missing(view: ShardView, stream: StreamView, low: int, high: int) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Alignment", "Frame", "align", "concat", "num_rows", "repeated_rows", "sort_rows", "take"]
+__all__ = ["Alignment", "Frame", "align", "concat", "num_rows", "of_groups", "repeated_rows", "sort_rows", "take"]
 
 Values: TypeAlias = "NDArray[Any] | np.ma.MaskedArray[Any, Any]"
 Frame: TypeAlias = Mapping[str, Values]
@@ -46,6 +46,12 @@ def num_rows(frame: Frame) -> int:
 def take(frame: Frame, rows: NDArray[Any]) -> dict[str, Values]:
     """Rows by index or mask, in that order."""
     return {name: values[rows] for name, values in frame.items()}
+
+
+def of_groups(frame: Frame, groups: Sequence[str]) -> dict[str, Values]:
+    """Rows of `groups`, in the order of the frame."""
+    wanted = set(groups)
+    return take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
 
 
 def concat(frames: Sequence[Frame]) -> dict[str, Values]:

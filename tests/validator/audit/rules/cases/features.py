@@ -9,9 +9,9 @@ from tests.validator.audit.rules.release import SPLIT, ReleaseDraft
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
-from branchdrive.derive.layer.model import duplicates_among
 from branchdrive.derive.layer.normalisation import normalisation_document
 from branchdrive.derive.layer.partition import assignment_of
+from branchdrive.derive.near_duplicate import duplicates_among
 
 FEATURES, NORMALISATION = "model/features.json", "model/normalisation.json"
 TABLES = ("state", "past_controls", "expert", "surroundings", "actions", "scalars", "trajectories")
