@@ -19,16 +19,17 @@ from benchmarks.command import memory, minutes, run_branchdrive, run_module, siz
 from benchmarks.row import Row
 from benchmarks.staged import StageCost
 from benchmarks.validation import time_validation
-from branchdrive.audit.extract.replay_input import replay_inputs
-from branchdrive.audit.worker import isolated
-from branchdrive.build.layers import BuiltLayers, load_layers
-from branchdrive.build.scan import RawScan, scan_raw
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.layout import LEAKAGE_FILE
-from branchdrive.derive.layer.wording import leakage_sentences, opening_sentence, target_sentences
-from branchdrive.derive.leakage.gate_input import gate_features
-from branchdrive.derive.leakage.protocol import Protocol
+from branchdrive.contract.layout import LEAKAGE_FILE
+from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
+from branchdrive.leakage.gate_input import gate_features
+from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.replays import replay_inputs
+from branchdrive.leakage.text import leakage_sentences
+from branchdrive.quality.text import opening_sentence, target_sentences
+from branchdrive.release.layers import BuiltLayers, load_layers
+from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 
 __all__ = ["FOLDER", "ReleaseBench", "rows"]

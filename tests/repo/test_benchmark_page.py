@@ -11,11 +11,11 @@ from types import ModuleType
 from tests.each import each
 from tests.repo.checkout import ROOT
 
+from branchdrive.benchmark.openings import EVENTS, opened, warnings
+from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
 from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
-from branchdrive.derive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect

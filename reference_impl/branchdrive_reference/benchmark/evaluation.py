@@ -13,26 +13,33 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.cli.progress import Update
-from branchdrive.contract.document import dump_json
-from branchdrive.dataset.layout import BENCHMARK, LEDGER_FILE, LOCK_FILE, OPENINGS_FILE, RANKING_LOCK_FILE, RESULTS_FILE
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.lock import (
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
+from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.lock import (
     changed_checkpoints,
     lock_digest,
     ranking_lock_document,
     risk_fit_of,
     unlocked_models,
 )
-from branchdrive.derive.benchmark.openings import EVENTS, is_opened, opened, warnings
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.derive.benchmark.ranking_result import utility_scale
-from branchdrive.derive.benchmark.results import noise_of as stored_noise
-from branchdrive.derive.benchmark.results import results_document
-from branchdrive.derive.benchmark.tables import render_tables
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise
-from branchdrive.derive.guard.risk_fit import RiskFit
+from branchdrive.benchmark.openings import EVENTS, is_opened, opened, warnings
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.results import noise_of as stored_noise
+from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.tables import render_tables
+from branchdrive.cli.progress import Update
+from branchdrive.contract.document import dump_json
+from branchdrive.contract.layout import (
+    BENCHMARK,
+    LEDGER_FILE,
+    LOCK_FILE,
+    OPENINGS_FILE,
+    RANKING_LOCK_FILE,
+    RESULTS_FILE,
+)
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
@@ -138,7 +145,7 @@ def _said(
     unlocked: Sequence[str],
     changed: Sequence[str],
 ) -> list[str]:
-    """What every table warns of; see `branchdrive.derive.benchmark.openings.warnings`."""
+    """What every table warns of; see `branchdrive.benchmark.openings.warnings`."""
     return warnings(
         openings,
         unlocked=unlocked,

@@ -6,11 +6,11 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.dataset.layout import LOCK_FILE
-from branchdrive.dataset.manifest import derived_identity
-from branchdrive.derive.benchmark.lock import LockFacts, changed_checkpoints, lock_problems
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.lock import LockFacts, changed_checkpoints, lock_problems
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.contract.layout import LOCK_FILE
 from branchdrive.errors import UsageError
+from branchdrive.formats.manifest import derived_identity
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace

@@ -14,14 +14,14 @@ from typing import Any
 
 from branchdrive.contract.document import parse_json, schema_violations
 from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.frame import from_arrow
-from branchdrive.dataset.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
-from branchdrive.dataset.manifest import Manifest, parse_manifest
-from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.dataset.table_file import read_table
-from branchdrive.dataset.untrusted import open_file, read_file
 from branchdrive.errors import DatasetError
+from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.table_file import read_table
+from branchdrive.formats.untrusted import open_file, read_file
+from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.tables.arrow import from_arrow
 
 __all__ = ["Release", "open_release"]
 

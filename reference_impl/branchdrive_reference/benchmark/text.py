@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.contract.mismatch import printable
-from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
-from branchdrive.derive.benchmark.table.comparison import comparison_notes
-from branchdrive.derive.metric.sign_flip import p_text
+from branchdrive.benchmark.promise import UNGUARDED, noise_floor, promises
+from branchdrive.benchmark.table.comparison import comparison_notes
+from branchdrive.contract.text import printable
+from branchdrive.statistics.sign_flip import p_text
 
 __all__ = ["render_results"]
 

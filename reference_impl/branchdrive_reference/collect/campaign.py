@@ -8,9 +8,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from branchdrive.dataset.layout import DESCRIPTOR_FILE
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
+from branchdrive.writer.writer import DatasetWriter
 from branchdrive_reference.collect.collection import collection_descriptor
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
 from branchdrive_reference.collect.group import GroupReport

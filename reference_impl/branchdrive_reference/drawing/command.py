@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
-from branchdrive.contract.mismatch import printable
+from branchdrive.contract.text import printable
 from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.plotting import load_matplotlib

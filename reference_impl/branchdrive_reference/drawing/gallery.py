@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from branchdrive.dataset.reader import Dataset
 from branchdrive.errors import UsageError
+from branchdrive.raw.reader import Dataset
 from branchdrive_reference.drawing.file_name import picture_path
 from branchdrive_reference.drawing.scene import Scene, read_scene
 from branchdrive_reference.study.label import label

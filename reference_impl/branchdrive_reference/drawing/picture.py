@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from branchdrive.contract.timing import TICK_S
-from branchdrive.file_error import named
+from branchdrive.formats.file_error import named
 from branchdrive_reference.drawing.actors import draw_actors, draw_ego
 from branchdrive_reference.drawing.futures import draw_futures, draw_history, draw_route
 from branchdrive_reference.drawing.legend import draw_axes_of_world, draw_legend, draw_scale

@@ -15,9 +15,9 @@ from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.policy import Policy
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
-from branchdrive.dataset.group import BranchGroup
-from branchdrive.dataset.rollout import Rollout
 from branchdrive.errors import UsageError
+from branchdrive.raw.group import BranchGroup
+from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.drawing.soundness import check_scene
 from branchdrive_reference.study.bank import good_bank
 from branchdrive_reference.study.label import label

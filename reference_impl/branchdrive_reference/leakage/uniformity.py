@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.derive.leakage.gate import leakage_gate
-from branchdrive.derive.leakage.permutation import draw
-from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.gate import leakage_gate
+from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.statistics.permutation import draw
 
 __all__ = ["GateSize", "Uniformity", "gate_size", "uniformity"]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.derive.angle import wrap_rad
-from branchdrive.derive.risk import risk_evidence
+from branchdrive.driving.angle import wrap_rad
+from branchdrive.driving.risk import risk_evidence
 from branchdrive_reference.expert.plan import Cause
 from branchdrive_reference.simulation.infraction import NO_LIGHT
 from branchdrive_reference.simulation.rollout import Run

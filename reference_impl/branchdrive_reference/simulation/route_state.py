@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.angle import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.route import Route

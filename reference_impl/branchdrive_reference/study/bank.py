@@ -7,9 +7,9 @@ import pyarrow as pa
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.dataset.group import BranchGroup
-from branchdrive.dataset.rollout import ROLLOUTS, Rollout
 from branchdrive.errors import UsageError
+from branchdrive.raw.group import BranchGroup
+from branchdrive.raw.rollout import ROLLOUTS, Rollout
 from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.candidate import choose_candidates, good_attempts
 from branchdrive_reference.study.label import label, labels

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.extract.future import targets_of
-from branchdrive.audit.extract.replay import Pairs
-from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
-from branchdrive.derive.target import TARGETS
+from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
+from branchdrive.driving.target import TARGETS
+from branchdrive.model.targets import targets_of
+from branchdrive.quality.replay import Pairs
 from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.candidate import choose_candidates, good_attempts, have_complete_attempts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records

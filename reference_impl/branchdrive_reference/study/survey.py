@@ -8,9 +8,9 @@ import numpy as np
 
 from branchdrive.cli.progress import Update
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.dataset.rollout import ROLLOUTS
-from branchdrive.dataset.shard import Shard
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.raw.shard import Shard
 from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.facts import Facts, shard_facts
 from branchdrive_reference.study.fidelity import COMPARED_TABLES

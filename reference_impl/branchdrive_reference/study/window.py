@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.window import EVIDENCE_OFFSETS, window_rows
 from branchdrive.contract.timing import ACTIVE_TICKS, CONTROL_HISTORY_TICKS, PREDECESSOR_OFFSET
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import EVIDENCE_OFFSETS, window_rows
 
 __all__ = ["active_as_declared", "windows_are_whole"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.changed_input import changed_contents, poor_end, poor_ends
 
-from branchdrive.dataset.layout import (
+from branchdrive.contract.layout import (
     DESCRIPTOR_FILE,
     LOCK_FILE,
     MANIFEST_FILE,

@@ -17,7 +17,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke
 
 from branchdrive import DatasetError, UsageError, open_model
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 
 Columns = dict[str, list[Any]]
 

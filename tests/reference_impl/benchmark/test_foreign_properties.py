@@ -17,8 +17,8 @@ from tests.validator.derive.benchmark.samples import small_protocol
 from tests.validator.derive.benchmark.tiny import CANDIDATES, data
 
 from branchdrive import DatasetError
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.benchmark.foreign import read_predictions
 
 Columns = dict[str, pa.Array]

@@ -9,8 +9,8 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, make_release
 
 from branchdrive import DatasetError, UsageError
-from branchdrive.dataset.layout import layer_of
-from branchdrive.dataset.manifest import Manifest, build_manifest, write_manifest
+from branchdrive.contract.layout import layer_of
+from branchdrive.formats.manifest import Manifest, build_manifest, write_manifest
 
 
 def _finish(root: Path) -> None:

@@ -12,14 +12,14 @@ from tests.reference_impl.benchmark.small_release import contents, invoke, small
 from tests.synthetic_release import SEED, raw_descriptor, raw_tables
 from tests.validator.audit.rules.draft import Draft
 
-from branchdrive.audit.engine import validate
-from branchdrive.build.build import STAGES, build_release
-from branchdrive.build.stage import BuildOptions
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.dataset.layout import LEDGER_FILE, OPENINGS_FILE
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.derive.layer.variants import Variant
+from branchdrive.contract.layout import LEDGER_FILE, OPENINGS_FILE
+from branchdrive.engine.validate import validate
+from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.quality.variants import Variant
+from branchdrive.release.builder import STAGES, build_release
+from branchdrive.release.stage import BuildOptions
 
 OPTIONS = ("--no-guard", "--no-figures", "--format", "markdown")
 EVENTS = ("prediction_test_opened", "ranking_test_opened")

@@ -10,8 +10,8 @@ from tests.reference_impl.benchmark.small_release import contents, invoke, is_cl
 
 from branchdrive import DatasetError, UsageError
 from branchdrive.contract.document import dump_json, schema_violations
-from branchdrive.dataset.descriptor_file import read_descriptor
-from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.learning.training import EpochReport
 
 
@@ -120,7 +120,7 @@ def test_a_ranking_lock_of_another_form_is_named(benchmarked: Path) -> None:
 
 
 def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:
-    from branchdrive.build.publish import held
+    from branchdrive.release.publish import held
 
     with held(release), pytest.raises(UsageError, match="a build or a benchmark is at work there"):
         invoke("train", release, "--protocol", small_protocol)

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from tests.validator.derive.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.derive.benchmark.openings import CALIBRATION_READ
-from branchdrive.derive.benchmark.results import results_document
-from branchdrive.derive.guard.guarantee import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
-from branchdrive.derive.metric.sign_flip import p_text
+from branchdrive.benchmark.guard.guarantee import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.benchmark.openings import CALIBRATION_READ
+from branchdrive.benchmark.results import results_document
+from branchdrive.statistics.sign_flip import p_text
 from branchdrive_reference.benchmark.text import render_results
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.reference_impl.study import samples
 from tests.synthetic import bare_descriptor, group_name
 
-from branchdrive.derive.discrepancy import CORE, EXTENDED
+from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.errors import UsageError
 from branchdrive_reference.study import command
 

@@ -89,7 +89,7 @@ def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     samples.written(tmp_path / "d")
-    monkeypatch.setattr("branchdrive.dataset.table_file.written_out_bytes", lambda table: 300_000_000)
+    monkeypatch.setattr("branchdrive.formats.table_file.written_out_bytes", lambda table: 300_000_000)
     code, out, err = study(tmp_path / "d")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "its text is" in err

@@ -16,9 +16,9 @@ from tests.synthetic import BRANCH_TICK, NUM_TICKS, bare_descriptor, group_name
 from tests.validator.derive import oracle_target
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.dataset.group import BranchGroup
-from branchdrive.dataset.reader import open_dataset
-from branchdrive.dataset.rollout import Rollout
+from branchdrive.raw.group import BranchGroup
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.survey import study_dataset
 

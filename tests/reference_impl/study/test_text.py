@@ -11,7 +11,7 @@ from tests.each import each
 from tests.reference_impl.study import samples
 from tests.synthetic import group_name
 
-from branchdrive.derive.utility import PROFILES
+from branchdrive.driving.utility import PROFILES
 from branchdrive_reference.study.study import Equality, Study
 from branchdrive_reference.study.text import render_study
 

@@ -17,14 +17,14 @@ import pyarrow as pa
 import pytest
 from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 
-from branchdrive.audit import engine
-from branchdrive.audit.release import audit
-from branchdrive.audit.release.view import ReleaseView
-from branchdrive.audit.tally import Tally
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import rules_of
-from branchdrive.derive.layer.frame import Alignment, Frame
+from branchdrive.engine import layers as audit
+from branchdrive.engine import validate as engine
+from branchdrive.engine.tally import Tally
+from branchdrive.layers.view import ReleaseView
+from branchdrive.tables.frame import Alignment, Frame
 
 T = TypeVar("T")
 

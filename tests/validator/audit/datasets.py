@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tests import synthetic
 
-from branchdrive.audit.report import Report
+from branchdrive.engine.report import Report
 
 Tables = dict[str, dict[str, pa.Table]]
 

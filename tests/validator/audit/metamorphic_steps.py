@@ -18,11 +18,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from branchdrive.audit.extract.history import INPUT_TABLES, inputs_of
-from branchdrive.audit.view import StreamView
 from branchdrive.contract.timing import ACTIVE_TICKS, PREDECESSOR_OFFSET
-from branchdrive.derive.layer.frame import Values
+from branchdrive.model.inputs import INPUT_TABLES, inputs_of
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.frame import Values
+from branchdrive.tables.view import StreamView
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]

@@ -73,7 +73,7 @@ def sleep_and_tell(place: str) -> None:
 
 
 def die_at_rules(task: Any) -> Any:
-    from branchdrive.audit.shard import audit_shard
+    from branchdrive.engine.shard import audit_shard
 
     if task.folder == "raw/shard-00001" and task.descriptor is not None:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -81,7 +81,7 @@ def die_at_rules(task: Any) -> Any:
 
 
 def die_at_file(task: Any) -> Any:
-    from branchdrive.audit.shard import audit_shard
+    from branchdrive.engine.shard import audit_shard
 
     if "raw/shard-00001/actors.parquet" in task.files:
         os.kill(os.getpid(), signal.SIGKILL)

@@ -23,12 +23,12 @@ from tests.validator.audit.rules.release import release_draft
 from tests.validator.contract.changing import Place, changed, sample
 from tests.validator.contract.conforming import conforming, redrawn
 
-from branchdrive.audit.tally import Tally
 from branchdrive.contract.document import dump_json, schema_violations
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.resources import schema_dir
-from branchdrive.dataset.model_layer import open_model
+from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.model.reader import open_model
 
 NUM_CHANGES = {
     "quality/leakage.json": 50,

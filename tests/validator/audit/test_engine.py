@@ -21,9 +21,9 @@ from tests.validator.audit.datasets import (
     write,
 )
 
-from branchdrive.audit.engine import select_rules, validate
-from branchdrive.audit.waiver import Waiver
 from branchdrive.contract.rule import CATALOGUE, RULES
+from branchdrive.engine.validate import select_rules, validate
+from branchdrive.engine.waiver import Waiver
 from branchdrive.errors import UsageError
 
 
@@ -226,7 +226,7 @@ def test_a_rule_that_fails_is_an_error_and_hides_no_other_rule(
 
 def test_a_rule_that_fails_while_it_describes_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
-    monkeypatch.setattr("branchdrive.audit.rules.values.quote", raises)
+    monkeypatch.setattr("branchdrive.raw.rules.values.quote", raises)
     report = validate(root)
     assert report.verdict == "error"
     assert status(report, "BD-VAL-002") == "error"
@@ -235,7 +235,7 @@ def test_a_rule_that_fails_while_it_describes_is_an_error(tmp_path: Path, monkey
 def test_a_failure_outside_the_rules_is_an_error_with_a_report(
     valid_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.audit.examine.select_candidates", raises)
+    monkeypatch.setattr("branchdrive.engine.examine.select_candidates", raises)
     report = validate(valid_root)
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert len(report.errors) == len(synthetic.SHARDS)

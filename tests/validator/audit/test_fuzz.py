@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tests import synthetic
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.worker import Died, isolated
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import Died, isolated
 
 NUM_CASES = 90
 

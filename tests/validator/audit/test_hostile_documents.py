@@ -10,8 +10,8 @@ import pytest
 from tests import synthetic
 from tests.validator.audit.datasets import failing, status, write, write_with
 
-from branchdrive.audit.engine import validate
 from branchdrive.contract.document import schema_violations
+from branchdrive.engine.validate import validate
 
 SECRET = b"nobody may read this"
 

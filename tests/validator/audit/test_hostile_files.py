@@ -13,8 +13,8 @@ import pytest
 from tests import synthetic
 from tests.validator.audit.datasets import FOLDER, failing, write
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
+from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
 
 SECRET = b"nobody may read this"
@@ -227,8 +227,8 @@ def test_too_many_names_end_in_a_finding(tmp_path: Path, monkeypatch: pytest.Mon
     from branchdrive.contract.limits import spec_limits
 
     limits = replace(spec_limits(), max_files=4)
-    monkeypatch.setattr("branchdrive.audit.survey.spec_limits", lambda: limits)
-    monkeypatch.setattr("branchdrive.audit.rules.layout.spec_limits", lambda: limits)
+    monkeypatch.setattr("branchdrive.files.survey.spec_limits", lambda: limits)
+    monkeypatch.setattr("branchdrive.files.layout_rules.spec_limits", lambda: limits)
     report = validate(write(tmp_path / "dataset"))
     assert (report.verdict, report.errors) == ("invalid", ())
     assert "BD-LAY-007" in failing(report)
@@ -294,8 +294,8 @@ def test_a_root_that_cannot_be_listed_is_wrong_usage(tmp_path: Path, unreadable:
 
 
 def test_a_file_that_vanishes_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from branchdrive.audit import engine
-    from branchdrive.audit.shard import audit_shard
+    from branchdrive.engine import validate as engine
+    from branchdrive.engine.shard import audit_shard
 
     root = write(tmp_path / "dataset")
 

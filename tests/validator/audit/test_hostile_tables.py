@@ -30,8 +30,8 @@ from tests.validator.audit.datasets import (
 )
 from tests.validator.audit.rules.case import remembering
 
-from branchdrive.audit.engine import validate
 from branchdrive.contract.limits import spec_limits
+from branchdrive.engine.validate import validate
 
 BASE = synthetic.base_tables()[FOLDER]
 SMALL = OTHER_FOLDER
@@ -197,7 +197,7 @@ def test_text_may_be_encoded_as_a_dictionary_or_not(tmp_path: Path) -> None:
 def test_tables_over_a_limit_are_a_finding(
     bounds: dict[str, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("branchdrive.dataset.parquet", "branchdrive.audit.shard"):
+    for module in ("branchdrive.formats.parquet", "branchdrive.engine.shard"):
         monkeypatch.setattr(f"{module}.spec_limits", lambda: replace(LIMITS, **bounds))
     bare = {folder: {"controls": shard["controls"]} for folder, shard in synthetic.base_tables().items()}
     report = validate(write(tmp_path / "dataset", bare))
@@ -239,7 +239,7 @@ VALIDATE_AND_MEASURE = """
 import json, re, resource, sys
 from pathlib import Path
 from branchdrive import validate
-from branchdrive.audit.worker import isolated
+from branchdrive.engine.worker import isolated
 
 if __name__ == "__main__":
     report = validate(sys.argv[1], executor=isolated(1))

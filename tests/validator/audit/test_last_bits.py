@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from tests.validator.audit.rules.release import release_draft
 
-from branchdrive.audit import engine
-from branchdrive.audit.release import audit
-from branchdrive.audit.release.view import RawLayer, ReleaseView
-from branchdrive.audit.tally import Tally
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import rules_of
-from branchdrive.derive.layer.frame import Frame, Values
+from branchdrive.engine import layers as audit
+from branchdrive.engine import validate as engine
+from branchdrive.engine.tally import Tally
+from branchdrive.layers.view import RawLayer, ReleaseView
+from branchdrive.tables.frame import Frame, Values
 
 CALCULATED = {
     "pairs": (

@@ -23,7 +23,7 @@ from tests.validator.audit.datasets import (
 )
 from tests.validator.audit.rules.case import remembering
 
-from branchdrive.audit.engine import validate
+from branchdrive.engine.validate import validate
 
 Change = Callable[[Tables], Tables]
 

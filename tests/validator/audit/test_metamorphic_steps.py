@@ -15,9 +15,9 @@ from tests.validator.audit import metamorphic_steps
 from tests.validator.audit.datasets import FOLDER
 from tests.validator.audit.metamorphic_steps import STEPS, changed_groups
 
-from branchdrive.audit.examine import examine
-from branchdrive.audit.extract.history import inputs_of
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.engine.examine import examine
+from branchdrive.model.inputs import inputs_of
 from branchdrive.raw.shard_view import ShardView
 
 Inputs = Callable[[ShardView, Any], Any]

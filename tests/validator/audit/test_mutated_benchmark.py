@@ -22,11 +22,11 @@ from tests.validator.audit.rules.benchmark_release import (
 from tests.validator.audit.rules.case import judged_folder
 from tests.validator.contract.mutation import mutated
 
-from branchdrive.audit.report import Report
 from branchdrive.contract.document import schema_violations
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.layout import LEDGER_FILE
-from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.contract.layout import LEDGER_FILE
+from branchdrive.engine.report import Report
+from branchdrive.formats.manifest import build_manifest, write_manifest
 
 DOCUMENTS = (PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS, LEDGER_FILE)
 RULES = ("BD-LAY-002", "BD-LYR", "BD-BMK", "BD-FID-010", "BD-FID-012")

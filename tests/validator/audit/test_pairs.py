@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests import synthetic
 
-from branchdrive.audit import pairs
-from branchdrive.audit.rules import evidence
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.mismatch import Mismatch
-from branchdrive.derive.risk import risk_evidence
+from branchdrive.driving.risk import risk_evidence
+from branchdrive.raw import pairs
+from branchdrive.raw.rules import evidence
 from branchdrive.raw.shard_view import ShardView
 
 RULES = (evidence.separation_recomputes, evidence.ttc_recomputes, evidence.nearest_actors_recompute)

@@ -21,8 +21,8 @@ from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.derive.benchmark.lattice import tied
 from tests.validator.derive.benchmark.samples import noise, risk_fit
 
-from branchdrive.derive.benchmark.results import TOLERANCE, results_document
-from branchdrive.derive.layer.comparison import document_problems
+from branchdrive.benchmark.results import TOLERANCE, results_document
+from branchdrive.contract.comparison import document_problems
 
 ROOT = Path(__file__).parents[3]
 
@@ -35,8 +35,8 @@ _JUDGE = f"""
 import json, sys
 from tests.validator.derive.benchmark.lattice import tied
 from tests.validator.derive.benchmark.samples import noise, risk_fit
-from branchdrive.audit.engine import validate
-from branchdrive.derive.benchmark.results import results_document
+from branchdrive.engine.validate import validate
+from branchdrive.benchmark.results import results_document
 
 results = results_document(*tied({_STEP}), risk_fit(), noise())
 report = validate(sys.argv[1], ignore=sys.argv[2:])

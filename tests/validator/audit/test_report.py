@@ -21,13 +21,13 @@ from tests.validator.audit.datasets import (
     write_with,
 )
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE
-from branchdrive.audit.waiver import Waiver
 from branchdrive.contract.document import schema_violations
-from branchdrive.contract.mismatch import printable, quote
 from branchdrive.contract.rule import CATALOGUE, RULES
+from branchdrive.contract.text import printable, quote
+from branchdrive.engine.report import Report
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE
+from branchdrive.engine.validate import validate
+from branchdrive.engine.waiver import Waiver
 
 HOSTILE = "\x1b[31m\x1b]0;title\x07\nforged line\r\u202eturned\u2028\x9b2J\x00[red][/]" + "A" * 10_000
 

@@ -71,8 +71,8 @@ def test_text_and_lists_of_other_writers_read_alike(tmp_path: Path, kind: pa.Dat
 def test_a_shard_of_too_many_rollouts_is_over_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from branchdrive.audit import shard
     from branchdrive.contract.limits import spec_limits
+    from branchdrive.engine import shard
 
     root = tmp_path / "dataset"
     write_dataset(root, base_tables(), descriptor())

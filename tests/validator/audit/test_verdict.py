@@ -7,12 +7,12 @@ from datetime import date
 import pytest
 from tests.each import each
 
-from branchdrive.audit.finding import Finding
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
-from branchdrive.audit.verdict import EXIT_CODES, decide, is_waived
-from branchdrive.audit.waiver import Waiver, apply_waivers
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, Tally
+from branchdrive.engine.verdict import EXIT_CODES, decide, is_waived
+from branchdrive.engine.waiver import Waiver, apply_waivers
 
 STRUCTURE, CLAIM, QUALIFICATION = "BD-VAL-001", "BD-ENC-001", "BD-CTL-008"
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from tests.each import each
 
-from branchdrive.audit.finding import Finding
-from branchdrive.audit.tally import Tally
-from branchdrive.audit.waiver import Waiver, apply_waivers, load_waivers
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.tally import Tally
+from branchdrive.engine.waiver import Waiver, apply_waivers, load_waivers
 from branchdrive.errors import UsageError
 
 ENTRY = {

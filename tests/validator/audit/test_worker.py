@@ -31,8 +31,8 @@ from tests.validator.audit.tasks import (
     raise_on_three,
 )
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.worker import Died, Executor, Failed, in_process, isolated
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import Died, Executor, Failed, in_process, isolated
 from branchdrive.errors import PlatformError
 
 
@@ -95,7 +95,7 @@ def test_every_task_may_die() -> None:
 
 
 def test_workers_have_a_memory_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.audit.worker.spec_limits", lambda: _Limits())
+    monkeypatch.setattr("branchdrive.engine.worker.spec_limits", lambda: _Limits())
     found = results(isolated(1), allocate, [1 << 20, 1 << 32, 1 << 21])
     assert found == {0: 1 << 20, 1: Died(), 2: 1 << 21}
 
@@ -117,7 +117,7 @@ class Fragile(ThreadPoolExecutor):
 
 
 def test_a_pool_that_breaks_between_two_tasks_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.audit.worker._pool", Fragile)
+    monkeypatch.setattr("branchdrive.engine.worker._pool", Fragile)
     assert results(isolated(2), double, list(range(5))) == {i: 2 * i for i in range(5)}
 
 
@@ -129,8 +129,8 @@ def test_an_interrupt_is_not_swallowed() -> None:
 def test_processes_that_cannot_start_are_no_fault_of_the_data(
     valid_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.audit.worker._prepare_process", die_on_three)
-    monkeypatch.setattr("branchdrive.audit.worker.spec_limits", lambda: _Deadly())
+    monkeypatch.setattr("branchdrive.engine.worker._prepare_process", die_on_three)
+    monkeypatch.setattr("branchdrive.engine.worker.spec_limits", lambda: _Deadly())
     report = validate(valid_root, executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert "worker processes die before they take up work" in report.errors[0]
@@ -175,7 +175,7 @@ def test_reports_do_not_depend_on_the_process(tmp_path: Path) -> None:
 
 def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write(tmp_path / "dataset", cells("observations", "speed_mps", {3: 1000.0}))
-    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", die_at_file)
+    monkeypatch.setattr("branchdrive.engine.validate.audit_shard", die_at_file)
     report = validate(root, executor=isolated(1))
     assert (report.verdict, report.errors) == ("invalid", ())
     found = {(finding.rule, finding.location.get("file")) for finding in report.findings}
@@ -188,7 +188,7 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = write(tmp_path / "dataset", synthetic.bare_tables(), synthetic.bare_descriptor())
-    monkeypatch.setattr("branchdrive.audit.engine.audit_shard", die_at_rules)
+    monkeypatch.setattr("branchdrive.engine.validate.audit_shard", die_at_rules)
     report = validate(root, executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert report.errors == ("raw/shard-00001: the worker died twice although every file decodes on its own",)
@@ -199,7 +199,7 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
 def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     place = tmp_path / "worker"
     code = (
-        f"from branchdrive.audit.worker import isolated\nfrom tests.validator.audit.tasks import sleep_and_tell\n"
+        f"from branchdrive.engine.worker import isolated\nfrom tests.validator.audit.tasks import sleep_and_tell\n"
         f"list(isolated(1)(sleep_and_tell, [{str(place)!r}]))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
@@ -209,6 +209,6 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
 
 
 def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.audit.worker._allowed_bytes", lambda: 1.5 * 2**30)
+    monkeypatch.setattr("branchdrive.engine.worker._allowed_bytes", lambda: 1.5 * 2**30)
     with pytest.raises(PlatformError, match=r"no more than 1\.5 GiB of memory here.*raise `ulimit -v`"):
         results(isolated(1), leave_quietly, [1])

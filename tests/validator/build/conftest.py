@@ -12,8 +12,8 @@ from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.build.running import build
 
-from branchdrive.build.build import STAGES
-from branchdrive.derive.leakage.sequence import Unavailable
+from branchdrive.leakage.sequence import Unavailable
+from branchdrive.release.builder import STAGES
 
 
 @pytest.fixture(scope="session")
@@ -30,7 +30,7 @@ def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _no_classifier() -> Iterator[None]:
     """Recurrent tests are the subject of others, and slow."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("branchdrive.build.leakage.sequence_classifier", lambda: Unavailable("none in this test"))
+        patch.setattr("branchdrive.release.leakage.sequence_classifier", lambda: Unavailable("none in this test"))
         yield
 
 

@@ -10,14 +10,14 @@ from typing import Any
 
 from tests.synthetic_release import SEED
 
-from branchdrive.audit.engine import validate
-from branchdrive.build.build import STAGES, BuildReport, build_release
-from branchdrive.build.stage import BuildOptions
 from branchdrive.cli.main import run, validate_run
-from branchdrive.dataset.layout import MANIFEST_FILE
-from branchdrive.derive.leakage.audit import AuditProtocol
-from branchdrive.derive.leakage.parity_protocol import ParityProtocol
-from branchdrive.derive.leakage.protocol import Protocol
+from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.engine.validate import validate
+from branchdrive.leakage.audit import AuditProtocol
+from branchdrive.leakage.parity_protocol import ParityProtocol
+from branchdrive.leakage.protocol import Protocol
+from branchdrive.release.builder import STAGES, BuildReport, build_release
+from branchdrive.release.stage import BuildOptions
 
 QUICK = AuditProtocol(
     Protocol(num_permutations=19, num_frequencies=8, num_replicates=1, offsets_sd=(0.8,)),

@@ -16,14 +16,14 @@ from tests.hostile_folder import infest, marks
 from tests.reference_impl.collect.running import session_of, wait_for
 from tests.validator.build.running import QUICK
 
-from branchdrive.audit.extract.replay_input import replay_inputs
-from branchdrive.audit.worker import in_process
-from branchdrive.build import apart
-from branchdrive.build.apart import AuditTask, audit_apart, audit_here
-from branchdrive.build.layers import load_layers
-from branchdrive.build.scan import scan_raw
-from branchdrive.derive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.engine.worker import in_process
 from branchdrive.errors import ToolError
+from branchdrive.leakage.replays import replay_inputs
+from branchdrive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.release import apart
+from branchdrive.release.apart import AuditTask, audit_apart, audit_here
+from branchdrive.release.layers import load_layers
+from branchdrive.release.scan import scan_raw
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from tests.synthetic import seal_dataset
 from tests.validator.build.running import build, call_validate, contents
 from tests.validator.build.test_stages import another_raw_layer
 
-from branchdrive.audit.worker import in_process
 from branchdrive.contract.document import schema_violations
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.worker import in_process
 
 NAME_RAW = "the raw layer is not at hand; name its dataset with --raw"
 
@@ -22,7 +22,7 @@ NAME_RAW = "the raw layer is not at hand; name its dataset with --raw"
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read shards in this process."""
-    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda _: in_process)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda _: in_process)
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,12 @@ from tests.repo.checkout import ROOT
 from tests.synthetic import write_dataset
 from tests.validator.build.running import build, contents, derived
 
-from branchdrive.audit.worker import isolated
-from branchdrive.build.build import STAGES
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
-from branchdrive.dataset.table_file import conform, read_table
+from branchdrive.engine.worker import isolated
+from branchdrive.formats.table_file import conform, read_table
+from branchdrive.release.builder import STAGES
 
 
 def test_the_same_build_twice_changes_no_byte(dataset: Path, release: Path, built: Path, audited: Path) -> None:
@@ -97,9 +97,9 @@ BUILD = """
 import sys
 from pathlib import Path
 from tests.validator.build.running import build
-from branchdrive.build.build import STAGES
-from branchdrive.derive.leakage.sequence import Unavailable
-import branchdrive.build.leakage as stage
+from branchdrive.release.builder import STAGES
+from branchdrive.leakage.sequence import Unavailable
+import branchdrive.release.leakage as stage
 
 stage.sequence_classifier = lambda: Unavailable("none in this test")
 build(Path(sys.argv[1]), stages=STAGES)

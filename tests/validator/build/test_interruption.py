@@ -18,15 +18,15 @@ from tests.reference_impl.collect.running import heed_interrupts, session_of, wa
 from tests.synthetic_release import SEED
 from tests.validator.build.running import build, call, contents, raw_state
 
-from branchdrive.audit.worker import in_process
-from branchdrive.build import parts as stored
-from branchdrive.build import publish as publication
-from branchdrive.build.apart import audit_here
-from branchdrive.build.publish import staging
-from branchdrive.build.scan import RawScan, scan_raw
-from branchdrive.dataset.layout import STAGING_DIR
-from branchdrive.derive.leakage import audit
+from branchdrive.contract.layout import STAGING_DIR
+from branchdrive.engine.worker import in_process
 from branchdrive.errors import UsageError
+from branchdrive.leakage import audit
+from branchdrive.release import parts as stored
+from branchdrive.release import publish as publication
+from branchdrive.release.apart import audit_here
+from branchdrive.release.publish import staging
+from branchdrive.release.scan import RawScan, scan_raw
 
 
 class PowerCut(BaseException):
@@ -41,7 +41,7 @@ def quick_scan(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def scan(root: Path, *_: Any) -> RawScan:
         return replace(known, root=root)
 
-    monkeypatch.setattr("branchdrive.build.build.scan_raw", scan)
+    monkeypatch.setattr("branchdrive.release.builder.scan_raw", scan)
 
 
 def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
@@ -113,7 +113,7 @@ def test_a_rebuild_goes_on_after_a_cut_at_any_step(
 @pytest.fixture
 def audit_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a test can look at it."""
-    monkeypatch.setattr("branchdrive.build.leakage.audit_apart", audit_here)
+    monkeypatch.setattr("branchdrive.release.leakage.audit_apart", audit_here)
 
 
 def test_finished_parts_of_an_audit_are_not_computed_again(
@@ -180,7 +180,7 @@ def test_an_interrupt_is_one_line_and_exit_code_130(
     built: Path, dataset: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr("branchdrive.build.build.build_quality", interrupted)
+        patch.setattr("branchdrive.release.builder.build_quality", interrupted)
         assert call("build", dataset, "--no-leakage") == (130, "", "branchdrive: interrupted\n")
     build(dataset)
     assert contents(dataset) == contents(built)

@@ -9,12 +9,12 @@ import pytest
 from tests.synthetic_release import SEED
 from tests.validator.build.running import build, contents
 
-from branchdrive.build.publish import benchmark_area, held, publish_layer
+from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.descriptor_file import read_descriptor
-from branchdrive.dataset.layout import OPENINGS_FILE
-from branchdrive.dataset.manifest import check_against_manifest
-from branchdrive.derive.benchmark.protocol import default_protocol
+from branchdrive.contract.layout import OPENINGS_FILE
+from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.manifest import check_against_manifest
+from branchdrive.release.publish import benchmark_area, held, publish_layer
 
 FILES = {"benchmark/TABLES.md": b"tables\n", "benchmark/figures/one.svg": b"<svg/>\n"}
 
@@ -51,8 +51,8 @@ def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:
 @pytest.fixture
 def benchmarked(release: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A release with a benchmark layer that needs its protocol and openings, and nothing else."""
-    from branchdrive.build import layers as module
-    from branchdrive.build import publish as other
+    from branchdrive.release import layers as module
+    from branchdrive.release import publish as other
 
     whole = module.LAYERS["benchmark"]
     documents = {name: whole.documents[name] for name in ("protocol.json", "openings.json")}

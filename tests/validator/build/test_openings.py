@@ -11,13 +11,13 @@ from tests.synthetic_release import SEED
 from tests.validator.build.running import build, call, contents
 from tests.validator.build.test_stages import entries
 
-from branchdrive.audit.engine import validate
-from branchdrive.build.openings import merged_ledger
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
-from branchdrive.derive.layer.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
-from branchdrive.derive.layer.ledger import EVENTS, num_test_openings, opened, recorded
+from branchdrive.contract.layout import LEDGER_FILE as LEDGER
+from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError
+from branchdrive.quality.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
+from branchdrive.quality.ledger import EVENTS, num_test_openings, opened, recorded
+from branchdrive.release.openings import merged_ledger
 
 
 def ledger(*rounds: str) -> dict[str, Any] | None:

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from tests.validator.build.running import build, contents
 
-from branchdrive.build import parts as stored
-from branchdrive.build.parts import StoredParts
 from branchdrive.contract.document import parse_json
-from branchdrive.dataset.layout import LEAKAGE_FILE, STAGING_DIR
+from branchdrive.contract.layout import LEAKAGE_FILE, STAGING_DIR
+from branchdrive.release import parts as stored
+from branchdrive.release.parts import StoredParts
 
 SCORE = {
     "accuracy": 0.1,

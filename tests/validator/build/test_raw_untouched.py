@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from tests.validator.build.running import breaches, build, manifest_lines, raw_state
 
-from branchdrive.audit.engine import validate
-from branchdrive.dataset.layout import MANIFEST_FILE
-from branchdrive.dataset.manifest import Manifest, parse_manifest
+from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.engine.validate import validate
+from branchdrive.formats.manifest import Manifest, parse_manifest
 
 
 def manifest(root: Path) -> Manifest:

@@ -16,9 +16,9 @@ from tests.validator.audit import datasets
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.build.running import build, call, contents
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.worker import in_process
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import in_process
 from branchdrive.errors import UsageError
 
 CONTROLS = "raw/shard-00000/controls.parquet"
@@ -27,7 +27,7 @@ CONTROLS = "raw/shard-00000/controls.parquet"
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read shards in this process."""
-    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda _: in_process)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda _: in_process)
 
 
 def refused(*argv: object) -> str:
@@ -296,7 +296,7 @@ def test_a_full_disk_is_one_line_and_the_next_build_goes_on(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("branchdrive.build.publish.write_file", full)
+        patch.setattr("branchdrive.release.publish.write_file", full)
         assert refused(dataset) == "branchdrive: No space left on device\n"
     build(dataset)
     assert contents(dataset) == contents(built)

@@ -13,11 +13,11 @@ from tests.validator.audit.rules.draft import Draft
 from tests.validator.build.running import breaches, build, call, contents
 from tests.validator.build.test_determinism import shuffled
 
-from branchdrive.audit.engine import validate
-from branchdrive.build.build import STAGES
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
+from branchdrive.contract.layout import LEDGER_FILE as LEDGER
+from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
+from branchdrive.release.builder import STAGES
 
 CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonical/source.json"}
 

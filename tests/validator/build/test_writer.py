@@ -13,17 +13,17 @@ from tests.synthetic_release import raw_tables
 from tests.validator.build.running import build, contents
 from tests.validator.dataset.invented import write_dataset as write_small
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.worker import in_process
-from branchdrive.build import build as builder
-from branchdrive.build.publish import staging
-from branchdrive.build.scan import RawScan, scan_raw
-from branchdrive.dataset.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import in_process
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.release import builder as builder
+from branchdrive.release.publish import staging
+from branchdrive.release.scan import RawScan, scan_raw
+from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.writer import DatasetWriter
 
 AT_WORK = "a collection, a build or a benchmark is at work there; wait until it has finished"
 

@@ -11,9 +11,9 @@ from tests.changed_input import changed_contents, poor_end, poor_ends
 
 from branchdrive import open_dataset
 from branchdrive.contract.document import schema_violations
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.errors import BranchDriveError
+from branchdrive.formats.manifest import build_manifest, write_manifest
 
 WAIVERS = {
     "waivers": [

@@ -292,7 +292,7 @@ def test_an_interrupt_is_one_line_and_exit_code_130(
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda jobs: interrupted)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: interrupted)
     code, out, err = call(entry, valid_root)
     assert (code, out) == (130, "")
     assert err in ("branchdrive: interrupted\n", "branchdrive-validate: interrupted\n")
@@ -303,7 +303,7 @@ def test_a_bug_is_no_verdict_on_the_dataset(entry: Run, valid_root: Path, monkey
     def broken(*_: Any, **__: Any) -> Any:
         raise LookupError("no such thing")
 
-    monkeypatch.setattr("branchdrive.audit.engine.take_survey", broken)
+    monkeypatch.setattr("branchdrive.engine.validate.take_survey", broken)
     code, out, err = call(entry, valid_root)
     assert (code, out) == (4, "")
     assert err.splitlines()[-1].endswith(": LookupError in the tool itself; please report it")
@@ -311,10 +311,10 @@ def test_a_bug_is_no_verdict_on_the_dataset(entry: Run, valid_root: Path, monkey
 
 SLOW = """
 import os, sys, time
-from branchdrive.audit import engine
+from branchdrive.engine import validate as engine
 from branchdrive.cli.main import validate_run
 
-from branchdrive.audit.shard import audit_shard
+from branchdrive.engine.shard import audit_shard
 
 def sleep(task):
     if task.folder == "raw/shard-00000":

@@ -10,7 +10,7 @@ from rich.console import Console
 from tests.validator.derive.layer.release import DIGEST, Release, documents, leakage, paper_groups, paper_pairs
 
 from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
-from branchdrive.derive.layer.ledger import opened
+from branchdrive.quality.ledger import opened
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ import pytest
 from tests.validator.audit.datasets import DEPARTURES, edited, with_column, write
 from tests.validator.audit.test_report import HOSTILE, SITUATIONS
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
-from branchdrive.audit.waiver import Waiver
 from branchdrive.cli.text import render_report, render_rule, render_rules
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
+from branchdrive.engine.waiver import Waiver
 
 NUM_RULES = len(CATALOGUE)
 LAYER_RULES = {

@@ -6,10 +6,10 @@ from typing import Any
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.derive.discrepancy import CORE
-from branchdrive.derive.feature import MIXED_PROFILE, SENSOR_PROFILE
-from branchdrive.derive.target import TARGETS, TRAJECTORY
-from branchdrive.derive.threshold import VARIABLES
+from branchdrive.driving.discrepancy import CORE
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE
+from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.quality.threshold import VARIABLES
 
 __all__ = ["EXAMPLES"]
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from tests.validator.dataset.invented import ATTEMPTS, make_descriptor, write_group, write_rollout
 
-from branchdrive.dataset.layout import MANIFEST_FILE
-from branchdrive.dataset.manifest import build_manifest, parse_manifest
-from branchdrive.dataset.reader import open_dataset
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.formats.manifest import build_manifest, parse_manifest
+from branchdrive.raw.reader import open_dataset
+from branchdrive.writer.writer import DatasetWriter
 
 DESCRIPTOR = make_descriptor(has_evidence=False)
 NAME_EVENTS = {"os.mkdir", "os.rename", "os.remove", "os.rmdir"}

@@ -12,10 +12,10 @@ import numpy as np
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import Collection, Descriptor, Software
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
-from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.dataset.rollout import Rollout
-from branchdrive.dataset.rollout_writer import RolloutWriter
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.raw.rollout import Rollout
+from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.rollout_writer import RolloutWriter
+from branchdrive.writer.writer import DatasetWriter
 
 BRANCH_TICK = 80
 WHOLE_TICKS = BRANCH_TICK + ACTIVE_TICKS + 1

@@ -19,9 +19,9 @@ from tests.validator.dataset.invented import (
     write_rollout,
 )
 
-from branchdrive.dataset.layout import MANIFEST_FILE
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.errors import ContractError
+from branchdrive.writer.writer import DatasetWriter
 
 NUM_GROUPS = 5
 REPOSITORY = Path(__file__).parents[3]
@@ -110,7 +110,7 @@ def test_empty_groups_leave_no_trace(tmp_path: Path, expected: bytes) -> None:
 WORKER = """
 import sys
 from pathlib import Path
-from branchdrive.dataset.group_writer import GroupWriter
+from branchdrive.writer.group_writer import GroupWriter
 from tests.validator.dataset.invented import make_descriptor, write_group
 
 for index in map(int, sys.argv[2:]):

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from tests.validator.dataset.invented import make_descriptor, write_dataset, write_group, write_rollout
 
-from branchdrive.dataset import writer as writer_module
-from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.dataset.layout import MANIFEST_FILE, STAGING_DIR
-from branchdrive.dataset.manifest import Manifest, build_manifest, write_manifest
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.manifest import Manifest, build_manifest, write_manifest
+from branchdrive.writer import writer as writer_module
+from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.writer import DatasetWriter
 
 
 def open_writer(root: Path) -> DatasetWriter:

@@ -11,11 +11,11 @@ from tests.validator.dataset.invented import (
 )
 
 from branchdrive.contract.document import schema_violations
-from branchdrive.dataset.group import APPLIED_CONTROLS, STATE_COLUMNS, BranchGroup
-from branchdrive.dataset.reader import open_dataset
-from branchdrive.dataset.rollout import Rollout
-from branchdrive.dataset.writer import DatasetWriter
 from branchdrive.errors import UsageError
+from branchdrive.raw.group import APPLIED_CONTROLS, STATE_COLUMNS, BranchGroup
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.rollout import Rollout
+from branchdrive.writer.writer import DatasetWriter
 
 
 @pytest.fixture(scope="module")

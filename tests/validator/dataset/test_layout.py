@@ -3,15 +3,8 @@ from __future__ import annotations
 import pytest
 from tests.each import each
 
+from branchdrive.contract.layout import MAX_SHARD_INDEX, is_safe_path, layer_of, shard_index, shard_name, unsafe_reason
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.layout import (
-    MAX_SHARD_INDEX,
-    is_safe_path,
-    layer_of,
-    shard_index,
-    shard_name,
-    unsafe_reason,
-)
 from branchdrive.errors import UsageError
 
 

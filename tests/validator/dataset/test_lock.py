@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from branchdrive.dataset.lock import FileLock
+from branchdrive.formats.file_lock import FileLock
 
 
 @pytest.fixture

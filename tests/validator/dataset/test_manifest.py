@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
+from branchdrive.contract.layout import MANIFEST_FILE, is_safe_path
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.layout import MANIFEST_FILE, is_safe_path
-from branchdrive.dataset.manifest import Manifest, build_manifest, parse_manifest, write_manifest
 from branchdrive.errors import DatasetError
+from branchdrive.formats.manifest import Manifest, build_manifest, parse_manifest, write_manifest
 
 DIGEST = "0" * 64
 HEAD = b"# branchdrive-manifest 0.1\n"

@@ -38,12 +38,12 @@ from branchdrive import (
 )
 from branchdrive.contract.columns import LAYER_TABLES, table_schema
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.frame import to_arrow
-from branchdrive.dataset.parquet import encode_table
-from branchdrive.derive.layer.features import features_document
-from branchdrive.derive.layer.frame import take
-from branchdrive.derive.layer.normalisation import normalisation_document, scalings_of
-from branchdrive.derive.layer.variants import Variant
+from branchdrive.formats.parquet import encode_table
+from branchdrive.model.features import features_document
+from branchdrive.model.normalisation import normalisation_document, scalings_of
+from branchdrive.quality.variants import Variant
+from branchdrive.tables.arrow import to_arrow
+from branchdrive.tables.frame import take
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)

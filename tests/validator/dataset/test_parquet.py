@@ -12,9 +12,9 @@ from tests.validator.dataset.invented import control_rows, generator
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.limits import Limits, spec_limits
-from branchdrive.dataset.parquet import decode_table, encode_table
-from branchdrive.dataset.table_file import conform
 from branchdrive.errors import DecodeError, LimitError
+from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.table_file import conform
 
 
 def controls(num_rows: int = 300) -> pa.Table:

@@ -13,9 +13,9 @@ from tests.validator.dataset.invented import ATTEMPTS, write_dataset
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.parquet import written_out_bytes
-from branchdrive.dataset.reader import Dataset, open_dataset
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.parquet import written_out_bytes
+from branchdrive.raw.reader import Dataset, open_dataset
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +187,7 @@ def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_written_out(
     assert written_out_bytes(stored) == num_bytes
     for limit, is_refused in ((num_bytes, False), (num_bytes - 1, True)):
         limits = dataclasses.replace(spec_limits(), max_table_decoded_bytes=limit)
-        monkeypatch.setattr("branchdrive.dataset.table_file.spec_limits", lambda limits=limits: limits)
+        monkeypatch.setattr("branchdrive.formats.table_file.spec_limits", lambda limits=limits: limits)
         if is_refused:
             with pytest.raises(DatasetError, match=f"its text is {num_bytes:,} bytes long"):
                 shard.decode("rollouts")

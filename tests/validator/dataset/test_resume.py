@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tests.validator.dataset import crashing
 
-from branchdrive.dataset.layout import MANIFEST_FILE, STAGING_DIR
+from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 
 REPOSITORY = Path(__file__).parents[3]
 

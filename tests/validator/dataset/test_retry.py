@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from tests.validator.dataset.invented import make_descriptor, write_dataset, write_group, write_rollout
 
-from branchdrive.dataset.layout import MANIFEST_FILE, STAGING_DIR
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.dataset.reader import open_dataset
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.raw.reader import open_dataset
+from branchdrive.writer.writer import DatasetWriter
 
 
 def open_writer(root: Path) -> DatasetWriter:

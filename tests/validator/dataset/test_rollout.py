@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.validator.dataset.invented import make_descriptor, write_rollout
 
-from branchdrive.dataset.rollout import Rollout, canonical_key
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.raw.rollout import Rollout, canonical_key
+from branchdrive.writer.writer import DatasetWriter
 
 
 @pytest.fixture(scope="module")

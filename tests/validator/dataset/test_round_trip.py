@@ -20,13 +20,13 @@ from tests.validator.dataset.invented import (
 )
 from tests.validator.dataset.rows import Row, rollout_fields, streams
 
-from branchdrive.audit.engine import validate
 from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.dataset.reader import open_dataset
-from branchdrive.dataset.rollout import Rollout
-from branchdrive.dataset.rollout_writer import RolloutWriter
-from branchdrive.dataset.writer import DatasetWriter
+from branchdrive.engine.validate import validate
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.rollout import Rollout
+from branchdrive.writer.rollout_writer import RolloutWriter
+from branchdrive.writer.writer import DatasetWriter
 
 APPENDERS = {
     "controls": RolloutWriter.append_ticks,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from branchdrive.dataset.untrusted import list_names, open_file, read_file, read_named_file
 from branchdrive.errors import DatasetError
+from branchdrive.formats.untrusted import list_names, open_file, read_file, read_named_file
 
 
 @pytest.fixture

@@ -25,10 +25,10 @@ from tests.validator.dataset.invented import (
 
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Camera, Descriptor
-from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.dataset.rollout_writer import RolloutWriter
-from branchdrive.dataset.writer import DatasetWriter
 from branchdrive.errors import BranchDriveError, ContractError, DatasetError, UsageError
+from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.rollout_writer import RolloutWriter
+from branchdrive.writer.writer import DatasetWriter
 
 
 @dataclass

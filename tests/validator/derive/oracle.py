@@ -11,7 +11,7 @@ import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.ops import nearest_points
 
-from branchdrive.derive.box import Boxes
+from branchdrive.driving.box import Boxes
 
 RANGE_M = 50.0
 MIN_CLOSING_MPS = 0.1

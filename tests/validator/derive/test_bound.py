@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from branchdrive.derive.bound import PairBounds, pair_bounds
-from branchdrive.derive.box import Boxes
-from branchdrive.derive.risk import PairRisk, pair_risk
+from branchdrive.driving.box import Boxes, PairBounds, pair_bounds
+from branchdrive.driving.risk import PairRisk, pair_risk
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.each import each
 from tests.validator.derive.oracle import boxes, gap_m, polygons
 
-from branchdrive.derive.box import Boxes, box_gap
+from branchdrive.driving.box import Boxes, box_gap
 
 NUM_PAIRS = 3000
 TOLERANCE_M = 1e-9

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
-from branchdrive.derive.cluster import CLUSTER_POINTS, CLUSTER_RMS_M, resample_polyline, route_clusters
+from branchdrive.driving.route_cluster import CLUSTER_POINTS, CLUSTER_RMS_M, resample_polyline, route_clusters
 
 
 def line(offset_m: float, length_m: float = 100.0) -> Any:

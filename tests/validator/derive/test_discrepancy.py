@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.derive.discrepancy import (
+from branchdrive.driving.discrepancy import (
     CORE,
     EXTENDED,
     NO_LIGHT,

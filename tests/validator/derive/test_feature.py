@@ -9,7 +9,7 @@ import pytest
 from tests.each import each
 
 from branchdrive.contract.columns import TABLES
-from branchdrive.derive.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
 from branchdrive.errors import UsageError
 
 EVERY_COLUMN = [(table.name, column.name, column.track) for table in TABLES.values() for column in table.columns]

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.derive import near_duplicate
-from branchdrive.derive.near_duplicate import history_vectors, near_duplicates, nearest_other
+from branchdrive.model import near_duplicate
+from branchdrive.model.near_duplicate import history_vectors, near_duplicates, nearest_other
 
 
 def oracle(points: list[list[float]], labels: list[int]) -> list[tuple[float, int]]:

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.derive.feature import MIXED_PROFILE, SENSOR_PROFILE
-from branchdrive.derive.history import HistoryInput
-from branchdrive.derive.normalisation import (
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE
+from branchdrive.driving.history import HistoryInput
+from branchdrive.driving.normalisation import (
     Scaling,
     Training,
     fit_controls,
@@ -21,8 +21,8 @@ from branchdrive.derive.normalisation import (
     fit_trajectory,
     training,
 )
-from branchdrive.derive.split import split_digest
-from branchdrive.derive.target import TRAJECTORY, Targets, Trajectory
+from branchdrive.driving.target import TRAJECTORY, Targets, Trajectory
+from branchdrive.statistics.split import split_digest
 
 IDS = [f"g{row}" for row in range(8)]
 ASSIGNMENT = dict(zip(IDS, ["train"] * 5 + ["val", "test", "calibration"], strict=True))

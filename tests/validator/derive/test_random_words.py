@@ -15,7 +15,7 @@ from tests.repo.checkout import ROOT
 from tests.validator.derive import random_words as reference
 
 from branchdrive.contract.resources import load_resource
-from branchdrive.derive.stream import below, bits, counts, normals, orders, uniforms, words
+from branchdrive.statistics.stream import below, bits, counts, normals, orders, uniforms, words
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 from tests.validator.derive import random_words
 
-from branchdrive.derive.retention import NUM_RESAMPLES, TARGET_SHARES, Retention, retention
+from branchdrive.quality.retention import NUM_RESAMPLES, TARGET_SHARES, Retention, retention
 
 
 def banks(*failing: int, num_pairs: int = 12) -> Any:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.validator.derive import oracle
 from tests.validator.derive.oracle import Actor, Ego
 
-from branchdrive.derive.risk import risk_evidence
+from branchdrive.driving.risk import risk_evidence
 
 ROUTE = [(-200.0, 0.0), (0.0, 0.0), (80.0, 0.0), (200.0, 60.0)]
 CLASSES = ("vehicle", "cycle", "pedestrian", "static")

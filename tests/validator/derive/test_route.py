@@ -9,8 +9,8 @@ import pytest
 import shapely
 from tests.validator.derive.oracle import boxes, polygons
 
-from branchdrive.derive.box import Boxes
-from branchdrive.derive.route import polyline_box_distance_m
+from branchdrive.driving.box import Boxes
+from branchdrive.driving.route import polyline_box_distance_m
 
 NUM_BOXES = 300
 
@@ -81,5 +81,5 @@ def test_many_boxes_are_measured_piece_by_piece(monkeypatch: pytest.MonkeyPatch)
     these = random_boxes(np.random.default_rng(8))
     x, y = np.random.default_rng(9).uniform(-40, 40, (2, 9))
     at_once = polyline_box_distance_m(these, x, y)
-    monkeypatch.setattr("branchdrive.derive.route._MAX_CELLS", 50)
+    monkeypatch.setattr("branchdrive.driving.route._MAX_CELLS", 50)
     np.testing.assert_array_equal(polyline_box_distance_m(these, x, y), at_once)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.derive.split import CALIBRATION, SHARES, Calibration, assign_split, check_split, split_digest
+from branchdrive.statistics.split import CALIBRATION, SHARES, Calibration, assign_split, check_split, split_digest
 
 
 class Groups(NamedTuple):

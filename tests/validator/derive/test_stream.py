@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare
 
-from branchdrive.derive.stream import below, bits, orders, words
+from branchdrive.statistics.stream import below, bits, orders, words
 
 PINNED = ["0x6490e71440374d02", "0xae38fa279272dbf4", "0xbecca8097aeffa50"]
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.each import each
 from tests.validator.derive import oracle_target
 
-from branchdrive.derive.risk import risk_evidence
-from branchdrive.derive.target import STEP_S, TARGETS, TRAJECTORY, Motion, Risk, Targets, scalar_targets, trajectory
+from branchdrive.driving.risk import risk_evidence
+from branchdrive.driving.target import STEP_S, TARGETS, TRAJECTORY, Motion, Risk, Targets, scalar_targets, trajectory
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

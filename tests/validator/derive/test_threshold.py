@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.derive.discrepancy import CORE, EXTENDED
-from branchdrive.derive.threshold import PEDESTRIAN_GAP, VARIABLES, fit_thresholds, passes
+from branchdrive.driving.discrepancy import CORE, EXTENDED
+from branchdrive.quality.threshold import PEDESTRIAN_GAP, VARIABLES, fit_thresholds, passes
 
 NAMES = [variable.name for variable in VARIABLES]
 

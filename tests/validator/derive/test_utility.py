@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.derive.target import TARGETS, Targets
-from branchdrive.derive.utility import (
+from branchdrive.driving.target import TARGETS, Targets
+from branchdrive.driving.utility import (
     PROFILES,
     WEIGHED,
     Profile,

@@ -20,7 +20,7 @@ from typing import NoReturn, Protocol, TextIO
 
 from branchdrive.environment import check_environment, extra, import_fault, leave_out_pandas
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
-from branchdrive.file_error import file_error_text, is_machine_fault
+from branchdrive.formats.file_error import file_error_text, is_machine_fault
 
 __all__ = ["main", "run", "validate_main"]
 

@@ -14,16 +14,10 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.contract.mismatch import printable
-from branchdrive.derive.layer.ledger import num_test_openings
-from branchdrive.derive.layer.wording import (
-    UNITS,
-    benchmark_sentences,
-    leakage_sentences,
-    opening_sentence,
-    percent,
-    population_sentences,
-)
+from branchdrive.contract.text import percent, printable
+from branchdrive.leakage.text import leakage_sentences
+from branchdrive.quality.ledger import num_test_openings
+from branchdrive.quality.text import UNITS, benchmark_sentences, opening_sentence, population_sentences
 
 __all__ = ["print_leakage", "print_openings", "print_population", "print_retention"]
 

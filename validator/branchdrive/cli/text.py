@@ -14,16 +14,16 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.finding import location_text
-from branchdrive.audit.report import Report
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
-from branchdrive.audit.verdict import Verdict, is_waived
 from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
-from branchdrive.contract.mismatch import printable
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
+from branchdrive.contract.text import printable
+from branchdrive.engine.finding import location_text
+from branchdrive.engine.report import Report
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
+from branchdrive.engine.verdict import Verdict, is_waived
 
 if TYPE_CHECKING:
-    from branchdrive.build.build import BuildReport
+    from branchdrive.release.builder import BuildReport
 
 __all__ = ["render_build", "render_report", "render_rule", "render_rules"]
 

@@ -12,26 +12,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Check", "Location", "Mask", "Mismatch", "PreconditionError", "printable", "quote"]
+__all__ = ["Check", "Location", "Mask", "Mismatch", "PreconditionError"]
 
 Location: TypeAlias = dict[str, str | int]
 """Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id."""
 
 Mask: TypeAlias = NDArray[np.bool_]
-
-MAX_QUOTED = 160
-"""Characters of a quoted value in a finding."""
-
-
-def printable(text: str) -> str:
-    """`text` on one line of printable ASCII, every other character escaped: safe on any terminal."""
-    return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in text)
-
-
-def quote(value: object) -> str:
-    """`value` by repr, shortened, in printable ASCII: a report must be safe to print whatever a dataset holds."""
-    text = ascii(value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value)
-    return text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 3] + "..."
 
 
 class PreconditionError(Exception):

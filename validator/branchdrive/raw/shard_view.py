@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import StreamView, TableView
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.tables.view import StreamView, TableView
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -16,26 +16,20 @@ from tests.content_cache import kept, remembered
 from tests.validator.audit.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
 from tests.validator.derive.benchmark.samples import noise, paths_of, risk_fit
 
+from branchdrive.benchmark.checkpoint import CheckpointFacts
+from branchdrive.benchmark.data import TABLES, BenchmarkData, groups_digest
+from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
+from branchdrive.benchmark.metric.outcome import Predictions
+from branchdrive.benchmark.openings import EVENTS, opened
+from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
+from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.results import noise_of, results_document
+from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.bank import ActionBank
-from branchdrive.dataset.layout import layer_of
-from branchdrive.dataset.manifest import Manifest
-from branchdrive.derive.benchmark.checkpoint import CheckpointFacts
-from branchdrive.derive.benchmark.data import TABLES, BenchmarkData, groups_digest
-from branchdrive.derive.benchmark.lock import (
-    LockedCheckpoint,
-    LockFacts,
-    lock_document,
-    ranking_lock_document,
-    risk_fit_of,
-)
-from branchdrive.derive.benchmark.openings import EVENTS, opened
-from branchdrive.derive.benchmark.prediction_rows import TABLES as PREDICTED
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
-from branchdrive.derive.benchmark.ranking_result import utility_scale
-from branchdrive.derive.benchmark.results import noise_of, results_document
-from branchdrive.derive.benchmark.tables import render_tables
-from branchdrive.derive.metric.outcome import Predictions
+from branchdrive.contract.layout import layer_of
+from branchdrive.formats.manifest import Manifest
 
 FOLDER = "benchmark"
 PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (

@@ -18,12 +18,12 @@ from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.audit.rules.draft import Draft
 from tests.validator.audit.rules.release import ReleaseDraft, detached_draft, release_draft
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
-from branchdrive.audit.shard import ShardTask
-from branchdrive.audit.worker import in_process
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.dataset.parquet import decode_table
+from branchdrive.engine.report import Report
+from branchdrive.engine.shard import ShardTask
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import in_process
+from branchdrive.formats.parquet import decode_table
 
 Edit: TypeAlias = Callable[[Any], object]
 Base = Literal["full", "media", "bare", "release", "detached", "alone", "benchmark"]
@@ -195,25 +195,25 @@ def judged_folder(root: Path, **options: Any) -> Report:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
-        patch.setattr("branchdrive.audit.release.audit.decode_table", _decoded)
+        patch.setattr("branchdrive.engine.layers.decode_table", _decoded)
         return validate(root, executor=remembering, **options)
 
 
 PURE = (
-    "branchdrive.audit.release.audit.schema_violations",
-    "branchdrive.audit.release.benchmark_view.read_protocol",
-    "branchdrive.audit.rules.benchmark_results.results_document",
-    "branchdrive.audit.rules.leakage.held_targets",
-    "branchdrive.audit.rules.leakage.neighbours_p",
-    "branchdrive.audit.rules.leakage.ranked_targets",
-    "branchdrive.audit.rules.leakage.score_differences",
-    "branchdrive.audit.rules.leakage.statistic_differences",
-    "branchdrive.audit.survey.schema_violations",
-    "branchdrive.derive.benchmark.protocol.schema_violations",
-    "branchdrive.derive.leakage.parity.fit_logistic",
-    "branchdrive.derive.leakage.parity.held_out_score",
-    "branchdrive.derive.leakage.redraw._prefix",
-    "branchdrive.derive.retention._resampled_sums",
+    "branchdrive.engine.layers.schema_violations",
+    "branchdrive.benchmark.view.read_protocol",
+    "branchdrive.benchmark.result_rules.results_document",
+    "branchdrive.leakage.rules.held_targets",
+    "branchdrive.leakage.rules.neighbours_p",
+    "branchdrive.leakage.rules.ranked_targets",
+    "branchdrive.leakage.rules.score_differences",
+    "branchdrive.leakage.rules.statistic_differences",
+    "branchdrive.files.survey.schema_violations",
+    "branchdrive.benchmark.protocol.schema_violations",
+    "branchdrive.leakage.parity.fit_logistic",
+    "branchdrive.leakage.parity.held_out_score",
+    "branchdrive.leakage.redraw._prefix",
+    "branchdrive.quality.retention._resampled_sums",
 )
 """Functions of their arguments alone that most of a judgement's time goes into.
 

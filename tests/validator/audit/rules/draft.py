@@ -15,7 +15,7 @@ from tests.synthetic import Tables, evidence_columns, group_name, seal_dataset, 
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.layout import MANIFEST_FILE
+from branchdrive.contract.layout import MANIFEST_FILE
 
 FileEdit = Callable[[Path], object]
 

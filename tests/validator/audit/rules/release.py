@@ -19,35 +19,35 @@ from tests.content_cache import kept, remembered
 from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.audit.rules.draft import Draft
 
-from branchdrive.audit.worker import in_process
-from branchdrive.build.layers import BuiltLayers
-from branchdrive.build.leakage import build_leakage
-from branchdrive.build.scan import RawScan, scan_raw
-from branchdrive.build.stage import BuildOptions, build_canonical, build_model, build_quality
+from branchdrive.canonical.counts import source_counts
+from branchdrive.card.card import render_card, render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.frame import from_arrow, to_arrow
-from branchdrive.dataset.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
-from branchdrive.dataset.layout import LEDGER_FILE as LEDGER
-from branchdrive.dataset.layout import SOURCE_FILE as SOURCE
-from branchdrive.derive.layer.canonical import source_counts
-from branchdrive.derive.layer.card import render_card, render_licence
-from branchdrive.derive.layer.fidelity import (
+from branchdrive.contract.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
+from branchdrive.contract.layout import LEDGER_FILE as LEDGER
+from branchdrive.contract.layout import SOURCE_FILE as SOURCE
+from branchdrive.engine.worker import in_process
+from branchdrive.leakage.sequence import Unavailable
+from branchdrive.model.near_duplicate import near_duplicate_flags
+from branchdrive.quality.fidelity import (
     retention_document,
     threshold_document,
     thresholds_of,
     with_passes,
     with_validity,
 )
-from branchdrive.derive.layer.frame import Frame, sort_rows
-from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.partition import assignment_of, calibration_of, clusters_of, split_document
-from branchdrive.derive.layer.population import population_document
-from branchdrive.derive.layer.variants import declared_of, variants_document
-from branchdrive.derive.leakage.sequence import Unavailable
-from branchdrive.derive.near_duplicate import near_duplicate_flags
+from branchdrive.quality.ledger import opened
+from branchdrive.quality.partition import assignment_of, calibration_of, clusters_of, split_document
+from branchdrive.quality.population import population_document
+from branchdrive.quality.variants import declared_of, variants_document
+from branchdrive.release.layers import BuiltLayers
+from branchdrive.release.leakage import build_leakage
+from branchdrive.release.scan import RawScan, scan_raw
+from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality
+from branchdrive.tables.arrow import from_arrow, to_arrow
+from branchdrive.tables.frame import Frame, sort_rows
 
 __all__ = [
     "BUILT", "LEAKAGE", "LEDGER", "POPULATION", "RETENTION", "SOURCE", "SPLIT", "STEPS", "THRESHOLDS", "VARIANTS",

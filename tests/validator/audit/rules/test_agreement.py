@@ -12,7 +12,7 @@ from tests.repo.checkout import ROOT
 from tests.validator.audit.rules.benchmark_release import RANKING_LOCK, RESULTS, BenchmarkDraft
 from tests.validator.audit.rules.release import RETENTION, THRESHOLDS
 
-from branchdrive.audit.engine import validate
+from branchdrive.engine.validate import validate
 
 Nudge = Callable[[Any], Any]
 

@@ -14,11 +14,11 @@ from tests import synthetic
 from tests.each import Loop, each
 from tests.synthetic import BRANCH_TICK, Plan
 
-from branchdrive.audit.examine import examine
-from branchdrive.audit.finding import Finding
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import rules_of
+from branchdrive.engine.examine import examine
+from branchdrive.engine.finding import Finding
 from branchdrive.raw.shard_view import ShardView
 
 VALUE_RULES = {rule_id for rule_id in rules_of("rows") if rule_id.split("-")[1] in ("VAL", "BOX", "NUL")}

@@ -10,8 +10,8 @@ import pytest
 from tests import synthetic
 from tests.each import each
 
-from branchdrive.audit.examine import examine
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.engine.examine import examine
 from branchdrive.raw.shard_view import ShardView
 
 DESCRIPTOR = Descriptor.model_validate(synthetic.descriptor())

@@ -11,13 +11,13 @@ from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, NUM_TICKS, make_group
 from tests.validator.audit.rules.case import ACCELERATE, BRAKE, NOMINAL, REPLAY, SHARD_0, SHARD_1, STEER_LEFT
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.examine import examine
-from branchdrive.audit.finding import Finding
-from branchdrive.audit.report import Report
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, Tally
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
+from branchdrive.engine.examine import examine
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.report import Report
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, Tally
+from branchdrive.engine.validate import validate
 from branchdrive.raw.shard_view import ShardView
 
 MIDDLE = BRANCH_TICK + 10

@@ -11,7 +11,7 @@ from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
 from tests.validator.audit.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, STEER_LEFT
 
-from branchdrive.audit.engine import validate
+from branchdrive.engine.validate import validate
 
 END = BRANCH_TICK + WINDOW_TICKS
 

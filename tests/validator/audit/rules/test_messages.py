@@ -8,7 +8,7 @@ import pytest
 from tests.mutation import MUTANTS, new_draft
 from tests.validator.audit.rules.case import judged
 
-from branchdrive.audit.engine import validate
+from branchdrive.engine.validate import validate
 
 SPLIT_DIGEST = "728b7774e60b13d2ee76983dd03595e50dca6e7b689be09a32df290424830a17"
 """Digest of the split of the synthetic release."""

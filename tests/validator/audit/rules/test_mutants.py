@@ -8,9 +8,9 @@ import pytest
 from tests.mutation import MUTANTS, Mutant, new_draft
 from tests.validator.audit.rules.case import INHERITED, RECOMMENDED, judged
 
-from branchdrive.audit.funnel import STAGES
-from branchdrive.audit.report import Report
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.report import Report
+from branchdrive.raw.funnel import STAGES
 
 
 def failed_rules(mutant: Mutant, report: Report) -> set[str]:

@@ -12,9 +12,9 @@ from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
 from tests.validator.audit.rules.case import BRAKE, SHARD_0, SHARD_1, STEER_LEFT
 from tests.validator.audit.rules.cases.controls import window_longer_by_a_tick
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
-from branchdrive.dataset.layout import MANIFEST_FILE
+from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,12 @@ from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
 from tests.validator.audit.rules.case import INHERITED, RECOMMENDED, judged
 from tests.validator.audit.rules.release import BUILT
 
-from branchdrive.audit import rules as bound_rules
-from branchdrive.audit.engine import validate
+import branchdrive
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import CATALOGUE, RULES, Grain, RuleInfo, Scope, rules_of
 from branchdrive.contract.rule import rule as bind
+from branchdrive.engine.rules import RULE_MODULES
+from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError
 
 each_rule = each("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
@@ -92,8 +94,9 @@ def test_rule_has_a_boundary_on_which_it_passes(rule: RuleInfo) -> None:
 
 
 def test_every_module_of_rules_is_imported() -> None:
-    folder = Path(str(bound_rules.__file__)).parent
-    assert {path.stem for path in folder.glob("[a-z]*.py")} == set(bound_rules.__all__)
+    package = Path(str(branchdrive.__file__)).parent
+    binding = {path for path in package.rglob("*.py") if re.search(r"^@rule\(", path.read_text("utf-8"), re.MULTILINE)}
+    assert binding == {Path(str(module.__file__)) for module in RULE_MODULES}
 
 
 def test_every_module_of_cases_is_an_area() -> None:

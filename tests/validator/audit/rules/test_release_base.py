@@ -20,10 +20,10 @@ from tests.validator.audit.rules.release import (
     release_draft,
 )
 
-from branchdrive.build.build import build_release
-from branchdrive.build.stage import BuildOptions
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.derive.layer.population import STAGES
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
+from branchdrive.quality.population import STAGES
+from branchdrive.release.builder import build_release
+from branchdrive.release.stage import BuildOptions
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ from tests.mutation import MUTANTS, Mutant, new_draft
 from tests.validator.audit.rules.case import judged, judged_folder
 from tests.validator.audit.rules.release import BUILT, SPLIT, THRESHOLDS, ReleaseDraft, release_draft
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.rule import rules_of
-from branchdrive.derive import near_duplicate
+from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
+from branchdrive.model import near_duplicate
 
 BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
 

@@ -14,10 +14,10 @@ from tests.mutation import new_draft
 from tests.synthetic import BRANCH_TICK
 from tests.validator.audit.rules.case import BRAKE, NOMINAL
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.selection import select_candidates
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.engine.validate import validate
+from branchdrive.raw.selection import select_candidates
 from branchdrive.raw.shard_view import ShardView
 
 DESCRIPTOR = Descriptor.model_validate(synthetic.descriptor())

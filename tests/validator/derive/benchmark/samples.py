@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.validator.derive.guard.banks import banks
 
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
+from branchdrive.benchmark.guard.risk_features import FEATURES
+from branchdrive.benchmark.guard.risk_fit import PriceGrid, RiskFit
+from branchdrive.benchmark.metric.outcome import Predictions
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise, RepeatLosses
-from branchdrive.derive.guard.risk_features import FEATURES
-from branchdrive.derive.guard.risk_fit import PriceGrid, RiskFit
-from branchdrive.derive.layer.frame import Frame
-from branchdrive.derive.metric.outcome import Predictions
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.tables.frame import Frame
 
 SIZES = {"train": 24, "val": 20, "calibration": 96, "test": 20}
 BANK = load_action_bank()

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from tests.each import each
 
+from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts, header_bytes
 from branchdrive.contract.limits import spec_limits
-from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts, header_bytes
 
 FACTS = CheckpointFacts("M3", 11, "a" * 64, "b" * 64, "c" * 64, "d" * 64)
 

@@ -16,8 +16,8 @@ from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
 from tests.validator.derive.benchmark.lattice import Inputs, changed, tied
 from tests.validator.derive.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.derive.benchmark.results import TOLERANCE, results_document
-from branchdrive.derive.layer.comparison import document_problems
+from branchdrive.benchmark.results import TOLERANCE, results_document
+from branchdrive.contract.comparison import document_problems
 
 Array = NDArray[np.float64]
 

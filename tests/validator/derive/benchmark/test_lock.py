@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 from tests.validator.derive.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
-from branchdrive.derive.benchmark.lock import (
+from branchdrive.benchmark.lock import (
     LockedCheckpoint,
     LockFacts,
     checkpoint_problems,
@@ -19,8 +18,9 @@ from branchdrive.derive.benchmark.lock import (
     ranking_lock_problems,
     risk_fit_of,
 )
-from branchdrive.derive.benchmark.protocol import protocol_digest
-from branchdrive.derive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.protocol import protocol_digest
+from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.contract.document import dump_json, parse_json, schema_violations
 from branchdrive.errors import DatasetError
 
 PROTOCOL = small_protocol()

@@ -6,16 +6,9 @@ from typing import Any
 
 import pytest
 
+from branchdrive.benchmark.openings import CALIBRATION_READ, EVENTS, num_openings, opened, openings_problems, warnings
 from branchdrive.contract.document import schema_violations
-from branchdrive.derive.benchmark.openings import (
-    CALIBRATION_READ,
-    EVENTS,
-    num_openings,
-    opened,
-    openings_problems,
-    warnings,
-)
-from branchdrive.derive.layer.benchmark_openings import with_benchmark
+from branchdrive.quality.benchmark_openings import with_benchmark
 
 PREDICTION, RANKING = EVENTS
 A, B, C = ("a" * 64, "b" * 64, "c" * 64)

@@ -13,16 +13,16 @@ from hypothesis.extra import numpy as st_numpy
 from tests.validator.derive.benchmark.samples import small_protocol
 from tests.validator.derive.benchmark.tiny import CANDIDATES, SIZES, data
 
+from branchdrive.benchmark.metric.outcome import MAX_MAGNITUDE, Predictions
+from branchdrive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.frame import from_arrow, to_arrow
-from branchdrive.dataset.parquet import encode_table
-from branchdrive.dataset.table_file import read_table
-from branchdrive.derive.benchmark.prediction_problem import PredictionProblem, prediction_problems
-from branchdrive.derive.benchmark.prediction_rows import TABLES
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.layer.frame import sort_rows, take
-from branchdrive.derive.metric.outcome import MAX_MAGNITUDE, Predictions
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import read_table
+from branchdrive.tables.arrow import from_arrow, to_arrow
+from branchdrive.tables.frame import sort_rows, take
 
 Frames = dict[str, dict[str, Any]]
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from tests.validator.derive.benchmark.samples import data, group_ids, prediction_set, small_protocol
 
+from branchdrive.benchmark.prediction_problem import prediction_problems
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.derive.benchmark.prediction_problem import prediction_problems
-from branchdrive.derive.benchmark.prediction_rows import TABLES
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.layer.frame import concat, take
 from branchdrive.errors import DatasetError
+from branchdrive.tables.frame import concat, take
 
 
 def frames() -> dict[str, dict[str, Any]]:

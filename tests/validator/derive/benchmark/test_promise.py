@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from tests.validator.derive.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.derive.benchmark.openings import CALIBRATION_READ
-from branchdrive.derive.benchmark.promise import UNGUARDED, noise_floor, promises
-from branchdrive.derive.benchmark.results import results_document
-from branchdrive.derive.benchmark.tables import render_tables
-from branchdrive.derive.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.benchmark.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.benchmark.openings import CALIBRATION_READ
+from branchdrive.benchmark.promise import UNGUARDED, noise_floor, promises
+from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.tables import render_tables
 
 
 @cache

@@ -11,8 +11,11 @@ from tests.each import each
 from tests.repo.checkout import ROOT
 from tests.validator.contract.mutation import mutated
 
-from branchdrive.contract.resources import load_resource
-from branchdrive.derive.benchmark.protocol import (
+from branchdrive.benchmark.guard import calibration
+from branchdrive.benchmark.guard.path import TOLERANCE_M
+from branchdrive.benchmark.metric.metric import METRICS
+from branchdrive.benchmark.metric.shuffle import SEEDS
+from branchdrive.benchmark.protocol import (
     MAX_DRAWS,
     MAX_MEMBERS,
     MAX_OWNERS,
@@ -22,14 +25,11 @@ from branchdrive.derive.benchmark.protocol import (
     protocol_problem,
     read_protocol,
 )
-from branchdrive.derive.guard import calibration
-from branchdrive.derive.guard.path import TOLERANCE_M
-from branchdrive.derive.metric.interval import LEVELS
-from branchdrive.derive.metric.metric import METRICS
-from branchdrive.derive.metric.shuffle import SEEDS
-from branchdrive.derive.target import TARGETS, TRAJECTORY
-from branchdrive.derive.utility import PROFILES
+from branchdrive.contract.resources import load_resource
+from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.driving.utility import PROFILES
 from branchdrive.errors import DatasetError
+from branchdrive.statistics.interval import LEVELS
 
 
 def document() -> dict[str, Any]:

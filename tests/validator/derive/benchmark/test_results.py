@@ -17,18 +17,18 @@ from tests.validator.derive.benchmark.samples import (
     small_protocol,
 )
 
+from branchdrive.benchmark.data import BenchmarkData, groups_digest
+from branchdrive.benchmark.guard.assessment import SELECTIONS
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.promise import promises
+from branchdrive.benchmark.protocol import read_protocol
+from branchdrive.benchmark.results import noise_of, noise_record, results_document
+from branchdrive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
+from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
-from branchdrive.derive.benchmark.data import BenchmarkData, groups_digest
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.promise import promises
-from branchdrive.derive.benchmark.protocol import read_protocol
-from branchdrive.derive.benchmark.results import noise_of, noise_record, results_document
-from branchdrive.derive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
-from branchdrive.derive.benchmark.tables import render_tables
-from branchdrive.derive.guard.assessment import SELECTIONS
-from branchdrive.derive.layer.frame import take
-from branchdrive.derive.leakage.holm import holm
 from branchdrive.errors import DatasetError
+from branchdrive.statistics.holm import holm
+from branchdrive.tables.frame import take
 
 WARNING = "Predictions of X come from no locked checkpoint."
 

@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 
-from branchdrive.derive.benchmark.data import BenchmarkData, Part
-from branchdrive.derive.metric.outcome import Outcomes
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.benchmark.data import BenchmarkData, Part
+from branchdrive.benchmark.metric.outcome import Outcomes
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 
 __all__ = ["CANDIDATES", "SIZES", "data"]
 

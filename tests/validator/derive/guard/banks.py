@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.target import Targets
+from branchdrive.driving.target import Targets
 
 Array = NDArray[np.float64]
 

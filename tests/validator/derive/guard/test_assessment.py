@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from tests.validator.derive.guard.banks import banks
 
-from branchdrive.derive.guard.assessment import SELECTIONS, Assessment, GuardData, Limits, assess
-from branchdrive.derive.guard.path import price_grid
-from branchdrive.derive.guard.risk_features import FEATURES
-from branchdrive.derive.guard.risk_fit import RiskFit
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import PROFILES, fit_scale
+from branchdrive.benchmark.guard.assessment import SELECTIONS, Assessment, GuardData, Limits, assess
+from branchdrive.benchmark.guard.path import price_grid
+from branchdrive.benchmark.guard.risk_features import FEATURES
+from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import PROFILES, fit_scale
 
 K = len(FEATURES)
 SCALE = fit_scale(banks(80, seed=30).outcomes)

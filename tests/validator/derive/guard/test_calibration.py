@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from branchdrive.derive.guard.calibration import (
+from branchdrive.benchmark.guard.calibration import (
     ALPHA,
     DELTA,
     MIN_CLUSTERS,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from tests.each import each
 
-from branchdrive.derive.guard.calibration import ALPHA, DELTA, conformal
-from branchdrive.derive.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
-from branchdrive.derive.guard.path import TOLERANCE_M
+from branchdrive.benchmark.guard.calibration import ALPHA, DELTA, conformal
+from branchdrive.benchmark.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.benchmark.guard.path import TOLERANCE_M
 
 
 def test_the_numbers_are_those_of_the_protocol() -> None:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise, RepeatLosses, outcome_noise, selected_differences
-from branchdrive.derive.target import Targets
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses, outcome_noise, selected_differences
+from branchdrive.driving.target import Targets
 
 Array = NDArray[np.float64]
 NO_LOSSES = RepeatLosses(0, 0, 0, 0)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from tests.each import each
 
-from branchdrive.derive.guard.path import TOLERANCE_M, envelope, price_grid, selection_path, violations
+from branchdrive.benchmark.guard.path import TOLERANCE_M, envelope, price_grid, selection_path, violations
 
 GRID = price_grid(0.2)
 unit = st.floats(0, 1, width=16)

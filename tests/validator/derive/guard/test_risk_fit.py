@@ -14,10 +14,10 @@ from pydantic import ValidationError
 from tests.each import each
 from tests.validator.derive.guard.banks import banks
 
-from branchdrive.derive.guard.path import price_grid
-from branchdrive.derive.guard.risk_features import FEATURES
-from branchdrive.derive.guard.risk_fit import PriceGrid, RiskFit, guarded_path, risk
-from branchdrive.derive.utility import PROFILES, fit_scale, predicted_utility
+from branchdrive.benchmark.guard.path import price_grid
+from branchdrive.benchmark.guard.risk_features import FEATURES
+from branchdrive.benchmark.guard.risk_fit import PriceGrid, RiskFit, guarded_path, risk
+from branchdrive.driving.utility import PROFILES, fit_scale, predicted_utility
 
 K = len(FEATURES)
 FOUND = banks(25, seed=6)

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from branchdrive.derive.layer.fidelity import retention_document, threshold_document, with_passes
-from branchdrive.derive.layer.frame import concat, num_rows
-from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.partition import assignment_of, clusters_of, split_document
-from branchdrive.derive.layer.population import population_document
-from branchdrive.derive.layer.variants import variants_document
-from branchdrive.derive.threshold import VARIABLES, Thresholds
+from branchdrive.quality.fidelity import retention_document, threshold_document, with_passes
+from branchdrive.quality.ledger import opened
+from branchdrive.quality.partition import assignment_of, clusters_of, split_document
+from branchdrive.quality.population import population_document
+from branchdrive.quality.threshold import VARIABLES, Thresholds
+from branchdrive.quality.variants import variants_document
+from branchdrive.tables.frame import concat, num_rows
 
 Table = dict[str, Any]
 

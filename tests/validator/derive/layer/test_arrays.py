@@ -13,13 +13,13 @@ from tests.model_release import CANDIDATES, GROUPS, make_arrays, make_frames, sh
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.encoding import encode_bank
-from branchdrive.derive.feature import SENSOR_PROFILE
-from branchdrive.derive.history import CONTROL_WINDOW
-from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays, pack_column
-from branchdrive.derive.layer.features import HISTORIES
-from branchdrive.derive.layer.frame import concat, num_rows, take
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.feature import SENSOR_PROFILE
+from branchdrive.driving.history import CONTROL_WINDOW
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError
+from branchdrive.model.arrays import ModelArrays, pack_arrays, pack_column
+from branchdrive.model.features import HISTORIES
+from branchdrive.tables.frame import concat, num_rows, take
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)

@@ -22,12 +22,12 @@ from tests.validator.derive.layer.release import (
     reaching,
 )
 
+from branchdrive.card.card import render_card, render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import LAYERS
-from branchdrive.derive.layer.card import render_card, render_licence
-from branchdrive.derive.layer.fidelity import with_passes
-from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.variants import declared_variants, variants_document
+from branchdrive.quality.fidelity import with_passes
+from branchdrive.quality.ledger import opened
+from branchdrive.quality.variants import declared_variants, variants_document
 
 DISPOSITIONS = next(c.values for c in LAYER_TABLES["attempts"].columns if c.name == "disposition")
 SOURCE = {

@@ -13,8 +13,10 @@ from tests.model_release import BARE, CANDIDATES, DESCRIPTOR, make_arrays, make_
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
-from branchdrive.derive.feature import InputContract
-from branchdrive.derive.layer.features import (
+from branchdrive.driving.feature import InputContract
+from branchdrive.driving.target import TARGETS
+from branchdrive.errors import UsageError
+from branchdrive.model.features import (
     CONTRACT_TABLES,
     HISTORIES,
     admit_column,
@@ -22,8 +24,6 @@ from branchdrive.derive.layer.features import (
     features_document,
     target_mask,
 )
-from branchdrive.derive.target import TARGETS
-from branchdrive.errors import UsageError
 
 DOCUMENT = features_document(DESCRIPTOR)
 INPUT_COLUMNS = [

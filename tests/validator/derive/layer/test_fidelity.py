@@ -22,7 +22,7 @@ from tests.validator.derive.layer.release import (
 )
 
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.derive.layer.fidelity import (
+from branchdrive.quality.fidelity import (
     bank_rows,
     retention_document,
     threshold_document,
@@ -30,10 +30,10 @@ from branchdrive.derive.layer.fidelity import (
     with_passes,
     with_validity,
 )
-from branchdrive.derive.layer.frame import sort_rows, take
-from branchdrive.derive.layer.partition import assignment_of
-from branchdrive.derive.split import split_digest
-from branchdrive.derive.threshold import VARIABLES
+from branchdrive.quality.partition import assignment_of
+from branchdrive.quality.threshold import VARIABLES
+from branchdrive.statistics.split import split_digest
+from branchdrive.tables.frame import sort_rows, take
 
 Table = dict[str, Any]
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.derive.layer.frame import Frame, align, concat, num_rows, repeated_rows, sort_rows, take
+from branchdrive.tables.frame import Frame, align, concat, num_rows, repeated_rows, sort_rows, take
 
 KEY = ("group_id", "step")
 KEYS = st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 3)), max_size=12)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from branchdrive.contract.document import schema_violations
-from branchdrive.derive.layer.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
-from branchdrive.derive.layer.ledger import EVENTS, ledger_problems, num_test_openings, opened, recorded
+from branchdrive.quality.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
+from branchdrive.quality.ledger import EVENTS, ledger_problems, num_test_openings, opened, recorded
 
 A, B = ({"split_digest": split * 64, "thresholds_digest": fitted * 64} for split, fitted in ("ab", "cd"))
 

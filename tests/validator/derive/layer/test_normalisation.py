@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from tests.model_release import ASSIGNMENT, CANDIDATES, GROUPS, make_arrays, make_frames
 
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.derive.feature import SENSOR_PROFILE
-from branchdrive.derive.history import HistoryInput
-from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
-from branchdrive.derive.layer.normalisation import normalisation_document, recompute_problems, scalings_of
-from branchdrive.derive.normalisation import fit_state, fit_targets, fit_trajectory, training
-from branchdrive.derive.split import split_digest
-from branchdrive.derive.target import Targets
+from branchdrive.driving.feature import SENSOR_PROFILE
+from branchdrive.driving.history import HistoryInput
+from branchdrive.driving.normalisation import fit_state, fit_targets, fit_trajectory, training
+from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError
+from branchdrive.model.arrays import ModelArrays, pack_arrays
+from branchdrive.model.normalisation import normalisation_document, recompute_problems, scalings_of
+from branchdrive.statistics.split import split_digest
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.validator.derive.layer.release import concat, reaching, shuffled
 
-from branchdrive.derive.layer.frame import sort_rows, take
-from branchdrive.derive.layer.partition import (
+from branchdrive.quality.partition import (
     PARTITIONS,
     assignment_of,
     calibration_of,
@@ -22,7 +21,8 @@ from branchdrive.derive.layer.partition import (
     split_document,
     with_partitions,
 )
-from branchdrive.derive.split import Calibration, split_digest
+from branchdrive.statistics.split import Calibration, split_digest
+from branchdrive.tables.frame import sort_rows, take
 
 
 def straight(x_m: float, y_m: float = 0.0) -> Any:

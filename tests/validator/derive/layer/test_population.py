@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from tests.each import each
 from tests.validator.derive.layer.release import FLAGS, concat, numbered, paper_groups, paper_pairs, reaching, shuffled
 
-from branchdrive.derive.layer.fidelity import with_validity
-from branchdrive.derive.layer.population import STAGES, frozen_groups, population_document
+from branchdrive.quality.fidelity import with_validity
+from branchdrive.quality.population import STAGES, frozen_groups, population_document
 
 PAPER = {
     "discovered": (None, 2467, None),

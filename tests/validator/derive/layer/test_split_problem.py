@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 from tests.validator.derive.layer.release import concat, numbered, paper_groups, reaching, shuffled
 
-from branchdrive.derive.layer.partition import (
-    assignment_of,
-    clusters_of,
-    draw_partitions,
-    split_document,
-    with_partitions,
-)
-from branchdrive.derive.layer.problem import Problem
-from branchdrive.derive.layer.split_problem import (
+from branchdrive.contract.comparison import Problem
+from branchdrive.quality.partition import assignment_of, clusters_of, draw_partitions, split_document, with_partitions
+from branchdrive.quality.split_check import (
     calibration_problems,
     cluster_problems,
     count_problems,
@@ -26,7 +20,7 @@ from branchdrive.derive.layer.split_problem import (
     empty_problems,
     membership_problems,
 )
-from branchdrive.derive.split import Calibration
+from branchdrive.statistics.split import Calibration
 
 Table = dict[str, Any]
 

@@ -10,8 +10,8 @@ from tests.each import each
 from tests.validator.derive.layer.release import concat, numbered, paper_groups, reaching, shuffled
 
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.derive.layer.variants import FLAGS, RESERVED, declared_of, declared_variants, variants_document
 from branchdrive.errors import UsageError
+from branchdrive.quality.variants import FLAGS, RESERVED, declared_of, declared_variants, variants_document
 
 LOST = {"name": "lost", "title": "What the bank cost", "where": {"exact_bank": False}}
 

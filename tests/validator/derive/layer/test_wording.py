@@ -5,16 +5,11 @@ from __future__ import annotations
 import pytest
 from tests.validator.derive.layer.release import DIGEST, documents, leakage, paper_groups, paper_pairs
 
-from branchdrive.derive.layer.benchmark_openings import with_benchmark
-from branchdrive.derive.layer.ledger import opened
-from branchdrive.derive.layer.wording import (
-    benchmark_sentences,
-    leakage_sentences,
-    opening_sentence,
-    percent,
-    population_sentences,
-    target_sentences,
-)
+from branchdrive.contract.text import percent
+from branchdrive.leakage.text import leakage_sentences
+from branchdrive.quality.benchmark_openings import with_benchmark
+from branchdrive.quality.ledger import opened
+from branchdrive.quality.text import benchmark_sentences, opening_sentence, population_sentences, target_sentences
 
 OTHER = "e" * 64
 LOCKS = {"entries": [{"event": "prediction_test_opened", "lock_digest": digest} for digest in (DIGEST, OTHER)]}

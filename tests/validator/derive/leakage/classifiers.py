@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from branchdrive.derive.leakage.logistic import fit_logistic, log_probability
-from branchdrive.derive.leakage.sequence import SequenceScores, SequenceTask
+from branchdrive.leakage.logistic import fit_logistic, log_probability
+from branchdrive.leakage.sequence import SequenceScores, SequenceTask
 
 
 class Regression:

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.derive.discrepancy import History, core_discrepancy
-from branchdrive.derive.leakage.audit import AuditProtocol, audit_leakage
-from branchdrive.derive.leakage.ego import EGO_NAMES, ego_frames
-from branchdrive.derive.leakage.gate import dealt
-from branchdrive.derive.leakage.gate_input import gate_features
-from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.parity_protocol import ParityProtocol
-from branchdrive.derive.leakage.protocol import Protocol
-from branchdrive.derive.leakage.sequence import Unavailable
-from branchdrive.derive.leakage.table import tabulate
-from branchdrive.derive.leakage.verify import (
+from branchdrive.driving.discrepancy import History, core_discrepancy
+from branchdrive.leakage.audit import AuditProtocol, audit_leakage
+from branchdrive.leakage.ego import EGO_NAMES, ego_frames
+from branchdrive.leakage.gate import dealt
+from branchdrive.leakage.gate_input import gate_features
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.parity_protocol import ParityProtocol
+from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.table import tabulate
+from branchdrive.leakage.verify import (
     battery_differences,
     count_differences,
     gate_differences,
@@ -33,8 +33,8 @@ from branchdrive.derive.leakage.verify import (
     score_differences,
     statistic_differences,
 )
-from branchdrive.derive.retention import retention
-from branchdrive.derive.stream import normals, words
+from branchdrive.quality.retention import retention
+from branchdrive.statistics.stream import normals, words
 
 PROTOCOL = AuditProtocol(
     Protocol(alpha=0.05, num_permutations=199, offsets_sd=(0.2, 0.8), num_replicates=2),

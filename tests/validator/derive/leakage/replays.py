@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from branchdrive.derive.leakage.ego import EGO_NAMES
-from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.threshold import VARIABLES
+from branchdrive.leakage.ego import EGO_NAMES
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.quality.threshold import VARIABLES
 
 CONTROLS = ("steer", "throttle", "brake")
 

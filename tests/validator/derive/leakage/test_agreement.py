@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.each import each
 
-from branchdrive.derive.leakage.agreement import rows_agree
+from branchdrive.leakage.agreement import rows_agree
 
 
 def test_scores_that_differ_between_groups_alone_agree() -> None:

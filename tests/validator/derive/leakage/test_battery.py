@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.stats import kstest
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.battery import Battery, chunk_length
-from branchdrive.derive.leakage.permutation import p_value
-from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.battery import Battery, chunk_length
+from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.statistics.permutation import p_value
 
 SMALL = Protocol(num_frequencies=16)
 FIXED = Protocol(num_frequencies=16, bandwidth=3.0)

@@ -10,9 +10,9 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.gate import Gate, leakage_gate
-from branchdrive.derive.leakage.holm import holm
-from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.gate import Gate, leakage_gate
+from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.statistics.holm import holm
 
 QUICK = Protocol(num_permutations=999, alpha=0.01, num_frequencies=32, offsets_sd=(0.8,), num_replicates=1)
 

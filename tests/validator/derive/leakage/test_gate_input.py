@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 
-from branchdrive.derive.leakage.gate_input import GateFeature, gate_features, pooled_controls
+from branchdrive.leakage.gate_input import GateFeature, gate_features, pooled_controls
 
 INPUTS = replay_inputs(4, seed=1, num_actions=4)
 FEATURES, COLUMNS = gate_features(INPUTS)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.derive.leakage.holm import holm
+from branchdrive.statistics.holm import holm
 
 P = st.lists(st.sampled_from([0.0, 1e-4, 2e-4, 0.001, 0.01, 0.0125, 0.02, 0.05, 0.3, 1.0]), max_size=6)
 

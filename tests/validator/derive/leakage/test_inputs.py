@@ -9,7 +9,7 @@ import pytest
 from tests.each import each
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 
-from branchdrive.derive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.inputs import ReplayInputs
 
 INPUTS = replay_inputs(6, seed=0)
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.distance import pdist, squareform
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.kernel import Hsic, frequencies, median_distance
-from branchdrive.derive.leakage.permutation import identity, labels
-from branchdrive.derive.leakage.table import tabulate
+from branchdrive.leakage.kernel import Hsic, frequencies, median_distance
+from branchdrive.leakage.table import tabulate
+from branchdrive.statistics.permutation import identity, labels
 
 
 def test_the_bandwidth_is_the_median_distance_within_groups() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from branchdrive.derive.leakage.logistic import fit_logistic, log_probability
+from branchdrive.leakage.logistic import fit_logistic, log_probability
 
 
 def sample(num_rows: int, num_features: int, num_classes: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,9 @@ from itertools import permutations, product
 import numpy as np
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.max_t import MaxT
-from branchdrive.derive.leakage.permutation import draw, labels
-from branchdrive.derive.leakage.table import tabulate
+from branchdrive.leakage.max_t import MaxT
+from branchdrive.leakage.table import tabulate
+from branchdrive.statistics.permutation import draw, labels
 
 
 def test_it_is_what_its_formula_says() -> None:

@@ -14,10 +14,10 @@ from tests.validator.derive.leakage.classifiers import Regression, Undecided
 from tests.validator.derive.leakage.replays import changed, replay_inputs
 from tests.validator.derive.leakage.test_inputs import without_nominal_replay
 
-from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.parity import ways
-from branchdrive.derive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
-from branchdrive.derive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.parity import ways
+from branchdrive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
+from branchdrive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 
 QUICK = ParityProtocol(num_permutations=1_999, num_resamples=100)
 CLEAN = replay_inputs(60, seed=2)

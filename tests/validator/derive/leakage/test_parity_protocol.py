@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.each import each
 
-from branchdrive.derive.leakage.parity_protocol import ParityProtocol
+from branchdrive.leakage.parity_protocol import ParityProtocol
 
 
 def test_the_defaults_are_the_papers_where_it_names_them() -> None:

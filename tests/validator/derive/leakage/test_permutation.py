@@ -10,13 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from branchdrive.derive.leakage.permutation import (
-    critical_value,
-    draw,
-    identity,
-    labels,
-    p_value,
-)
+from branchdrive.statistics.permutation import critical_value, draw, identity, labels, p_value
 
 
 @pytest.mark.parametrize("num_actions", [2, 3, 12, 16, 17])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.each import each
 
-from branchdrive.derive.leakage.plausible import is_plausible
+from branchdrive.leakage.plausible import is_plausible
 
 
 @each(

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.each import each
 
-from branchdrive.derive.leakage.protocol import Protocol
+from branchdrive.leakage.protocol import Protocol
 
 
 @each(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.permutation import draw, identity, labels
-from branchdrive.derive.leakage.ridge import Ridge
-from branchdrive.derive.leakage.table import tabulate
+from branchdrive.leakage.ridge import Ridge
+from branchdrive.leakage.table import tabulate
+from branchdrive.statistics.permutation import draw, identity, labels
 
 
 def test_it_is_the_score_of_fits_to_the_other_folds() -> None:

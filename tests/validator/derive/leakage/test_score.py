@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 from scipy.stats import kstest
 
-from branchdrive.derive.leakage.score import Score, held_out_score
+from branchdrive.leakage.score import Score, held_out_score
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.battery import Battery
-from branchdrive.derive.leakage.permutation import critical_value
-from branchdrive.derive.leakage.protocol import Protocol
-from branchdrive.derive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, inject, sensitivity
+from branchdrive.leakage.battery import Battery
+from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, inject, sensitivity
+from branchdrive.statistics.permutation import critical_value
 
 PROTOCOL = Protocol(num_permutations=399, alpha=0.02, num_frequencies=32, offsets_sd=(1e-4, 0.8, 2.0), num_replicates=4)
 

@@ -6,8 +6,8 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from branchdrive.derive.leakage import sequence
-from branchdrive.derive.leakage.sequence import ENTRY_POINTS, Unavailable, sequence_classifier
+from branchdrive.leakage import sequence
+from branchdrive.leakage.sequence import ENTRY_POINTS, Unavailable, sequence_classifier
 
 
 def offer(monkeypatch: pytest.MonkeyPatch, *values: str) -> None:

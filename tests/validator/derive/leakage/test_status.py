@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from branchdrive.derive.leakage.holm import holm
-from branchdrive.derive.leakage.parity_protocol import CONTROLS, TESTS, ParityProtocol
-from branchdrive.derive.leakage.status import judged_battery
+from branchdrive.leakage.parity_protocol import CONTROLS, TESTS, ParityProtocol
+from branchdrive.leakage.status import judged_battery
+from branchdrive.statistics.holm import holm
 
 PROTOCOL = ParityProtocol(num_permutations=9_999)
 

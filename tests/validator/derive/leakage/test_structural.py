@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.validator.derive import random_words
 
-from branchdrive.derive.leakage.structural import held_targets, neighbours_p, ranked_targets
+from branchdrive.leakage.structural import held_targets, neighbours_p, ranked_targets
 
 GROUPS, ACTIONS = 40, 3
 

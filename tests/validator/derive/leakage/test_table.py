@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 from tests.validator.derive.leakage.samples import exchangeable
 
-from branchdrive.derive.leakage.permutation import draw, labels
-from branchdrive.derive.leakage.table import MAX_GROUPS, Column, Table, step_limit, tabulate, within_group_rank
+from branchdrive.leakage.table import MAX_GROUPS, Column, Table, step_limit, tabulate, within_group_rank
+from branchdrive.statistics.permutation import draw, labels
 
 Array = NDArray[np.float64]
 ANY = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, 2.0, -3.5, 1e308, -1e308, 5e-324, 1e-300])

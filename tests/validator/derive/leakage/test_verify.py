@@ -15,12 +15,12 @@ from tests.validator.derive.leakage.test_audit import CLEAN, audited, clean_docu
 from tests.validator.derive.leakage.test_inputs import without_nominal_replay
 
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
-from branchdrive.derive.leakage import parity, redraw
-from branchdrive.derive.leakage.audit import AuditProtocol
-from branchdrive.derive.leakage.inputs import ReplayInputs
-from branchdrive.derive.leakage.ridge import Ridge
-from branchdrive.derive.leakage.sequence import Unavailable
-from branchdrive.derive.leakage.verify import (
+from branchdrive.leakage import parity, redraw
+from branchdrive.leakage.audit import AuditProtocol
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.ridge import Ridge
+from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.verify import (
     Difference,
     battery_differences,
     count_differences,

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare
 from tests.validator.derive.metric.samples import alone, pairs
 
-from branchdrive.derive.metric.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
-from branchdrive.derive.stream import below, words
+from branchdrive.statistics.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
+from branchdrive.statistics.stream import below, words
 
 
 def test_a_design_holds_estimate_resamples_and_jackknife() -> None:

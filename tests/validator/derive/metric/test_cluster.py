@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import f_oneway
 from tests.validator.derive.metric.samples import alone, pairs
 
-from branchdrive.derive.metric.cluster import Clusters, intra_cluster_correlation
+from branchdrive.statistics.cluster import Clusters, intra_cluster_correlation
 
 
 def correlation(values: list[float], names: list[str]) -> float:

@@ -7,8 +7,8 @@ import pytest
 from sklearn.metrics import mean_absolute_error
 from tests.validator.derive.metric.samples import outcomes, perfect, predictions
 
-from branchdrive.derive.metric.error import PATH_ERRORS, group_errors
-from branchdrive.derive.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.metric.error import PATH_ERRORS, group_errors
+from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
 
 
 def straight(speed_mps: float = 4.0, yaw_rad: float = 0.0) -> np.ndarray:

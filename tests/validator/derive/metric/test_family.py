@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from statsmodels.stats.multitest import multipletests
 
-from branchdrive.derive.metric.family import Family, adjust
+from branchdrive.benchmark.metric.family import Family, adjust
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=24))

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import bootstrap
 from tests.validator.derive.metric.samples import alone, pairs, same
 
-from branchdrive.derive.metric.bootstrap import Design, counted_mean, design
-from branchdrive.derive.metric.interval import Intervals, intervals
-from branchdrive.derive.stream import below, words
+from branchdrive.statistics.bootstrap import Design, counted_mean, design
+from branchdrive.statistics.interval import Intervals, intervals
+from branchdrive.statistics.stream import below, words
 
 
 def of_values(values: np.ndarray, resampling: Design) -> Intervals:

@@ -10,10 +10,10 @@ from scipy.stats import spearmanr
 from sklearn.metrics import mean_absolute_error, root_mean_squared_error
 from tests.validator.derive.metric.samples import UNIT, outcomes, perfect, predictions, same
 
-from branchdrive.derive.metric.metric import METRICS, PAIRED_METRICS, metric_values
-from branchdrive.derive.metric.outcome import Outcomes, Predictions
-from branchdrive.derive.metric.scale import Scale
-from branchdrive.derive.target import TARGETS
+from branchdrive.benchmark.metric.metric import METRICS, PAIRED_METRICS, metric_values
+from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.metric.scale import Scale
+from branchdrive.driving.target import TARGETS
 
 NAMES = [metric.name for metric in METRICS]
 SCALE = Scale(np.array([1.0, 2.0, 0.5, 4.0, 3.0, 0.25]), np.array([2.0, 1.0, 0.25, 8.0, 5.0, 1.0]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.validator.derive.metric.samples import outcomes, predictions
 
-from branchdrive.derive.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
 
 VALUES = np.zeros((2, 3, 6))
 HERE = np.ones((2, 3, 6), np.bool_)

@@ -7,9 +7,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from branchdrive.derive.metric.interval import intervals
-from branchdrive.derive.metric.rounding import slack, sums
-from branchdrive.derive.metric.sign_flip import sign_flip
+from branchdrive.statistics.interval import intervals
+from branchdrive.statistics.rounding import slack, sums
+from branchdrive.statistics.sign_flip import sign_flip
 
 
 @pytest.fixture

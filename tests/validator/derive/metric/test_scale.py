@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import iqr
 from tests.validator.derive.metric.samples import outcomes
 
-from branchdrive.derive.metric.scale import target_scale
-from branchdrive.derive.normalisation import Training, fit_targets
-from branchdrive.derive.target import Targets
+from branchdrive.benchmark.metric.scale import target_scale
+from branchdrive.driving.normalisation import Training, fit_targets
+from branchdrive.driving.target import Targets
 
 
 def test_scales_are_those_of_scipy_on_available_values() -> None:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare
 from tests.validator.derive.metric.samples import outcomes, predictions
 
-from branchdrive.derive.metric.outcome import Predictions
-from branchdrive.derive.metric.shuffle import SEEDS, derangements, shuffles
+from branchdrive.benchmark.metric.outcome import Predictions
+from branchdrive.benchmark.metric.shuffle import SEEDS, derangements, shuffles
 
 
 @given(st.integers(1, 9), st.integers(2, 14), st.integers(0, 50))

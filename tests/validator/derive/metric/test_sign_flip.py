@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import permutation_test, ttest_1samp
 from tests.validator.derive.metric.samples import alone, pairs
 
-from branchdrive.derive.metric.bootstrap import design
-from branchdrive.derive.metric.cluster import Clusters
-from branchdrive.derive.metric.sign_flip import CLUSTER_STREAM, draw_signs, p_text, sign_flip, studentised_p
+from branchdrive.statistics.bootstrap import design
+from branchdrive.statistics.cluster import Clusters
+from branchdrive.statistics.sign_flip import CLUSTER_STREAM, draw_signs, p_text, sign_flip, studentised_p
 
 DIFFERENCES = st.lists(st.floats(-4, 4, width=16), min_size=1, max_size=8)
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import ConstantInputWarning, spearmanr
 from tests.validator.derive.metric import samples
 
-from branchdrive.derive.metric import spearman
-from branchdrive.derive.metric.bootstrap import design
-from branchdrive.derive.metric.spearman import bank_spearman, pooled_spearman
+from branchdrive.statistics import spearman
+from branchdrive.statistics.bootstrap import design
+from branchdrive.statistics.spearman import bank_spearman, pooled_spearman
 
 
 def reference(x: np.ndarray, y: np.ndarray) -> float:

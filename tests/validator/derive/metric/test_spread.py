@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.validator.derive.metric.samples import outcomes, perfect, predictions
 
-from branchdrive.derive.metric.outcome import Outcomes, Predictions
-from branchdrive.derive.metric.spread import spread, spread_ratios
+from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.metric.spread import spread, spread_ratios
 
 
 @given(st.floats(0, 3), st.floats(-5, 5))

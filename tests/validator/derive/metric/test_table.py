@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.validator.derive.metric.samples import UNIT, outcomes, pairs, perfect, predictions, same
 
-from branchdrive.derive.metric.bootstrap import design
-from branchdrive.derive.metric.cluster import Clusters, intra_cluster_correlation
-from branchdrive.derive.metric.metric import METRICS, metric_values
-from branchdrive.derive.metric.outcome import Outcomes, Predictions
-from branchdrive.derive.metric.sign_flip import CLUSTER_STREAM, draw_signs, sign_flip, studentised_p
-from branchdrive.derive.metric.table import Contrast, Statistics, statistics
+from branchdrive.benchmark.metric.metric import METRICS, metric_values
+from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.metric.table import Contrast, Statistics, statistics
+from branchdrive.statistics.bootstrap import design
+from branchdrive.statistics.cluster import Clusters, intra_cluster_correlation
+from branchdrive.statistics.sign_flip import CLUSTER_STREAM, draw_signs, sign_flip, studentised_p
 
 CONTRASTS = (Contrast("good", "bad", "macro_nmae"), Contrast("good", "bad", "ade_m"))
 IDS = [f"g{i:02}" for i in range(14)]

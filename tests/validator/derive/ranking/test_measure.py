@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from branchdrive.derive.ranking.measure import mean_measures, measures, without_range
-from branchdrive.derive.ranking.selector import by_score, fixed, uniform
+from branchdrive.benchmark.ranking.measure import mean_measures, measures, without_range
+from branchdrive.benchmark.ranking.selector import by_score, fixed, uniform
 
 UTILITIES = np.array([[0.4, 0.9, 0.1], [0.4, 0.4, 0.4], [0.4, 0.2, 0.6]])
 

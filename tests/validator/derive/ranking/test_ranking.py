@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.validator.derive.guard.banks import Banks, banks
 
-from branchdrive.derive.ranking.ranking import SEPARATION, Ranking, rank
-from branchdrive.derive.ranking.selector import best_fixed
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import PROFILES, Scale, fit_scale, utility
+from branchdrive.benchmark.ranking.ranking import SEPARATION, Ranking, rank
+from branchdrive.benchmark.ranking.selector import best_fixed
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import PROFILES, Scale, fit_scale, utility
 
 TRAIN = banks(60, seed=1)
 TEST = banks(30, seed=2)

@@ -20,10 +20,10 @@ from tests.validator.audit.rules.benchmark_release import (
 from tests.validator.audit.rules.case import boundary, mutant
 from tests.validator.audit.rules.release import LEDGER
 
-from branchdrive.derive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
-from branchdrive.derive.benchmark.data import groups_digest
-from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
-from branchdrive.derive.layer.benchmark_openings import with_benchmark
+from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
+from branchdrive.benchmark.data import groups_digest
+from branchdrive.benchmark.openings import EVENTS, opened, warnings
+from branchdrive.quality.benchmark_openings import with_benchmark
 
 CHECKPOINT = "checkpoints/M3-seed11.safetensors"
 ENTRY = 7

@@ -15,10 +15,10 @@ from tests.validator.audit.rules.benchmark_release import (
 )
 from tests.validator.audit.rules.case import boundary, mutant
 
-from branchdrive.derive.benchmark.openings import warnings
-from branchdrive.derive.benchmark.prediction_rows import TABLES
-from branchdrive.derive.guard.guarantee import GUARANTEE
-from branchdrive.derive.layer.frame import concat, take
+from branchdrive.benchmark.guard.guarantee import GUARANTEE
+from branchdrive.benchmark.openings import warnings
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.tables.frame import concat, take
 
 # Limits
 

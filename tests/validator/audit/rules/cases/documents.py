@@ -11,8 +11,8 @@ from tests.validator.audit.rules.draft import Draft
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.encoding import encoding_digest
+from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.layout import DESCRIPTOR_FILE
 
 PLACE = {"file": DESCRIPTOR_FILE}
 ENCODING = {**PLACE, "pointer": "/action_encoding/sha256"}

@@ -8,10 +8,10 @@ from tests.validator.audit.rules.cases.model import TEST, TRAIN, VAL, within
 from tests.validator.audit.rules.release import SPLIT, ReleaseDraft
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
-from branchdrive.derive.layer.normalisation import normalisation_document
-from branchdrive.derive.layer.partition import assignment_of
-from branchdrive.derive.near_duplicate import duplicates_among
+from branchdrive.model.arrays import ModelArrays, pack_arrays
+from branchdrive.model.near_duplicate import duplicates_among
+from branchdrive.model.normalisation import normalisation_document
+from branchdrive.quality.partition import assignment_of
 
 FEATURES, NORMALISATION = "model/features.json", "model/normalisation.json"
 TABLES = ("state", "past_controls", "expert", "surroundings", "actions", "scalars", "trajectories")

@@ -7,9 +7,9 @@ from tests.synthetic_release import LOST, MOVED, SEED
 from tests.validator.audit.rules.case import boundary, mutant
 from tests.validator.audit.rules.release import LEDGER, RETENTION, SPLIT, THRESHOLDS, ReleaseDraft
 
-from branchdrive.derive.layer.fidelity import retention_document, threshold_document
-from branchdrive.derive.layer.frame import Frame, take
-from branchdrive.derive.layer.ledger import opened
+from branchdrive.quality.fidelity import retention_document, threshold_document
+from branchdrive.quality.ledger import opened
+from branchdrive.tables.frame import Frame, take
 
 REPLAY = {"rollout_id": "g13.nominal_replay.a1"}
 """A pair that decides nothing."""

@@ -12,10 +12,10 @@ from tests.synthetic import MEDIA_FILE, base_tables
 from tests.validator.audit.rules.case import SHARD_0, SHARD_1, boundary, mutant
 from tests.validator.audit.rules.draft import Draft
 
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
-from branchdrive.dataset.manifest import Manifest, build_manifest
-from branchdrive.dataset.parquet import encode_table
+from branchdrive.formats.manifest import Manifest, build_manifest
+from branchdrive.formats.parquet import encode_table
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
 MEDIA = f"{SHARD_1}/{MEDIA_FILE}"

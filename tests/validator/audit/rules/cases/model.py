@@ -10,9 +10,9 @@ from tests.synthetic_release import NOISY
 from tests.validator.audit.rules.case import boundary, mutant
 from tests.validator.audit.rules.release import LEAKAGE, ReleaseDraft
 
-from branchdrive.audit.release.compare import TOLERANCE
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.derive.layer.features import features_document
+from branchdrive.layers.compare import TOLERANCE
+from branchdrive.model.features import features_document
 
 TRAIN, VAL, TEST = "g0", "g18", "g12"
 """A context of each partition; no scaling depends on the last two."""

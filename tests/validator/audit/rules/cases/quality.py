@@ -6,8 +6,8 @@ from tests.synthetic_release import LOST, SEED
 from tests.validator.audit.rules.case import boundary, mutant
 from tests.validator.audit.rules.release import POPULATION, VARIANTS, ReleaseDraft
 
-from branchdrive.build.stage import BuildOptions
-from branchdrive.derive.layer.variants import Variant
+from branchdrive.quality.variants import Variant
+from branchdrive.release.stage import BuildOptions
 
 NONCOMPLIANT = {"rollout_id": "g9.brake_0.50.a1"}
 REPLAYS = [f"g13.nominal_replay.a{attempt}" for attempt in (1, 2)]

@@ -7,8 +7,8 @@ from tests.synthetic_release import LOST, NEAR_DUPLICATE, SEED, TWINS
 from tests.validator.audit.rules.case import boundary, mutant
 from tests.validator.audit.rules.release import SPLIT, ReleaseDraft
 
-from branchdrive.build.stage import BuildOptions
-from branchdrive.derive.split import Calibration
+from branchdrive.release.stage import BuildOptions
+from branchdrive.statistics.split import Calibration
 
 ALL = tuple(f"BD-SPL-{number:03d}" for number in range(1, 9))
 

@@ -8,7 +8,7 @@ from tests.validator.audit.rules.cases.model import bent, noise, own_encoding, s
 from tests.validator.audit.rules.release import ReleaseDraft
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.derive.layer.features import features_document
+from branchdrive.model.features import features_document
 
 TRAIN, VAL, TEST = "g0", "g18", "g12"
 """A context of each partition; no scaling depends on the last two."""
