@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-from tests.validator.audit import datasets
+from tests.validator.engine import datasets
 
 import branchdrive
 from branchdrive import environment

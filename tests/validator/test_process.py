@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tests.hostile_folder import infest, marks
 from tests.repo.checkout import ROOT
-from tests.validator.audit import datasets
+from tests.validator.engine import datasets
 
 SCRIPT = """
 import os, sys

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.each import each
-from tests.validator.derive.benchmark.samples import small_protocol
-from tests.validator.derive.benchmark.tiny import CANDIDATES, data
+from tests.validator.benchmark.samples import small_protocol
+from tests.validator.benchmark.tiny import CANDIDATES, data
 
 from branchdrive import DatasetError
 from branchdrive.benchmark.prediction_set import PredictionSet

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
+from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive_reference.benchmark.noise import noise_of

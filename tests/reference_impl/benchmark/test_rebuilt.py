@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
 from tests.synthetic_release import SEED, raw_descriptor, raw_tables
-from tests.validator.audit.rules.draft import Draft
+from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LEDGER_FILE, OPENINGS_FILE

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.validator.derive.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
+from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
 from branchdrive.benchmark.guard.guarantee import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
 from branchdrive.benchmark.openings import CALIBRATION_READ

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.validator.derive.guard.banks import banks
+from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.guard.calibration import ALPHA, conformal
 from branchdrive.benchmark.guard.path import violations

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.processors import blas_kernels, runnable
-from tests.validator.derive.guard.banks import banks
+from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.driving.utility import fit_scale
 

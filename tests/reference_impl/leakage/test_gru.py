@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.validator.derive.leakage.replays import changed, replay_inputs
+from tests.validator.leakage.replays import changed, replay_inputs
 
 from branchdrive.leakage.audit import AuditProtocol, audit_leakage
 from branchdrive.leakage.parity_protocol import SEQUENCE_TESTS, ParityProtocol

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 from tests.each import each
-from tests.validator.derive.leakage.replays import replay_inputs
+from tests.validator.leakage.replays import replay_inputs
 
 from branchdrive.leakage.gate_input import gate_features
 from branchdrive.leakage.protocol import STATISTICS, Protocol

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 from tests.reference_impl.study import samples
 from tests.synthetic import BRANCH_TICK, NUM_TICKS, bare_descriptor, group_name
-from tests.validator.derive import oracle_target
+from tests.validator.driving import oracle_target
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.raw.group import BranchGroup

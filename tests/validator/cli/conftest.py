@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.validator.audit import datasets
+from tests.validator.engine import datasets
 
 from branchdrive.engine.worker import in_process
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from tests.validator.derive.layer.release import DIGEST, Release, documents, leakage, paper_groups, paper_pairs
+from tests.validator.quality.release import DIGEST, Release, documents, leakage, paper_groups, paper_pairs
 
 from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
 from branchdrive.quality.ledger import opened

@@ -10,8 +10,8 @@ from datetime import date
 from pathlib import Path
 
 import pytest
-from tests.validator.audit.datasets import DEPARTURES, edited, with_column, write
-from tests.validator.audit.test_report import HOSTILE, SITUATIONS
+from tests.validator.engine.datasets import DEPARTURES, edited, with_column, write
+from tests.validator.engine.test_report import HOSTILE, SITUATIONS
 
 from branchdrive.cli.text import render_report, render_rule, render_rules
 from branchdrive.contract.rule import CATALOGUE
