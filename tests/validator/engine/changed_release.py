@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pyarrow as pa
-import pytest
+from tests.validator.engine.release_view import release_view
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import rules_of
-from branchdrive.engine import layers as audit
-from branchdrive.engine import validate as engine
+from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.tally import Tally
 from branchdrive.layers.view import ReleaseView
 from branchdrive.tables.frame import Alignment, Frame
@@ -125,17 +124,14 @@ class ChangedRelease:
     """
 
     def __init__(self) -> None:
-        views: list[ReleaseView] = []
-        with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-            root = BenchmarkDraft().write(Path(folder) / "dataset")
-            patch.setattr(audit, "judge_layers", lambda view, rules: views.append(view) or {r: Tally(r) for r in rules})
-            engine.validate(root)
-        self.view = WatchedView(views[0])
-        self.documents = dict(views[0].documents)
+        with tempfile.TemporaryDirectory() as folder:
+            view = release_view(BenchmarkDraft().write(Path(folder) / "dataset"))
+        self.view = WatchedView(view)
+        self.documents = dict(view.documents)
         self.reads: dict[str, set[str]] = {}
-        for rule_id in (rule_id for rule_id in rules_of("layers") if rule_id not in SLOW):
+        for rule_id in (rule_id for rule_id in rules_of("layers", "layer_rows") if rule_id not in SLOW):
             with self.view.noted() as self.reads[rule_id]:
-                tally = audit.judge_layers(self.view, [rule_id])[rule_id]
+                tally = judge_layers(self.view, [rule_id])[0][rule_id]
             assert tally.unjudged is None and not tally.errors, (rule_id, tally)
 
     def tallies(self, path: str, document: Any) -> list[Tally]:
@@ -153,4 +149,4 @@ class ChangedRelease:
         return self._judged(WatchedView(self.view, name, tables={**self.view.tables, name: table}), name)
 
     def _judged(self, view: WatchedView, changed: str) -> list[Tally]:
-        return list(audit.judge_layers(view, [r for r, read in self.reads.items() if changed in read]).values())
+        return list(judge_layers(view, [r for r, read in self.reads.items() if changed in read])[0].values())

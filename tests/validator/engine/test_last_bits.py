@@ -14,13 +14,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from tests.validator.engine.release_view import release_view
 from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import rules_of
-from branchdrive.engine import layers as audit
-from branchdrive.engine import validate as engine
-from branchdrive.engine.tally import Tally
+from branchdrive.engine.layers import judge_layers
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.frame import Frame, Values
 
@@ -81,16 +80,7 @@ class OtherBits(ReleaseView):
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> ReleaseView:
     """A valid release with its raw layer, as rules see it."""
-    views: list[ReleaseView] = []
-
-    def judge(view: ReleaseView, rules: list[str]) -> dict[str, Tally]:
-        views.append(view)
-        return {rule_id: Tally(rule_id) for rule_id in rules}
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(audit, "judge_layers", judge)
-        engine.validate(release_draft().write(tmp_path_factory.mktemp("release") / "dataset"))
-    return views[0]
+    return release_view(release_draft().write(tmp_path_factory.mktemp("release") / "dataset"))
 
 
 def test_every_column_that_is_calculated_is_perturbed(seen: ReleaseView) -> None:
@@ -107,7 +97,7 @@ def test_every_column_that_is_calculated_is_perturbed(seen: ReleaseView) -> None
 @pytest.mark.parametrize("seed", range(2))
 def test_last_bits_turn_no_rule_around(seen: ReleaseView, seed: int) -> None:
     view, statuses = OtherBits(seen, np.random.default_rng(seed)), {}
-    for rule_id, tally in audit.judge_layers(view, rules_of("layers")).items():
+    for rule_id, tally in judge_layers(view, rules_of("layers", "layer_rows"))[0].items():
         assert not tally.findings, [finding.message for finding in tally.findings[:3]]
         assert not tally.errors
         statuses[rule_id] = tally.status

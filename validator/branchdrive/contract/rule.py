@@ -4,15 +4,16 @@ A rule is a function of a view of its scope. It yields checks: what it examined,
 to describe one of them; the engine counts, caps, locates and decides. Code binds to rules by id only; ids are
 opaque and never change meaning.
 
-===========  =============================================================================================
-scope        arguments of the rule
-===========  =============================================================================================
-``dataset``  the survey of the dataset's files and documents, with what the shards say of themselves
-``rows``     the view of a shard
-``rollout``  the view of a shard, and a mask of the attempts to examine
-``group``    the view of a shard, the selection of its candidates, and a mask of the groups to examine
-``layers``   the view of the derived layers
-===========  =============================================================================================
+==============  ==========================================================================================
+scope           arguments of the rule
+==============  ==========================================================================================
+``dataset``     the survey of the dataset's files and documents, with what the shards say of themselves
+``rows``        the view of a shard
+``rollout``     the view of a shard, and a mask of the attempts to examine
+``group``       the view of a shard, the selection of its candidates, and a mask of the groups to examine
+``layers``      the view of the derived layers
+``layer_rows``  that view, restricted to the rows of the attempts and groups of one shard
+==============  ==========================================================================================
 
 Source: spec/07-rules.md.
 """
@@ -32,7 +33,7 @@ __all__ = ["AREAS", "CATALOGUE", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "
 
 Kind = Literal["structure", "claim", "qualification", "diagnostic"]
 Grain = Literal["dataset", "file", "document", "row", "rollout", "group"]
-Scope = Literal["dataset", "rows", "rollout", "group", "layers"]
+Scope = Literal["dataset", "rows", "rollout", "group", "layers", "layer_rows"]
 Stage = Literal["bank", "controls", "integrity", "eligibility"]
 
 

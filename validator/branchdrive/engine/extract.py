@@ -8,7 +8,6 @@ Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,12 +21,12 @@ from branchdrive.model.targets import candidate_columns, scalar_columns, traject
 from branchdrive.quality.replay import Pairs, pair_columns
 from branchdrive.quality.standing import attempt_quality, group_standing, nominal_replays
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.tables.frame import Frame, concat
+from branchdrive.tables.frame import Frame
 
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
 
-__all__ = ["REPLAYS", "ROUTES", "extract_shard", "merge"]
+__all__ = ["REPLAYS", "ROUTES", "extract_shard"]
 
 REPLAYS = "replays"
 ROUTES = "routes"
@@ -82,14 +81,3 @@ def extract_shard(view: ShardView, examination: Examination) -> dict[str, Frame]
         },
         REPLAYS: replay_facts(view, complete, candidates, replays, pairs, paired),
     }
-
-
-def merge(parts: Sequence[Mapping[str, Frame]]) -> dict[str, Frame]:
-    """Rows of several shards; the order of the parts decides the order of the rows and nothing else.
-
-    Raises:
-        ValueError: There is no part.
-    """
-    if not parts:
-        raise ValueError("rows of at least one shard")
-    return {name: concat([part[name] for part in parts]) for name in parts[0]}

@@ -1,249 +1,175 @@
-"""Audit of the derived layers, from bytes to tallies: the function that a worker runs once a dataset.
+"""Rules on the derived layers: on the layers as a whole, or on the rows of one shard's groups.
 
-Each file is read once; that buffer is hashed and decoded in full. Source: spec/07-rules.md#trust.
+Rules of the scope `layer_rows` compare stored rows with what raw rows of the same groups give, so they are judged
+shard by shard, on the stored rows of its attempts and groups, and once more on the stored rows of nobody; totals
+add up. Rules of the scope `layers` need all rows. Source: spec/07-rules.md#order.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import parse_json, schema_violations
-from branchdrive.contract.layer import LAYERS, table_path
-from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
-from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Check, Location, Mismatch
-from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
-from branchdrive.contract.text import printable
+from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
 from branchdrive.engine.judge import judge
+from branchdrive.engine.spool import Spool, SpooledFrames, SpooledTables
 from branchdrive.engine.tally import Tally
-from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.untrusted import open_file
 from branchdrive.layers.compare import place
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.quality.rules import POPULATION
-from branchdrive.tables.schema import CHECKED_METADATA, metadata_mismatches, type_mismatches
+from branchdrive.tables.frame import Frame, take
+from branchdrive.tables.view import TableView
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["ReleaseResult", "ReleaseTask", "audit_release"]
+__all__ = ["POPULATION_RULE", "LayersResult", "LayersTask", "RawRows", "judge_layers", "judge_part", "view_of"]
 
-CHECKPOINT_SUFFIX = ".safetensors"
-"""Of files whose header is read; their tensors are digested alone."""
-
-TEXT_SUFFIX = ".md"
-"""Of files that are read as a whole."""
-
-_CHUNK_BYTES = 1 << 20
-
-
-_JUDGED_KEYS = tuple(key.encode() for key in CHECKED_METADATA)
-_FORMAT_KEYS = (b"PARQUET:field_id",)
-"""Metadata of a column that the file format adds."""
-
-_POPULATION_RULE = "BD-QUA-011"
+POPULATION_RULE = "BD-QUA-011"
 """The rule that a population must pass before a report shows it."""
 
 
 @dataclass(frozen=True)
-class ReleaseTask:
-    """What a worker needs to audit the derived layers.
+class RawRows:
+    """Rows that the raw layer gives for the derived ones, in a spool; none where `reason` says why.
 
     Attributes:
-        root: The dataset folder.
-        files: Files of the claimed layers, with card and licence beside them.
-        names: Every regular file with a safe path below the root.
-        descriptor: The dataset's descriptor.
-        raw: The raw layer, as far as it is at hand.
-        selected: Rules to run.
-        is_hashed: Whether to digest the files.
+        shards: Prefixes of the shards in the spool.
+        names: Frames of each shard.
+        reason: Why there are none.
+        digest: Digest of the raw layer; ``None`` where it was not computed.
+        descriptor: Its dataset's descriptor; ``None`` where it is unusable.
     """
 
-    root: Path
-    files: tuple[str, ...]
-    names: tuple[str, ...]
+    shards: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    reason: str = ""
+    digest: str | None = None
+    descriptor: Descriptor | None = None
+
+
+@dataclass(frozen=True)
+class LayersTask:
+    """What a worker needs to judge rules on the derived layers, or on a part of their rows.
+
+    Attributes:
+        rules: The rules, in order of the catalogue.
+        part: All rows; those of the attempts and groups of one shard; or those of nobody.
+        identities: Identities of the attempts and groups of the shard, or of all shards for the rows of nobody.
+        raw: Rows of the raw layer: of the shard, or of all shards.
+        spool: Where tables, documents and rows are.
+        descriptor: The dataset's descriptor.
+        tables: Tables in the spool.
+        documents: Documents in the spool.
+        names: Every regular file with a safe path below the root.
+        digests: SHA-256 of the files of the layers; empty where digests are off.
+        sizes: Bytes of the checkpoints.
+        broken: Tables that fail each rule on structure.
+    """
+
+    rules: tuple[str, ...]
+    part: Literal["all", "shard", "nobody"]
+    identities: frozenset[str]
+    raw: RawRows
+    spool: Spool
     descriptor: Descriptor
-    raw: RawLayer
-    selected: frozenset[str]
-    is_hashed: bool
+    tables: tuple[str, ...]
+    documents: tuple[str, ...]
+    names: tuple[str, ...]
+    digests: Mapping[str, str]
+    sizes: Mapping[str, int]
+    broken: Mapping[str, frozenset[str]]
 
 
 @dataclass
-class ReleaseResult:
-    """What became of the derived layers."""
+class LayersResult:
+    """What became of the rules: their totals, and the population if its rule is among them and passes."""
 
     tallies: dict[str, Tally] = field(default_factory=dict)
-    digests: dict[str, str] = field(default_factory=dict)
-    unreadable: dict[str, str] = field(default_factory=dict)
     population: dict[str, Any] | None = None
 
 
-@dataclass
-class _Files:
-    """Files as they are read: what decodes, what parses, and what is wrong by rule."""
-
-    tables: dict[str, pa.Table] = field(default_factory=dict)
-    documents: dict[str, Any] = field(default_factory=dict)
-    contents: dict[str, bytes] = field(default_factory=dict)
-    sizes: dict[str, int] = field(default_factory=dict)
-    problems: dict[str, list[Mismatch]] = field(default_factory=dict)
-
-    def note(self, rule_id: str, sighting: Mismatch) -> None:
-        self.problems.setdefault(rule_id, []).append(sighting)
+def judge_part(task: LayersTask) -> LayersResult:
+    """Judge the rules of a task."""
+    view = view_of(task)
+    tallies, _ = judge_layers(view, task.rules, task.broken)
+    is_told = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
+    return LayersResult(tallies, view.document(POPULATION) if is_told else None)
 
 
-def audit_release(task: ReleaseTask) -> ReleaseResult:
-    """Read and judge the derived layers that the descriptor claims."""
-    result, files = ReleaseResult(), _Files()
-    for name in task.descriptor.derived_layers:
-        for table in LAYERS[name].tables:
-            _read_table(task, f"{name}/{table}.parquet", table, files, result)
-        for document in LAYERS[name].documents.values():
-            _read_document(task, f"{name}/{document.name}", document.schema, files, result)
-        for path in task.files:
-            if LAYERS[name].admits_free(path):
-                _read_free(task, path, files, result)
-    for path in (CARD_FILE, LICENCE_FILE):
-        if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
-            files.contents[path] = content
-    view = ReleaseView(
+def view_of(task: LayersTask) -> ReleaseView:
+    """What the rules of a task see."""
+    tables: Mapping[str, pa.Table] = SpooledTables(task.spool, task.tables)
+    if task.part != "all":
+        tables = {name: _rows_of(task, name, table) for name, table in tables.items()}
+    return ReleaseView(
         task.descriptor,
-        files.tables,
-        files.documents,
-        files.contents,
-        task.raw,
+        tables,
+        task.spool.get("documents"),
+        task.spool.get("contents"),
+        _raw_layer(task),
         frozenset(task.names),
-        files.problems,
-        digests=result.digests,
-        sizes=files.sizes,
+        digests=task.digests,
+        sizes=task.sizes,
     )
-    # Rules on structure come first and always run: they say which tables the others can trust.
-    always = {rule_id for rule_id, info in CATALOGUE.items() if info.kind == "structure"} | {_POPULATION_RULE}
-    judged = judge_layers(view, [r for r in rules_of("layers") if r in task.selected or r in always])
-    result.tallies = {rule_id: tally for rule_id, tally in judged.items() if rule_id in task.selected}
-    if judged[_POPULATION_RULE].status == "pass":
-        result.population = files.documents[POPULATION]
-    return result
 
 
-def _read(task: ReleaseTask, path: str, limit: int, result: ReleaseResult) -> bytes | None:
-    if path not in task.files:
-        return None
-    try:
-        with open_file(task.root, path) as stream:
-            content = stream.read(min(os.fstat(stream.fileno()).st_size, limit) + 1)
-    except (DatasetError, OSError) as error:
-        result.unreadable[path] = str(error)
-        return None
-    if task.is_hashed and len(content) <= limit:
-        result.digests[path] = hashlib.sha256(content).hexdigest()
-    return content
+def _rows_of(task: LayersTask, name: str, table: pa.Table) -> pa.Table:
+    """Stored rows of the task's part, by the first column of the table's key; tables without identities stay whole."""
+    import pyarrow as pa
+
+    key = LAYER_TABLES[name].key[0]
+    if key not in ("group_id", "rollout_id"):
+        return table
+    codes, texts = TableView(name, table).words(key)
+    wanted = np.array([(text in task.identities) == (task.part == "shard") for text in texts] + [False], bool)
+    return table.filter(pa.array(wanted[codes]))
 
 
-def _read_free(task: ReleaseTask, path: str, files: _Files, result: ReleaseResult) -> None:
-    """Digest a further file; of a checkpoint keep the header, of a text all."""
-    limits = spec_limits()
-    if path.endswith(TEXT_SUFFIX):
-        if (content := _read(task, path, limits.max_document_bytes, result)) is not None:
-            files.contents[path] = content
-        return
-    digest = hashlib.sha256()
-    try:
-        with open_file(task.root, path) as stream:
-            size = os.fstat(stream.fileno()).st_size
-            if size > limits.max_media_bytes:
-                result.unreadable[path] = f"has {size} bytes; the limit is {limits.max_media_bytes}"
-                return
-            head = stream.read(LENGTH_BYTES)
-            if path.endswith(CHECKPOINT_SUFFIX):
-                with suppress(ValueError):  # what is no checkpoint is the matter of a rule
-                    head += stream.read(header_bytes(head) - LENGTH_BYTES)
-                files.contents[path], files.sizes[path] = head, size
-            digest.update(head)
-            while task.is_hashed and (chunk := stream.read(_CHUNK_BYTES)):
-                digest.update(chunk)
-    except (DatasetError, OSError) as error:
-        result.unreadable[path] = str(error)
-        return
-    if task.is_hashed:
-        result.digests[path] = digest.hexdigest()
-
-
-def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: ReleaseResult) -> None:
-    content = _read(task, path, spec_limits().max_table_bytes, result)
-    if content is None:
-        return
-    try:
-        table = decode_table(content, name)
-    except DecodeError as error:
-        files.note("BD-LYR-002", Mismatch({"file": path}, "a table that decodes within the limits", str(error)))
-        return
-    wrong = list(type_mismatches(table.schema, name))
-    for found in wrong:
-        files.note("BD-LYR-003", replace(found, location={"file": path, **found.location}))
-    if not wrong:
-        files.tables[name] = table
-        for found in (*metadata_mismatches(table.schema, name), *_undeclared_metadata(table.schema, name)):
-            files.note("BD-LYR-004", replace(found, location={"file": path, **found.location}))
-
-
-def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
-    """What a table of a derived layer stores beside its rows and the declared metadata of its columns."""
-    for key in schema.metadata or {}:
-        yield Mismatch({"column": ""}, "no metadata of the file", printable(key.decode("utf-8", "replace")))
-    for column in LAYER_TABLES[name].columns:
-        declared = {key.encode(): value.encode() for key, value in column.metadata.items()}
-        for key, value in (schema.field(column.name).metadata or {}).items():
-            if key in (*_FORMAT_KEYS, *_JUDGED_KEYS) or declared.get(key) == value:
-                continue
-            yield Mismatch(
-                {"column": column.name}, "declared metadata alone", printable(key.decode("utf-8", "replace"))
-            )
-
-
-def _read_document(task: ReleaseTask, path: str, schema: str, files: _Files, result: ReleaseResult) -> None:
-    content = _read(task, path, spec_limits().max_document_bytes, result)
-    if content is None:
-        return
-    files.contents[path] = content
-    try:
-        document = parse_json(content)
-    except (ValueError, RecursionError) as error:
-        files.note("BD-LYR-005", Mismatch({"file": path}, "a JSON document within the limits", str(error)))
-        return
-    violations = schema_violations(document, schema)
-    for v in violations:
-        files.note("BD-LYR-005", Mismatch({"file": path, "pointer": v.pointer or "/"}, v.expected, v.found))
-    if not violations:
-        files.documents[path] = document
+def _raw_layer(task: LayersTask) -> RawLayer:
+    raw = task.raw
+    if raw.reason:
+        return RawLayer(None, raw.reason, digest=raw.digest, descriptor=raw.descriptor)
+    rows: Mapping[str, Frame] = SpooledFrames(task.spool, raw.shards, raw.names)
+    if task.part == "nobody":
+        none = np.zeros(0, np.int64)
+        rows = {name: take(frame, none) for name, frame in SpooledFrames(task.spool, raw.shards[:1], raw.names).items()}
+    return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)
 
 
 @np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
-def judge_layers(view: ReleaseView, rule_ids: Iterable[str]) -> dict[str, Tally]:
-    """Tallies of rules in order; tables that fail a rule are kept from those that require it."""
-    tallies, broken = {}, dict[str, set[str]]()
+def judge_layers(
+    view: ReleaseView, rule_ids: Iterable[str], known: Mapping[str, frozenset[str]] = MappingProxyType({})
+) -> tuple[dict[str, Tally], dict[str, frozenset[str]]]:
+    """Judge rules on derived layers in order; tables that fail a rule are kept from those that require it.
+
+    Args:
+        view: The layers, or a part of their rows.
+        rule_ids: Rules of the scopes `layers` and `layer_rows`, in order of the catalogue.
+        known: Tables that fail rules which were judged before.
+
+    Returns:
+        Totals of the rules, and the tables that fail each.
+    """
+    tallies, broken = {}, dict(known)
     for rule_id in rule_ids:
         info = CATALOGUE[rule_id]
         tally = tallies[rule_id] = Tally(rule_id, is_claimed=info.layer is None or view.claims(info.layer))
         if tally.is_claimed:
             trusted = view.without({name for other in info.requires for name in broken.get(other, ())})
             bad = judge(tally, partial(RULES[rule_id], trusted), partial(_mismatches, view))
-            broken[rule_id] = {check.table for check in bad if check.table is not None}
-    return tallies
+            broken[rule_id] = frozenset(check.table for check in bad if check.table is not None)
+    return tallies, broken
 
 
 def _mismatches(view: ReleaseView, check: Check) -> Iterator[Mismatch]:

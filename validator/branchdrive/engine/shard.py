@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.examine import VIEW_RULES, examine
 from branchdrive.engine.extract import extract_shard
+from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
@@ -26,7 +26,6 @@ from branchdrive.formats.untrusted import open_file
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.tables.frame import Frame
 from branchdrive.tables.schema import metadata_mismatches, type_mismatches
 
 if TYPE_CHECKING:
@@ -36,6 +35,7 @@ __all__ = [
     "ShardResult",
     "ShardTask",
     "audit_shard",
+    "spooled_name",
 ]
 
 
@@ -50,7 +50,7 @@ class ShardTask:
         descriptor: ``None`` where the dataset's descriptor is unusable: then rows cannot be judged.
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
-        extracts: Whether the derived layers need rows of the shard.
+        spool: Where rows for the derived layers go; ``None`` where they need none.
     """
 
     root: Path
@@ -59,7 +59,7 @@ class ShardTask:
     descriptor: Descriptor | None
     selected: frozenset[str]
     is_hashed: bool
-    extracts: bool = False
+    spool: Spool | None = None
 
 
 @dataclass
@@ -69,14 +69,19 @@ class ShardResult(ShardFacts):
     Attributes:
         tallies: Totals of the rules on its rows.
         funnel: How far its groups get.
-        extract: Rows for the derived layers, by table; ``None`` where none were asked for, or `no_extract` says why.
-        no_extract: Why there are none.
+        frames: Frames for the derived layers that are in the spool, under the name of the shard.
+        no_frames: Why there are none.
     """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
     funnel: Funnel = field(default_factory=Funnel)
-    extract: Mapping[str, Frame] | None = None
-    no_extract: str = "the raw layer could not be read"
+    frames: tuple[str, ...] = ()
+    no_frames: str = "the raw layer could not be read"
+
+
+def spooled_name(folder: str) -> str:
+    """Name of a shard in a spool."""
+    return folder.replace("/", "-")
 
 
 def audit_shard(task: ShardTask) -> ShardResult:
@@ -168,15 +173,17 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
     # What attempts comply with takes every rule, also where only some are asked for.
-    tallies, examination = examine(view, None if task.extracts else task.selected)
+    tallies, examination = examine(view, None if task.spool else task.selected)
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
-    if not task.extracts:
+    if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
     if broken:
-        result.no_extract = f"the raw layer breaks {broken[0]}"
+        result.no_frames = f"the raw layer breaks {broken[0]}"
     elif any(tally.errors for tally in tallies.values()):
-        result.no_extract = "a rule on the raw layer failed"
+        result.no_frames = "a rule on the raw layer failed"
     else:
-        result.extract = extract_shard(view, examination)
+        for name, frame in extract_shard(view, examination).items():
+            task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
+            result.frames += (name,)

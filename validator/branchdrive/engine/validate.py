@@ -6,41 +6,32 @@ files and sizes of row groups cannot change a verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from branchdrive.contract.layout import RAW_DIR
-from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
+from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
 from branchdrive.engine.examine import VIEW_RULES
-from branchdrive.engine.extract import merge
-from branchdrive.engine.finding import Finding
 from branchdrive.engine.judge import judge
-from branchdrive.engine.layers import ReleaseResult, ReleaseTask, audit_release
+from branchdrive.engine.reading import Progress, read_dataset
 from branchdrive.engine.report import DatasetFacts, Report, RunOptions
-from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
+from branchdrive.engine.shard import ShardResult
+from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
-from branchdrive.engine.worker import Died, Executor, Failed, in_process
+from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import Survey, take_survey
 from branchdrive.formats.manifest import Manifest
-from branchdrive.layers.view import RawLayer
 from branchdrive.raw.funnel import Funnel
 
-__all__ = ["Progress", "audit_shards", "judge_files", "select_rules", "validate"]
-
-_DECODING = "BD-LYR-002"
-"""The rule that tables of derived layers decode within the limits."""
-
-Progress = Callable[[int, int], None]
-"""Called with the number of finished shards and the number of shards."""
+__all__ = ["judge_files", "select_rules", "validate"]
 
 
 def select_rules(patterns: Iterable[str]) -> frozenset[str]:
@@ -100,13 +91,17 @@ def validate(
     # Without the rule on digests, a damaged table is the matter of the rule on decoding.
     survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
     source = _raw_survey(survey, raw)
-    extracts = _extracts(survey, selected)
-    results, errors = audit_shards(source, selected, executor, progress, extracts=extracts)
-    source = source.with_shards(tuple(results))
-    survey = source if source.root == survey.root else replace(survey, shards=source.shards)
-    release = _audit_derived(survey, source, results, selected, executor, errors)
-    survey = survey.with_digests(release.digests, release.unreadable)
-    tallies = _merge(survey, results, selected, release)
+    with Spool.temporary() as spool:
+        layers = layer_files_task(survey, spool)
+        reading = read_dataset(
+            source, selected, executor, progress, spool=spool if needs_raw(survey, selected) else None, layers=layers
+        )
+        results, errors = reading.shards, reading.errors
+        source = source.with_shards(tuple(results))
+        survey = source if source.root == survey.root else replace(survey, shards=source.shards)
+        derived = judge_derived(layers, reading, source, selected, executor)
+    survey = survey.with_digests(derived.digests, derived.unreadable)
+    tallies = _merge(survey, results, selected, derived.tallies)
     outcomes = apply_waivers(tallies, waivers, today or date.today())
     funnel = Funnel()
     for result in results:
@@ -120,7 +115,7 @@ def validate(
         RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups),
         tuple(tallies.values()),
         funnel if is_judged else None,
-        release.population,
+        derived.population,
         tuple(outcomes),
         tuple(errors + rule_errors),
         _own_version(),
@@ -139,119 +134,8 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     return source
 
 
-def _extracts(survey: Survey, selected: frozenset[str]) -> bool:
-    """Whether the derived layers need rows of the raw one."""
-    claimed = survey.descriptor.derived_layers if survey.descriptor else ()
-    wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers") if rule_id in selected]
-    return any(info.needs_raw and info.layer in claimed for info in wanted)
-
-
-def _audit_derived(
-    survey: Survey,
-    source: Survey,
-    results: Sequence[ShardResult],
-    selected: frozenset[str],
-    executor: Executor,
-    errors: list[str],
-) -> ReleaseResult:
-    """Audit of the derived layers, in a process of its own like that of a shard."""
-    if survey.descriptor is None or not survey.descriptor.derived_layers:
-        return ReleaseResult()
-    task = ReleaseTask(
-        survey.root,
-        survey.release_files,
-        tuple(entry.path for entry in survey.files),
-        survey.descriptor,
-        _raw_layer(source, results),
-        selected & frozenset(rules_of("layers")),
-        survey.is_hashed,
-    )
-    for _, outcome in executor(audit_release, [task]):
-        if isinstance(outcome, ReleaseResult):
-            return outcome
-        if isinstance(outcome, Failed):
-            errors.append(f"derived layers: {outcome.message}")
-    unjudged = {rule_id: Tally(rule_id, unjudged="the derived layers could not be judged") for rule_id in task.selected}
-    if not errors and _DECODING in unjudged:  # what dies twice within the memory limit is the files' affair
-        killed_by = Mismatch({}, "tables that decode within the memory limit", "a process that died of them, twice")
-        killed = unjudged[_DECODING] = Tally(_DECODING, examined=1, total=1, num_findings=1)
-        killed.keep([Finding.of(_DECODING, killed_by)])
-    return ReleaseResult(tallies=unjudged)
-
-
-def _raw_layer(source: Survey, results: Sequence[ShardResult]) -> RawLayer:
-    if not results:
-        return RawLayer(None, "the raw layer is not at hand; name its dataset with --raw")
-    digest = None
-    if source.is_hashed:
-        digest = Manifest.of(source.digests).layers.get(RAW_DIR)
-    lacking = next((shard.no_extract for shard in results if shard.extract is None), None)
-    if lacking is None and source.descriptor is None:
-        lacking = "the descriptor beside the raw layer is unusable"
-    if lacking is not None:
-        return RawLayer(None, lacking, digest=digest, descriptor=source.descriptor)
-    extract = merge([shard.extract for shard in results if shard.extract is not None])
-    for shard in results:
-        shard.extract = None  # its rows live on in the whole
-    return RawLayer(extract, digest=digest, descriptor=source.descriptor)
-
-
-def audit_shards(
-    survey: Survey, selected: frozenset[str], executor: Executor, progress: Progress | None, *, extracts: bool
-) -> tuple[list[ShardResult], list[str]]:
-    """Results of all shards, in order of their folders, and failures of the tool."""
-    tasks = [
-        ShardTask(
-            survey.root, folder, tuple(e.path for e in files), survey.descriptor, selected, survey.is_hashed, extracts
-        )
-        for folder, files in survey.shard_folders.items()
-    ]
-    results: dict[int, ShardResult] = {}
-    errors: list[str] = []
-    if progress:
-        progress(0, len(tasks))
-    for index, outcome in executor(audit_shard, tasks):
-        if isinstance(outcome, Died):
-            outcome = _post_mortem(tasks[index], executor, errors)
-        elif isinstance(outcome, Failed):
-            errors.append(f"{tasks[index].folder}: {outcome.message}")
-            outcome = _unjudged(tasks[index])
-        results[index] = outcome
-        if progress:
-            progress(len(results), len(tasks))
-    return [results[index] for index in sorted(results)], errors
-
-
-def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> ShardResult:
-    """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
-    result = _unjudged(task)
-    for path in task.files:
-        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed)
-        for _, outcome in executor(audit_shard, [part]):
-            if isinstance(outcome, Died):
-                result.over_limit[path] = "killed the process that decoded it within the memory limit, twice"
-            elif isinstance(outcome, Failed):
-                errors.append(f"{path}: {outcome.message}")
-            else:
-                result.digests.update(outcome.digests)
-                result.unreadable.update(outcome.unreadable)
-                result.undecodable.update(outcome.undecodable)
-                result.over_limit.update(outcome.over_limit)
-                result.present += outcome.present
-                result.num_tables += outcome.num_tables
-    if not result.over_limit and not result.undecodable:
-        errors.append(f"{task.folder}: the worker died twice although every file decodes on its own")
-    return result
-
-
-def _unjudged(task: ShardTask) -> ShardResult:
-    reason = f"{task.folder} could not be judged"
-    tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected}
-    return ShardResult(task.folder, tallies=tallies)
-
-
 def _merge(
-    survey: Survey, results: Sequence[ShardResult], selected: frozenset[str], release: ReleaseResult
+    survey: Survey, results: Sequence[ShardResult], selected: frozenset[str], derived: Mapping[str, Tally]
 ) -> dict[str, Tally]:
     """One tally per rule of the catalogue over the whole dataset."""
     tallies: dict[str, Tally] = {}
@@ -261,9 +145,9 @@ def _merge(
             tally.unjudged = "deselected"
         elif tally.info.scope == "dataset":
             _judge_survey(survey, tally, tallies)
-        elif tally.info.scope == "layers":
-            if rule_id in release.tallies:
-                tallies[rule_id] = release.tallies[rule_id]
+        elif tally.info.scope in ("layers", "layer_rows"):
+            if rule_id in derived:
+                tallies[rule_id] = derived[rule_id]
             elif survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
             else:

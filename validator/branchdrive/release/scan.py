@@ -13,9 +13,10 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.engine.extract import merge
-from branchdrive.engine.shard import ShardResult
-from branchdrive.engine.validate import Progress, audit_shards, judge_files
+from branchdrive.engine.reading import Progress, read_dataset
+from branchdrive.engine.shard import ShardResult, spooled_name
+from branchdrive.engine.spool import Spool, SpooledFrames
+from branchdrive.engine.validate import judge_files
 from branchdrive.engine.worker import Executor
 from branchdrive.errors import DatasetError
 from branchdrive.files.survey import Survey, take_survey
@@ -57,18 +58,21 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     """
     survey = take_survey(root)
     descriptor = _finished(survey)
-    results, errors = audit_shards(survey, frozenset(CATALOGUE), executor, progress, extracts=True)
+    with Spool.temporary() as spool:
+        reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
+        results = reading.shards
+        names = [spooled_name(shard.folder) for shard in results]
+        extract = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
     survey = survey.with_shards(tuple(results))
-    for message in errors:
+    for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
         raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
     for problem in (*_damage(survey), *_breaches(survey, results)):
         raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and mend the raw layer first")
-    lacking = next((shard.no_extract for shard in results if shard.extract is None), None)
+    lacking = next((shard.no_frames for shard in results if not shard.frames), None)
     if lacking is not None:
         raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and mend the raw layer first")
     files = _raw_files(survey.digests)
-    extract = merge([shard.extract for shard in results if shard.extract is not None])
     return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, extract)
 
 

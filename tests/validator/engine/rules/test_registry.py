@@ -41,14 +41,14 @@ def test_kind_fits_the_scope(rule: RuleInfo) -> None:
         assert rule.scope == rule.grain
         assert rule.stage is not None
     else:
-        assert rule.scope in ("dataset", "rows", "layers")
+        assert rule.scope in ("dataset", "rows", "layers", "layer_rows")
         assert rule.stage is None
 
 
 @each_rule
 def test_layer_fits_the_scope(rule: RuleInfo) -> None:
     """Rules on derived layers, and no others, are about a claimed layer and may need the raw one."""
-    assert (rule.layer is not None) == (rule.scope == "layers")
+    assert (rule.layer is not None) == rule.scope.startswith("layer")
     assert rule.layer is not None or not rule.needs_raw
     assert rule.layer is None or not rule.streams
 
@@ -58,7 +58,7 @@ def test_rules_need_raw_where_the_catalogue_says_so(tmp_path: Path) -> None:
     report = judged(new_draft("alone"), tmp_path)
     layers = set(BUILT)
     words = {tally.rule_id: tally.status for tally in report.tallies if tally.info.layer in layers}
-    known = [rule_id for rule_id in rules_of("layers") if CATALOGUE[rule_id].layer in layers]
+    known = [rule_id for rule_id in rules_of("layers", "layer_rows") if CATALOGUE[rule_id].layer in layers]
     assert words == {rule_id: "skipped" if CATALOGUE[rule_id].needs_raw else "pass" for rule_id in known}
     assert report.verdict == "partial"
 
@@ -70,6 +70,7 @@ def test_grain_fits_the_scope(rule: RuleInfo) -> None:
         "rows": {"row", "rollout"},
         "rollout": {"rollout"},
         "group": {"group"},
+        "layer_rows": {"row"},
         "layers": {"dataset", "file", "document", "row", "group"},
     }
     assert rule.grain in grains[rule.scope]
@@ -80,7 +81,7 @@ def test_preconditions_come_first_and_can_exclude_a_subject(rule: RuleInfo) -> N
     order = list(CATALOGUE)
     for other in rule.requires:
         assert order.index(other) < order.index(rule.id)
-        assert (CATALOGUE[other].scope == "layers") == (rule.scope == "layers")
+        assert CATALOGUE[other].scope.startswith("layer") == rule.scope.startswith("layer")
 
 
 @each_rule

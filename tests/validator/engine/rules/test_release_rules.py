@@ -136,4 +136,4 @@ def test_no_rule_breaks_down_on_well_formed_nonsense(
     report = judged(draft, tmp_path)
     assert report.errors == ()
     assert report.verdict == "invalid"
-    assert {tally.rule_id for tally in report.tallies if tally.num_findings} & set(rules_of("layers"))
+    assert {tally.rule_id for tally in report.tallies if tally.num_findings} & set(rules_of("layers", "layer_rows"))
