@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -21,6 +21,7 @@ from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, r
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.shard import ShardTask
+from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
 from branchdrive.engine.worker import in_process
 from branchdrive.formats.parquet import decode_table
@@ -195,12 +196,12 @@ def judged_folder(root: Path, **options: Any) -> Report:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
-        patch.setattr("branchdrive.engine.layers.decode_table", _decoded)
+        patch.setattr("branchdrive.engine.layer_files.decode_table", _decoded)
         return validate(root, executor=remembering, **options)
 
 
 PURE = (
-    "branchdrive.engine.layers.schema_violations",
+    "branchdrive.engine.layer_files.schema_violations",
     "branchdrive.benchmark.view.read_protocol",
     "branchdrive.benchmark.result_rules.results_document",
     "branchdrive.leakage.rules.held_targets",
@@ -242,13 +243,18 @@ def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterato
             continue
         files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
         claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
-        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.extraction))
-        yield index, _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
+        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.spool is None))
+        outcome, spooled = _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
+        for name, content in spooled.items():
+            (task.spool.folder / name).write_bytes(content)
+        yield index, outcome
 
 
-def _alone(function: Callable[[Any], Any], task: Any) -> Any:
-    ((_, outcome),) = in_process(function, [task])
-    return outcome
+def _alone(function: Callable[[Any], Any], task: ShardTask) -> tuple[Any, dict[str, bytes]]:
+    """Audit of a shard, and what it put into its spool."""
+    with Spool.temporary() as spool:
+        ((_, outcome),) = in_process(function, [replace(task, spool=task.spool and spool)])
+        return outcome, {path.name: path.read_bytes() for path in spool.folder.iterdir()}
 
 
 _shards: dict[str, bytes] = {}
