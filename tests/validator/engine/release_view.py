@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.derived import layer_files_task, layers_tasks
 from branchdrive.engine.layers import view_of
@@ -26,7 +28,7 @@ def release_view(root: Path) -> ReleaseView:
         view = view_of(next(layers_tasks(task, reading.layers, source, reading.shards, selected)))
         assert view.raw.extract is not None
         raw = RawLayer(dict(view.raw.extract), digest=view.raw.digest, descriptor=view.raw.descriptor)
-        tables = {name: table.take(range(table.num_rows)) for name, table in view.tables.items()}
+        tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}
         return ReleaseView(
             view.descriptor, tables, view.documents, view.contents, raw, view.files,
             digests=view.digests, sizes=view.sizes,
