@@ -26,7 +26,8 @@ from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.collect.script import Attempt
 from branchdrive_reference.simulation.ending import Ending
 from branchdrive_reference.simulation.record import Columns, Record, record
-from branchdrive_reference.simulation.rollout import Run, WorldSpec, run
+from branchdrive_reference.simulation.rollout import Run, run
+from branchdrive_reference.simulation.spec import WorldSpec
 
 __all__ = [
     "ATTEMPT_FAULTS",

@@ -16,7 +16,7 @@ from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import Fault
 from branchdrive_reference.noise import Purpose, choice, integer
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
-from branchdrive_reference.simulation.rollout import WorldSpec
+from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.signal import ENVIRONMENTS
 
 __all__ = ["FAULT_PRESETS", "PRESETS", "GroupPlan", "Preset", "plan_group", "select_scenarios"]

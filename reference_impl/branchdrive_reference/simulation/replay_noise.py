@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, integer, normal
-from branchdrive_reference.simulation.rollout import WorldSpec
+from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.track import RouteTracks
 from branchdrive_reference.world.body import EGO, Behaviour
 

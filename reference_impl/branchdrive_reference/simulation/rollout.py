@@ -2,8 +2,6 @@
 
 The expert's command is rounded to float32 before anything uses it, and the vehicle is driven with
 the very float32 values that are recorded.
-
-What a world is made from; equal specifications give equal bytes.
 """
 
 from __future__ import annotations
@@ -20,9 +18,10 @@ from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace
 from branchdrive_reference.simulation.ending import Ending, EndingRule
 from branchdrive_reference.simulation.log import Logger, RolloutLog
+from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.simulation.world import World
 
-__all__ = ["ROUTE_TIMEOUT_TICKS", "Run", "WorldSpec", "find_branch", "run"]
+__all__ = ["Run", "find_branch", "run"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,32 +112,3 @@ def find_branch(nominal: Run) -> Branch | None:
     reacting = log.cause != Cause.CRUISE
     trace = ExpertTrace(log.expert[:, 1], log.expert[:, 2], log.lane_shift_m, reacting, nominal.hazard_tick)
     return SCENARIOS[nominal.spec.scenario_type].trigger.evaluate(trace)
-
-
-ROUTE_TIMEOUT_TICKS = 900
-"""When the simulator gives up on a route, unless a specification says otherwise."""
-
-
-@dataclass(frozen=True)
-class WorldSpec:
-    """Specification of a rollout's world.
-
-    Attributes:
-        scenario_type: Name of a registered scenario.
-        town: Recorded name of the town.
-        route_id: Route of the town.
-        environment: Name of a weather and light condition.
-        seed: Seed of traffic and scenario.
-        timeout_ticks: The simulator gives up at this tick.
-        replay: 0 for a nominal pass; for every other attempt of a group a positive key of its own.
-        replay_noise: Strength of the declared noise that a replay adds; 0 replays exactly.
-    """
-
-    scenario_type: str
-    town: str
-    route_id: str
-    environment: str
-    seed: int
-    timeout_ticks: int = ROUTE_TIMEOUT_TICKS
-    replay: int = 0
-    replay_noise: float = 0.0

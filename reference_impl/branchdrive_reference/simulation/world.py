@@ -16,7 +16,7 @@ from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.scenario import Scene
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.replay_noise import ReplayNoise
-from branchdrive_reference.simulation.rollout import WorldSpec
+from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.route import START_M
 from branchdrive_reference.town.signal import ENVIRONMENTS, light_of
 from branchdrive_reference.town.track import EGO_TRACK, RouteTracks, route_tracks

@@ -13,7 +13,8 @@ from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.plan import GroupPlan, plan_group
 from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
-from branchdrive_reference.simulation.rollout import WorldSpec, run
+from branchdrive_reference.simulation.rollout import run
+from branchdrive_reference.simulation.spec import WorldSpec
 
 SEED = 20
 DESCRIPTOR = collection_descriptor(SEED)

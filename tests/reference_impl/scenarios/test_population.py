@@ -16,7 +16,7 @@ from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drawn_spec
 from branchdrive_reference.scenarios.population import populate
 from branchdrive_reference.scenarios.scenario import Ambient
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.simulation.rollout import WorldSpec
+from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.lane import LANE_WIDTH_M
 from branchdrive_reference.town.route import START_M

@@ -7,7 +7,7 @@ import pytest
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drive_of
 
 from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.simulation.rollout import ROUTE_TIMEOUT_TICKS
+from branchdrive_reference.simulation.spec import ROUTE_TIMEOUT_TICKS
 
 WORLDS = range(8)
 each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)

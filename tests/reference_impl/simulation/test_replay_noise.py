@@ -16,7 +16,8 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive_reference.expert.control import PLAN
 from branchdrive_reference.simulation.log import Logger
 from branchdrive_reference.simulation.replay_noise import ReplayNoise
-from branchdrive_reference.simulation.rollout import Run, WorldSpec, run
+from branchdrive_reference.simulation.rollout import Run, run
+from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.track import route_tracks
 from branchdrive_reference.world.body import BODY, EGO, Behaviour
