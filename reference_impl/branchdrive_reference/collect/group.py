@@ -14,7 +14,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.engine.rollout import check_rollout
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
-from branchdrive_reference.collect.fault import execute_attempt, protocol_variant, record_attempt
+from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
 from branchdrive_reference.collect.plan import GroupPlan
 from branchdrive_reference.collect.script import Attempt, group_script
 from branchdrive_reference.scenarios.trigger import Branch

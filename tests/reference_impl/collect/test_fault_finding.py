@@ -16,7 +16,8 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.engine.report import Report
 from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.collect.campaign import collect
-from branchdrive_reference.collect.fault import MAX_SHIFT_TICKS, PROTOCOL_VARIANT, Fault
+from branchdrive_reference.collect.effect import MAX_SHIFT_TICKS, PROTOCOL_VARIANT
+from branchdrive_reference.collect.fault import Fault
 from branchdrive_reference.scenarios.trigger import MARGIN_TICKS
 
 SEED = 3
