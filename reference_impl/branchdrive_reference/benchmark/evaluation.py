@@ -15,7 +15,7 @@ from typing import Any
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
-from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.guard.risk import RiskFit
 from branchdrive.benchmark.lock import (
     changed_checkpoints,
     lock_digest,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.guard.risk import RiskFit
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.environment import extra

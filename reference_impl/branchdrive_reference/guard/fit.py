@@ -21,8 +21,16 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.guard.calibration import ALPHA
 from branchdrive.benchmark.guard.path import TOLERANCE_M, price_grid
-from branchdrive.benchmark.guard.risk_features import FEATURES, risk_features, seed_spread_m
-from branchdrive.benchmark.guard.risk_fit import SEVERITY_M, PriceGrid, RiskFit, probability, standardised
+from branchdrive.benchmark.guard.risk import (
+    FEATURES,
+    SEVERITY_M,
+    PriceGrid,
+    RiskFit,
+    probability,
+    risk_features,
+    seed_spread_m,
+    standardised,
+)
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import PROFILES, TIE, Profile, Scale, predicted_utility
 from branchdrive.errors import UsageError

@@ -9,7 +9,7 @@ import pytest
 from tests.content_cache import remembered
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
-from branchdrive_reference.collect.collection import collection_descriptor
+from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.plan import GroupPlan, plan_group
 from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
@@ -163,7 +163,7 @@ def test_replays_get_noise_of_their_own_and_nominal_passes_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, noise: float
 ) -> None:
     spy = Run()
-    monkeypatch.setattr("branchdrive_reference.collect.effect.run", spy)
+    monkeypatch.setattr("branchdrive_reference.collect.fault.run", spy)
     collect_one(tmp_path / "d", plan_group(SEED, 1), descriptor=collection_descriptor(SEED, replay_noise=noise))
     nominal, *replays = spy.specs
     assert (nominal.replay, nominal.replay_noise) == (0, 0.0)

@@ -17,7 +17,7 @@ from tests.synthetic import BRANCH_TICK
 
 from branchdrive import UsageError, open_dataset
 from branchdrive.cli.main import run
-from branchdrive_reference.drawing.file_name import picture_path
+from branchdrive_reference.drawing.gallery import picture_path
 from branchdrive_reference.drawing.picture import title
 
 NOMINAL, BRAKE = "g0.nominal.a1", "g0.brake_0.30.a1"

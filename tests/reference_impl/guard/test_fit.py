@@ -9,8 +9,7 @@ from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.guard.calibration import ALPHA, conformal
 from branchdrive.benchmark.guard.path import violations
-from branchdrive.benchmark.guard.risk_features import FEATURES, risk_features
-from branchdrive.benchmark.guard.risk_fit import RiskFit, guarded_path, risk, standardised
+from branchdrive.benchmark.guard.risk import FEATURES, RiskFit, guarded_path, risk, risk_features, standardised
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, fit_scale, utility
 from branchdrive.errors import UsageError

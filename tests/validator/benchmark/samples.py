@@ -11,8 +11,7 @@ from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
-from branchdrive.benchmark.guard.risk_features import FEATURES
-from branchdrive.benchmark.guard.risk_fit import PriceGrid, RiskFit
+from branchdrive.benchmark.guard.risk import FEATURES, PriceGrid, RiskFit
 from branchdrive.benchmark.metric.outcome import Predictions
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol

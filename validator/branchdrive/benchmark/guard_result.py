@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.assessment import Assessment, GuardData, Limits, assess
-from branchdrive.benchmark.guard.calibration import Calibration
-from branchdrive.benchmark.guard.global_margin import MarginReport
-from branchdrive.benchmark.guard.guarantee import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST, Calibration
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, selected_differences
-from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.guard.path import MarginReport
+from branchdrive.benchmark.guard.risk import RiskFit
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking_result import action_prior

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
-from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.guard.risk import RiskFit
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.benchmark.ranking_result import scale_record

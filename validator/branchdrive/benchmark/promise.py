@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.benchmark.guard.guarantee import CONDITIONAL
+from branchdrive.benchmark.guard.calibration import CONDITIONAL
 from branchdrive.benchmark.openings import CALIBRATION_READ
 from branchdrive.benchmark.ranking.ranking import SEPARATION
 

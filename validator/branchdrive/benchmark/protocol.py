@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from branchdrive.benchmark.metric.family import Family
 from branchdrive.benchmark.metric.shuffle import Kind
-from branchdrive.benchmark.ranking.selector import LEARNED
+from branchdrive.benchmark.ranking.measure import LEARNED
 from branchdrive.contract.document import Integer, dump_json, schema_violations
 from branchdrive.contract.resources import load_resource
 from branchdrive.driving.utility import Profile

@@ -26,9 +26,8 @@ from branchdrive.benchmark.prediction_result import (
 )
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, Member
-from branchdrive.benchmark.ranking.measure import Measures
+from branchdrive.benchmark.ranking.measure import Measures, best_fixed
 from branchdrive.benchmark.ranking.ranking import Entry, Ranking, rank
-from branchdrive.benchmark.ranking.selector import best_fixed
 from branchdrive.benchmark.undeclared import undeclared_rankings
 from branchdrive.driving.utility import RANGE, Scale, fit_scale, utility
 from branchdrive.statistics.bootstrap import Design, counted_mean, design

@@ -18,7 +18,7 @@ import numpy as np
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.diagnostic_result import diagnostic_results
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
-from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.guard.risk import RiskFit
 from branchdrive.benchmark.guard_result import guard_results
 from branchdrive.benchmark.prediction_result import prediction_results, training_scale
 from branchdrive.benchmark.prediction_set import PredictionSet

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from branchdrive.benchmark.protocol import BenchmarkProtocol, Member
-from branchdrive.benchmark.ranking.selector import LEARNED
+from branchdrive.benchmark.ranking.measure import LEARNED
 
 __all__ = ["MAX_MODELS", "undeclared_predictions", "undeclared_rankings"]
 

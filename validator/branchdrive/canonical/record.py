@@ -1,6 +1,10 @@
 """Canonical records of a shard, and what became of each of its attempts.
 
 Source: paper III-F (canonical manifest layer); spec/10-layers.md#canonical.
+
+The document of the canonical layer: the raw layer it comes from, and counts that add up.
+
+Source: paper V-B (population table, note); spec/10-layers.md#source.
 """
 
 from __future__ import annotations
@@ -16,8 +20,12 @@ from branchdrive.tables.frame import Values
 
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
+from collections import Counter
 
-__all__ = ["attempts", "policy_columns", "records"]
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.tables.frame import Frame
+
+__all__ = ["attempts", "policy_columns", "records", "source_counts"]
 
 _COPIED = (
     "attempt", "protocol_variant", "scenario_type", "town", "route_id", "seed", "repetition", "provenance",
@@ -109,4 +117,17 @@ def attempts(view: ShardView, examination: Examination) -> dict[str, Values]:
             for column in ("group_id", "role", "action_key", "attempt", "protocol_variant", "status")
         },
         "disposition": disposition.astype(object),
+    }
+
+
+def source_counts(records: Frame, attempts: Frame) -> dict[str, Any]:
+    """Counts of the tables `records` and `attempts`, as the document `source.json` states them."""
+    kinds = Counter(records["kind"][records["present"]].tolist())
+    states, dispositions = Counter(records["state"].tolist()), Counter(attempts["disposition"].tolist())
+    return {
+        "num_groups": len(set(records["group_id"].tolist())),
+        "num_attempts": len(attempts["rollout_id"]),
+        "records": {**{k: kinds[k] for k in LAYER_TABLES["records"]["kind"].values}, "missing": states["missing"]},
+        "states": {word: states[word] for word in LAYER_TABLES["records"]["state"].values},
+        "dispositions": {word: dispositions[word] for word in LAYER_TABLES["attempts"]["disposition"].values},
     }

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.canonical.counts import source_counts
-from branchdrive.canonical.record import policy_columns
+from branchdrive.canonical.record import policy_columns, source_counts
 from branchdrive.contract.comparison import document_problems
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import SOURCE_FILE

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
-from branchdrive.driving.angle import cos_sin, wrap_rad
+from branchdrive.driving.box import cos_sin, wrap_rad
 from branchdrive.driving.target import STEP_S
 
 __all__ = ["EGO_NAMES", "ego_frames"]

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.driving.angle import cos_sin
+from branchdrive.driving.box import cos_sin
 from branchdrive.leakage.gate_input import pooled_controls
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.logistic import fit_logistic, log_probability

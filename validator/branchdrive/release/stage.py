@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.canonical.counts import source_counts
+from branchdrive.canonical.record import source_counts
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME
 from branchdrive.contract.layer import LAYERS

@@ -8,8 +8,7 @@ from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.guard.assessment import SELECTIONS, Assessment, GuardData, Limits, assess
 from branchdrive.benchmark.guard.path import price_grid
-from branchdrive.benchmark.guard.risk_features import FEATURES
-from branchdrive.benchmark.guard.risk_fit import RiskFit
+from branchdrive.benchmark.guard.risk import FEATURES, RiskFit
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, fit_scale
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.benchmark.guard.global_margin import accepted, fit_margin, margin_report, margin_selection
+from branchdrive.benchmark.guard.path import accepted, fit_margin, margin_report, margin_selection
 
 TRUTH = np.full((88, 13), 20.0)
 

@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 from tests.each import each
 
-from branchdrive.benchmark.guard.calibration import ALPHA, DELTA, conformal
-from branchdrive.benchmark.guard.guarantee import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
+from branchdrive.benchmark.guard.calibration import (
+    ALPHA,
+    CONDITIONAL,
+    DELTA,
+    GLOBAL_MARGIN,
+    GUARANTEE,
+    LEARN_THEN_TEST,
+    conformal,
+)
 from branchdrive.benchmark.guard.path import TOLERANCE_M
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, t
 from tests.each import each
 
-from branchdrive.benchmark.guard.rate import rate_interval
+from branchdrive.benchmark.guard.figure import rate_interval
 
 SIZES = np.repeat([1, 2, 3, 4, 5, 6, 7], [28, 11, 7, 4, 1, 1, 1])
 PLACES = np.repeat(np.arange(len(SIZES)), SIZES)

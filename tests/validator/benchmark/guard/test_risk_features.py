@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.benchmark.guard.risk_features import FEATURES, risk_features, seed_spread_m, separation_margin
+from branchdrive.benchmark.guard.risk import FEATURES, risk_features, seed_spread_m, separation_margin
 
 NAMES = [feature.name for feature in FEATURES]
 SCALARS = banks(20, seed=3).scalars

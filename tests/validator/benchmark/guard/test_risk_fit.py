@@ -15,8 +15,7 @@ from tests.each import each
 from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.guard.path import price_grid
-from branchdrive.benchmark.guard.risk_features import FEATURES
-from branchdrive.benchmark.guard.risk_fit import PriceGrid, RiskFit, guarded_path, risk
+from branchdrive.benchmark.guard.risk import FEATURES, PriceGrid, RiskFit, guarded_path, risk
 from branchdrive.driving.utility import PROFILES, fit_scale, predicted_utility
 
 K = len(FEATURES)

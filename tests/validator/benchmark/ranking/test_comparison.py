@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from branchdrive.benchmark.ranking.comparison import captured_share, non_worsening, seed_agreement
-from branchdrive.benchmark.ranking.measure import measures
-from branchdrive.benchmark.ranking.selector import by_score, fixed
+from branchdrive.benchmark.ranking.measure import by_score, fixed, measures
+from branchdrive.benchmark.ranking.ranking import captured_share, non_worsening, seed_agreement
 
 UTILITIES = np.array([[0.4, 0.9, 0.1], [0.5, 0.2, 0.6]])
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from branchdrive.benchmark.ranking.measure import mean_measures, measures, without_range
-from branchdrive.benchmark.ranking.selector import by_score, fixed, uniform
+from branchdrive.benchmark.ranking.measure import by_score, fixed, mean_measures, measures, uniform, without_range
 
 UTILITIES = np.array([[0.4, 0.9, 0.1], [0.4, 0.4, 0.4], [0.4, 0.2, 0.6]])
 

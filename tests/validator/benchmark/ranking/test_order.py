@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.ranking.order import concordance, ndcg
+from branchdrive.benchmark.ranking.measure import concordance, ndcg
 
 Array = NDArray[np.float64]
 rows = arrays(np.float64, (3, 5), elements=st.integers(0, 8).map(lambda step: step / 8))

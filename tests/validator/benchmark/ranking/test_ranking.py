@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.validator.benchmark.guard.banks import Banks, banks
 
+from branchdrive.benchmark.ranking.measure import best_fixed
 from branchdrive.benchmark.ranking.ranking import SEPARATION, Ranking, rank
-from branchdrive.benchmark.ranking.selector import best_fixed
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, Scale, fit_scale, utility
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from branchdrive.benchmark.ranking.selector import best_fixed, by_score, choose, fixed, uniform
+from branchdrive.benchmark.ranking.measure import best_fixed, by_score, choose, fixed, uniform
 
 scores = arrays(np.float64, (4, 6), elements=st.floats(-5, 5, width=16))
 

@@ -19,7 +19,7 @@ from tests.content_cache import kept, remembered
 from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.canonical.counts import source_counts
+from branchdrive.canonical.record import source_counts
 from branchdrive.card.card import render_card, render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor

@@ -26,16 +26,18 @@ from branchdrive.benchmark.guard.calibration import (
     learn_then_test,
 )
 from branchdrive.benchmark.guard.figure import RATES, Figure, cluster_weights, figures, terms
-from branchdrive.benchmark.guard.global_margin import (
+from branchdrive.benchmark.guard.path import (
     COVERAGE,
+    TOLERANCE_M,
     GlobalMargin,
     MarginReport,
+    SelectionPath,
     fit_margin,
     margin_report,
     margin_selection,
+    violations,
 )
-from branchdrive.benchmark.guard.path import TOLERANCE_M, SelectionPath, violations
-from branchdrive.benchmark.guard.risk_fit import RiskFit, guarded_path
+from branchdrive.benchmark.guard.risk import RiskFit, guarded_path
 from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import Profile, Scale, predicted_utility, utility

@@ -15,7 +15,7 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import boundary, mutant
 
-from branchdrive.benchmark.guard.guarantee import GUARANTEE
+from branchdrive.benchmark.guard.calibration import GUARANTEE
 from branchdrive.benchmark.openings import warnings
 from branchdrive.benchmark.prediction_rows import TABLES
 from branchdrive.tables.frame import concat, take
