@@ -49,9 +49,9 @@ class Derived:
     population: dict[str, Any] | None = None
 
 
-def layer_files_task(survey: Survey, spool: Spool) -> LayerFilesTask | None:
-    """The task that reads the derived layers; ``None`` where the dataset claims none."""
-    if survey.descriptor is None or not survey.descriptor.derived_layers:
+def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
+    """The task that reads the derived layers; ``None`` without a spool, or where the dataset claims none."""
+    if spool is None or survey.descriptor is None or not survey.descriptor.derived_layers:
         return None
     names = tuple(entry.path for entry in survey.files)
     return LayerFilesTask(survey.root, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)

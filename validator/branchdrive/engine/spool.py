@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from branchdrive.formats.file_error import machine_faults
 from branchdrive.tables.frame import Frame, concat
 
 if TYPE_CHECKING:
@@ -39,8 +40,12 @@ class Spool:
             yield cls(Path(folder))
 
     def put(self, name: str, value: Any) -> None:
-        """Keep a value of this tool's own making."""
-        with (self.folder / name).open("wb") as stream:
+        """Keep a value of this tool's own making.
+
+        Raises:
+            PlatformError: The disk with temporary files is full, or cannot be written.
+        """
+        with machine_faults(self.folder / name), (self.folder / name).open("wb") as stream:
             pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
 
     def get(self, name: str) -> Any:
@@ -49,10 +54,19 @@ class Spool:
             return pickle.load(stream)  # noqa: S301  (a file of this process group's own)
 
     def put_table(self, name: str, table: pa.Table) -> None:
-        """Keep the rows of a table."""
+        """Keep the rows of a table.
+
+        Raises:
+            PlatformError: As `put`.
+        """
         import pyarrow as pa
 
-        with pa.OSFile(str(self.folder / name), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
+        path = self.folder / name
+        with (
+            machine_faults(path),
+            pa.OSFile(str(path), "wb") as sink,
+            pa.ipc.new_file(sink, table.schema) as writer,
+        ):
             writer.write_table(table)
 
     def table(self, name: str) -> pa.Table:

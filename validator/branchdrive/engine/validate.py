@@ -7,6 +7,7 @@ files and sizes of row groups cannot change a verdict.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import date
 from functools import cache
@@ -91,7 +92,8 @@ def validate(
     # Without the rule on digests, a damaged table is the matter of the rule on decoding.
     survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
     source = _raw_survey(survey, raw)
-    with Spool.temporary() as spool:
+    is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
+    with Spool.temporary() if is_layered else nullcontext() as spool:
         layers = layer_files_task(survey, spool)
         reading = read_dataset(
             source, selected, executor, progress, spool=spool if needs_raw(survey, selected) else None, layers=layers
