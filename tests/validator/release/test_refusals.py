@@ -30,10 +30,10 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda _: in_process)
 
 
-def refused(*argv: object) -> str:
+def refused(*argv: object, exit_code: int = 2) -> str:
     """The one line with which `branchdrive build` refuses."""
     code, out, err = call("build", "--no-leakage", *argv)
-    assert (code, out) == (2, ""), err
+    assert (code, out) == (exit_code, ""), err
     assert err.startswith("branchdrive: ")
     assert err.endswith("\n")
     assert err[:-1].isprintable()
@@ -297,7 +297,8 @@ def test_a_full_disk_is_one_line_and_the_next_build_goes_on(
 
     with monkeypatch.context() as patch:
         patch.setattr("branchdrive.release.publish.write_file", full)
-        assert refused(dataset) == "branchdrive: No space left on device\n"
+        line = refused(dataset, exit_code=4)
+    assert line.startswith("branchdrive: No space left on device; make room on its disk")
     build(dataset)
     assert contents(dataset) == contents(built)
 
