@@ -152,6 +152,14 @@ def test_other_inputs_are_noticed(clean: dict[str, Any]) -> None:
     assert "/gate/tests/2/observed" in [mismatch.location["pointer"] for mismatch in statistic_mismatches(clean, other)]
 
 
+def test_a_gate_without_some_of_its_tests_is_noticed(clean: dict[str, Any]) -> None:
+    document = copy.deepcopy(clean)
+    document["gate"]["tests"].pop()
+    assert schema_violations(document, "leakage.schema.json") == []
+    (missing,) = statistic_mismatches(document, CLEAN)
+    assert (missing.location["pointer"], missing.expected, missing.found) == ("/gate/tests", "4 entries", "3 entries")
+
+
 def test_a_fail_cannot_be_told_as_a_pass() -> None:
     leak = np.array(CLEAN.discrepancy)
     leak[:, 2] += 1.0

@@ -70,8 +70,8 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
         if len(stated["tests"]) != len(gate["tests"]):
             yield from value_mismatches("/gate/tests", gate["tests"], stated["tests"])
         return
-    if not stated["tests"]:
-        yield from value_mismatches("/gate/tests", list(STATISTICS), [])
+    if len(stated["tests"]) != len(STATISTICS):
+        yield from value_mismatches("/gate/tests", list(STATISTICS), stated["tests"])
         return
     x = dealt(x, protocol.num_folds)
     battery = Battery.of(x, protocol, seed=seed)

@@ -103,7 +103,7 @@ def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
     gate, protocol = document["gate"], AuditProtocol.from_json(document["protocol"]).gate
     tests, shape = gate["tests"], gate["shape"]
     for index, place in enumerate(gate["places"]):
-        yield from _share_mismatches(f"/gate/places/{index}/p", place["p"], protocol.num_permutations)
+        yield from _p_mismatches(f"/gate/places/{index}/p", place["p"], protocol.num_permutations)
     if not tests:
         if all(shape.values()) and shape["groups"] >= protocol.num_folds:
             yield from value_mismatches("/gate/tests", list(STATISTICS), tests)
@@ -120,7 +120,7 @@ def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
         if gate["bit_identical"]:
             yield from value_mismatches(f"{pointer}/p", 1.0, test["p"])
         else:
-            yield from _share_mismatches(f"{pointer}/p", test["p"], protocol.num_permutations)
+            yield from _p_mismatches(f"{pointer}/p", test["p"], protocol.num_permutations)
         yield from value_mismatches(f"{pointer}/p_adjusted", p, test["p_adjusted"])
     outcomes = tuple(Outcome(t["name"], t["observed"], t["p"], p) for t, p in zip(tests, adjusted, strict=True))
     verdict, reason = ("pass", IDENTICAL) if gate["bit_identical"] else gate_verdict(outcomes, protocol)
@@ -185,7 +185,7 @@ def battery_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
                 if score is None:
                     not_run.append({"test": f"{way['name']}/{result['name']}", "reason": result["reason"]})
                 else:
-                    yield from _score_mismatches(pointer, score, way["num_actions"], protocol.num_permutations)
+                    yield from _range_mismatches(pointer, score, way["num_actions"], protocol.num_permutations)
     yield from value_mismatches("/not_run", not_run, document["not_run"])
     yield from value_mismatches("/battery", judged_battery(battery["ways"], protocol), battery)
 
@@ -197,7 +197,7 @@ def _can_run(way: Mapping[str, Any], name: str, has_classifier: bool) -> bool:
     return all(way["num_groups"].get(partition, 0) for partition in needed) and (has_classifier or not is_recurrent)
 
 
-def _score_mismatches(
+def _range_mismatches(
     pointer: str, score: Mapping[str, Any], num_actions: int, num_permutations: int
 ) -> Iterator[Mismatch]:
     """A score is one that can be: in its interval, at most 0 as a log-likelihood, and at chance where identical."""
@@ -211,10 +211,10 @@ def _score_mismatches(
         yield from value_mismatches(pointer, at_chance, {name: score[name] for name in at_chance})
     else:
         for measure in MEASURES:
-            yield from _share_mismatches(f"{pointer}/p_{measure}", score[f"p_{measure}"], num_permutations)
+            yield from _p_mismatches(f"{pointer}/p_{measure}", score[f"p_{measure}"], num_permutations)
 
 
-def _share_mismatches(pointer: str, p: float, num_permutations: int) -> Iterator[Mismatch]:
+def _p_mismatches(pointer: str, p: float, num_permutations: int) -> Iterator[Mismatch]:
     """A p-value of `num_permutations` permutations is a whole number of shares."""
     count = p * (num_permutations + 1)
     whole = max(1, round(count))
