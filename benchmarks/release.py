@@ -23,7 +23,7 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
-from branchdrive.leakage.gate_input import gate_features
+from branchdrive.leakage.inputs import gate_features
 from branchdrive.leakage.protocol import Protocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.text import leakage_sentences

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
-from branchdrive.leakage.sequence import SequenceScores, SequenceTask
+from branchdrive.leakage.classifier import SequenceScores, SequenceTask
 from branchdrive.statistics.stream import orders, words
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.execution import deterministic

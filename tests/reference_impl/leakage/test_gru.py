@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from tests.validator.leakage.replays import changed, replay_inputs
 
-from branchdrive.leakage.audit import AuditProtocol, audit_leakage
-from branchdrive.leakage.parity_protocol import SEQUENCE_TESTS, ParityProtocol
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.audit import audit_leakage
+from branchdrive.leakage.classifier import SequenceTask, sequence_classifier
+from branchdrive.leakage.protocol import SEQUENCE_TESTS, AuditProtocol, ParityProtocol, Protocol
 from branchdrive.leakage.score import held_out_score
-from branchdrive.leakage.sequence import SequenceTask, sequence_classifier
 
 torch = pytest.importorskip("torch")
 gru_module = pytest.importorskip("branchdrive_reference.leakage.gru")

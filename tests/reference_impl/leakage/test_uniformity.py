@@ -8,7 +8,7 @@ from scipy.stats import kstest
 from tests.each import each
 from tests.validator.leakage.replays import replay_inputs
 
-from branchdrive.leakage.gate_input import gate_features
+from branchdrive.leakage.inputs import gate_features
 from branchdrive.leakage.protocol import STATISTICS, Protocol
 from branchdrive_reference.leakage.uniformity import GateSize, gate_size, uniformity
 

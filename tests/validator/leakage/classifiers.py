@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from branchdrive.leakage.logistic import fit_logistic, log_probability
-from branchdrive.leakage.sequence import SequenceScores, SequenceTask
+from branchdrive.leakage.classifier import SequenceScores, SequenceTask, fit_logistic, log_probability
 
 
 class Regression:

@@ -16,23 +16,15 @@ import numpy as np
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.driving.discrepancy import History, core_discrepancy
-from branchdrive.leakage.audit import AuditProtocol, audit_leakage
-from branchdrive.leakage.ego import EGO_NAMES, ego_frames
+from branchdrive.leakage.audit import audit_leakage
+from branchdrive.leakage.classifier import Unavailable
 from branchdrive.leakage.gate import dealt
-from branchdrive.leakage.gate_input import gate_features
-from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.parity_protocol import ParityProtocol
-from branchdrive.leakage.protocol import Protocol
-from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.inputs import ReplayInputs, gate_features
+from branchdrive.leakage.protocol import AuditProtocol, ParityProtocol, Protocol
+from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
+from branchdrive.leakage.replays import EGO_NAMES, ego_frames
 from branchdrive.leakage.table import tabulate
-from branchdrive.leakage.verify import (
-    battery_differences,
-    count_differences,
-    gate_differences,
-    input_differences,
-    score_differences,
-    statistic_differences,
-)
+from branchdrive.leakage.verify import battery_mismatches, count_mismatches, gate_mismatches
 from branchdrive.quality.retention import retention
 from branchdrive.statistics.stream import normals, words
 
@@ -86,12 +78,12 @@ def audited(inputs: ReplayInputs) -> dict[str, Any]:
     return audit_leakage(inputs, seed=5, protocol=PROTOCOL, sequence_classifier=Unavailable("not installed"))
 
 
-def differences(document: dict[str, Any], inputs: ReplayInputs) -> list[str]:
+def mismatches(document: dict[str, Any], inputs: ReplayInputs) -> list[str]:
     """Places of a document that do not follow from inputs."""
-    found = [*count_differences(document), *gate_differences(document), *battery_differences(document)]
-    for judge in (input_differences, statistic_differences, score_differences):
+    found = [*count_mismatches(document), *gate_mismatches(document), *battery_mismatches(document)]
+    for judge in (input_mismatches, statistic_mismatches, score_mismatches):
         found += judge(document, inputs)
-    return [f"{d.pointer}: expected {d.expected!r}, found {d.found!r}" for d in found]
+    return [f"{m.location['pointer']}: expected {m.expected}, found {m.found}" for m in found]
 
 
 def main(path: Path) -> None:
@@ -104,7 +96,7 @@ def main(path: Path) -> None:
     passed = np.arange(12) < 13 - np.arange(90)[:, None] % 7
     bounds = [(row.low, row.high) for row in retention(passed, ["train"] * 90, partitions=["train"], seed=1)]
     exact = {"digest": inputs.digest(), "steps": table.steps.tobytes().hex(), "retention": bounds}
-    sys.stdout.write(json.dumps({"differences": differences(document, inputs), "exact": exact}))
+    sys.stdout.write(json.dumps({"mismatches": mismatches(document, inputs), "exact": exact}))
 
 
 if __name__ == "__main__":

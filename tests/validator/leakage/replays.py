@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from branchdrive.leakage.ego import EGO_NAMES
 from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.replays import EGO_NAMES
 from branchdrive.quality.threshold import VARIABLES
 
 CONTROLS = ("steer", "throttle", "brake")

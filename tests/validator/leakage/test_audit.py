@@ -13,11 +13,10 @@ from tests.validator.leakage.classifiers import Regression, Undecided
 from tests.validator.leakage.replays import changed, replay_inputs
 
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
-from branchdrive.leakage.audit import AuditProtocol, audit_key, audit_leakage
+from branchdrive.leakage.audit import audit_key, audit_leakage
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
-from branchdrive.leakage.protocol import Protocol
-from branchdrive.leakage.sequence import SequenceClassifier, Unavailable
+from branchdrive.leakage.protocol import CONTROLS, SEQUENCE_TESTS, TESTS, AuditProtocol, ParityProtocol, Protocol
 
 QUICK = AuditProtocol(
     Protocol(alpha=0.01, num_permutations=799, num_frequencies=32, offsets_sd=(0.5, 2.0), num_replicates=2),

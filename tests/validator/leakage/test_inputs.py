@@ -1,4 +1,4 @@
-"""What an audit may see: shapes, refusals and the digest."""
+"""Inputs of an audit: what is refused, what the digest is of, and the features of the gate by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from tests.each import each
 from tests.validator.leakage.replays import changed, replay_inputs
 
-from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features, pooled_controls
 
 INPUTS = replay_inputs(6, seed=0)
 
@@ -105,3 +105,40 @@ def test_it_shows_shapes() -> None:
 def test_what_cannot_be_is_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         changed(INPUTS, **values)
+
+
+FOUR_ACTIONS = replay_inputs(4, seed=1, num_actions=4)
+FEATURES, COLUMNS = gate_features(FOUR_ACTIONS)
+
+
+def test_every_column_has_a_name_of_its_own() -> None:
+    assert FEATURES.shape == (4, 3, len(COLUMNS))
+    assert len(set(COLUMNS)) == len(COLUMNS) == 12 + 16 * 6 + 16 * 3 + 2
+
+
+def test_a_name_leads_to_its_value() -> None:
+    place = COLUMNS.index(GateFeature("ego", "speed_mps", (-10, -10)))
+    np.testing.assert_array_equal(FEATURES[:, :, place], FOUR_ACTIONS.ego[:, 1:, 13, 3])
+    place = COLUMNS.index(GateFeature("controls", "brake", (-5, -1)))
+    np.testing.assert_allclose(FEATURES[:, :, place], FOUR_ACTIONS.controls[:, 1:, 75:, 2].mean(axis=2))
+    place = COLUMNS.index(GateFeature("discrepancy", "position_m", None))
+    np.testing.assert_array_equal(FEATURES[:, :, place], FOUR_ACTIONS.discrepancy[:, 1:, 0])
+    place = COLUMNS.index(GateFeature("availability", "controls", None))
+    np.testing.assert_array_equal(FEATURES[:, :, place], FOUR_ACTIONS.availability[:, 1:, 1])
+
+
+def test_the_nominal_stays_out_wherever_it_is() -> None:
+    moved = changed(FOUR_ACTIONS, nominal_index=2)
+    np.testing.assert_array_equal(gate_features(moved)[0][:, 2, :12], FOUR_ACTIONS.discrepancy[:, 3])
+
+
+def test_a_mean_over_a_missing_control_is_missing() -> None:
+    controls = np.array(FOUR_ACTIONS.controls)
+    controls[0, 1, 7, 0] = np.nan
+    missing = np.isnan(pooled_controls(changed(FOUR_ACTIONS, controls=controls)))
+    assert np.argwhere(missing).tolist() == [[0, 1, 1, 0]]
+
+
+def test_no_group_gives_no_row() -> None:
+    nothing = replay_inputs(0, seed=0, partitions=())
+    assert gate_features(nothing)[0].shape == (0, 4, len(COLUMNS))

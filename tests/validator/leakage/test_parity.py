@@ -14,10 +14,10 @@ from tests.validator.leakage.classifiers import Regression, Undecided
 from tests.validator.leakage.replays import changed, replay_inputs
 from tests.validator.leakage.test_inputs import without_nominal_replay
 
+from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.parity import ways
-from branchdrive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
-from branchdrive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.leakage.protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
 
 QUICK = ParityProtocol(num_permutations=1_999, num_resamples=100)
 CLEAN = replay_inputs(60, seed=2)

@@ -30,7 +30,7 @@ def test_an_audit_of_one_processor_follows_on_every_other(tmp_path: Path) -> Non
     document = tmp_path / "leakage.json"
     built, *found = [(setting.name, on_processor(setting, document)) for setting in runnable()]
     for name, other in (built, *found):
-        assert other["differences"] == [], name
+        assert other["mismatches"] == [], name
         assert other["exact"] == built[1]["exact"], name
 
 
@@ -54,7 +54,7 @@ def test_last_bits_of_inputs_turn_nothing_around(leak: float) -> None:
     document = driven.audited(inputs)
     assert document["gate"]["verdict"] == ("fail" if leak else "pass")
     document["inputs"]["digest"] = other.digest()  # of every bit, and of this test no matter
-    assert driven.differences(document, other) == []
+    assert driven.mismatches(document, other) == []
     again = driven.audited(other)
     assert again["gate"]["verdict"] == document["gate"]["verdict"]
     statuses = [[test["status"] for way in d["battery"]["ways"] for test in way["tests"]] for d in (document, again)]

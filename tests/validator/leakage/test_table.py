@@ -1,4 +1,4 @@
-"""Columns: standard deviations, clipping, what is unavailable or infinite, ranks, and exact sums."""
+"""Columns: standardisation, unavailability, ranks, exact sums, and rows that agree."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy.stats import rankdata
+from tests.each import each
 from tests.validator.leakage.samples import exchangeable
 
-from branchdrive.leakage.table import MAX_GROUPS, Column, Table, step_limit, tabulate, within_group_rank
-from branchdrive.statistics.permutation import draw, labels
+from branchdrive.leakage.table import MAX_GROUPS, Column, Table, rows_agree, step_limit, tabulate, within_group_rank
+from branchdrive.statistics.permutation import labels
+from branchdrive.statistics.stream import group_orders
 
 Array = NDArray[np.float64]
 ANY = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, 2.0, -3.5, 1e308, -1e308, 5e-324, 1e-300])
@@ -99,7 +101,7 @@ def test_no_number_breaks_it(x: Array) -> None:
 def test_rows_of_a_group_are_treated_alike() -> None:
     x = exchangeable(8, 5, 3, seed=6)
     x[x > 2] = np.nan
-    rows = draw(0, 1, 8, 5, seed=0)[0]
+    rows = group_orders(0, "leakage/permutations", 1, 8, 5)[0]
     moved, still = tabulate(np.take_along_axis(x, rows[:, :, None], axis=1)), tabulate(x)
     np.testing.assert_array_equal(moved.sd, still.sd)
     np.testing.assert_array_equal(moved.values, np.take_along_axis(still.values, rows[:, :, None], axis=1))
@@ -113,7 +115,7 @@ def test_ranks_are_centred_doubled_averages_of_ties(values: NDArray[np.int64]) -
 
 def test_sums_over_groups_are_exact() -> None:
     table = tabulate(exchangeable(500, 6, 4, seed=7))
-    rows = labels(draw(0, 4, 500, 6, seed=1))
+    rows = labels(group_orders(1, "leakage/permutations", 4, 500, 6))
     for steps in (table.steps, table.ranks):
         expected = rows.astype(np.int64) @ steps.astype(np.int64)
         np.testing.assert_array_equal((rows @ steps).astype(np.int64), expected)
@@ -148,3 +150,43 @@ def test_infinities_on_both_sides_of_the_middle_are_further_than_all_others() ->
     assert np.isfinite(values).all()
     assert values[:, 0] == pytest.approx([-6, -6], rel=1e-5)
     assert values[:, 3] == pytest.approx([6, 6], rel=1e-5)
+
+
+def test_scores_that_differ_between_groups_alone_agree() -> None:
+    scores = np.broadcast_to(np.random.default_rng(0).normal(size=(5, 1, 13)), (5, 13, 13))
+    assert rows_agree(scores)
+
+
+def test_one_row_of_one_group_disagrees() -> None:
+    scores = np.zeros((5, 13, 13))
+    scores[3, 12, 0] = 5e-324
+    assert not rows_agree(scores)
+
+
+def test_rounding_is_forgiven_on_request() -> None:
+    scores = np.zeros((5, 13, 13))
+    scores[3, 12, 0] = 1e-7
+    assert not rows_agree(scores)
+    assert rows_agree(scores, atol=1e-6)
+
+
+@each(
+    ("rows", "expected"),
+    [
+        ([np.nan, np.nan], True),
+        ([np.nan, 0.0], False),
+        ([0.0, np.nan], False),
+        ([np.inf, np.inf], True),
+        ([np.inf, 1.0], False),
+        ([np.inf, np.nan], False),
+        ([0.0, -0.0], True),
+        ([1e308, -1e308], False),
+    ],
+)
+def test_unavailable_agrees_with_unavailable_alone(rows: list[float], expected: bool) -> None:
+    assert rows_agree([rows]) is expected
+
+
+def test_values_need_rows() -> None:
+    with pytest.raises(ValueError, match=r"shape \[3\], not \[groups, rows"):
+        rows_agree([1.0, 2.0, 3.0])

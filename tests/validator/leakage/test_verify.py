@@ -15,29 +15,27 @@ from tests.validator.leakage.test_audit import CLEAN, audited, clean_document
 from tests.validator.leakage.test_inputs import without_nominal_replay
 
 from branchdrive.contract.document import dump_json, parse_json, schema_violations
-from branchdrive.leakage import parity, redraw
-from branchdrive.leakage.audit import AuditProtocol
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.leakage import parity, recompute
+from branchdrive.leakage.classifier import Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.ridge import Ridge
-from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.protocol import AuditProtocol
+from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
+from branchdrive.leakage.statistic import Ridge
 from branchdrive.leakage.verify import (
-    Difference,
-    battery_differences,
-    count_differences,
-    gate_differences,
-    input_differences,
-    protocol_differences,
-    score_differences,
-    statistic_differences,
+    battery_mismatches,
+    count_mismatches,
+    gate_mismatches,
+    protocol_mismatches,
 )
 
-OWN: list[Callable[[dict[str, Any]], list[Difference]]] = [count_differences, gate_differences, battery_differences]
+OWN: list[Callable[[dict[str, Any]], Iterator[Mismatch]]] = [count_mismatches, gate_mismatches, battery_mismatches]
 
 
-def every(document: dict[str, Any]) -> list[Difference]:
-    found = [difference for check in OWN for difference in check(document)]
-    found += [*input_differences(document, CLEAN), *statistic_differences(document, CLEAN)]
-    return [*found, *score_differences(document, CLEAN)]
+def every(document: dict[str, Any]) -> list[Mismatch]:
+    found = [mismatch for check in OWN for mismatch in check(document)]
+    found += [*input_mismatches(document, CLEAN), *statistic_mismatches(document, CLEAN)]
+    return [*found, *score_mismatches(document, CLEAN)]
 
 
 def stated(inputs: ReplayInputs, classifier: Unavailable | None = None) -> dict[str, Any]:
@@ -54,7 +52,7 @@ def clean() -> dict[str, Any]:
 def _repeated_parts() -> Iterator[None]:
     """Most lies leave what is drawn and fitted as it is."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((parity, "fit_logistic"), (parity, "held_out_score"), (redraw, "_prefix")):
+        for module, name in ((parity, "fit_logistic"), (parity, "held_out_score"), (recompute, "_redrawn")):
             patch.setattr(module, name, remembered(getattr(module, name)))
         patch.setattr(Ridge, "of", staticmethod(remembered(Ridge.of)))
         yield
@@ -76,9 +74,9 @@ def test_other_right_documents_have_none(kind: str) -> None:
         "small": replay_inputs(3, seed=0),
     }[kind]
     document = stated(inputs, Unavailable("because") if kind == "without a classifier" else None)
-    assert [difference for check in OWN for difference in check(document)] == []
-    assert input_differences(document, inputs) == statistic_differences(document, inputs) == []
-    assert score_differences(document, inputs) == []
+    assert [mismatch for check in OWN for mismatch in check(document)] == []
+    assert [*input_mismatches(document, inputs), *statistic_mismatches(document, inputs)] == []
+    assert list(score_mismatches(document, inputs)) == []
 
 
 def test_counts_may_be_written_as_floats(clean: dict[str, Any]) -> None:
@@ -142,16 +140,24 @@ def test_a_lie_is_found_at_its_place(clean: dict[str, Any], path: str, value: An
     owner[last] = value
     assert schema_violations(document, "leakage.schema.json") == []
     found = every(document)
-    assert pointer in [difference.pointer for difference in found]
-    assert all(difference.expected != difference.found for difference in found)
+    assert pointer in [mismatch.location["pointer"] for mismatch in found]
+    assert all(mismatch.expected != mismatch.found for mismatch in found)
 
 
 def test_other_inputs_are_noticed(clean: dict[str, Any]) -> None:
     moved = np.array(CLEAN.ego)
     moved[4, 2, 3, 1] += 1e-3
     other = changed(CLEAN, ego=moved)
-    assert [difference.pointer for difference in input_differences(clean, other)] == ["/inputs/digest"]
-    assert "/gate/tests/2/observed" in [difference.pointer for difference in statistic_differences(clean, other)]
+    assert [mismatch.location["pointer"] for mismatch in input_mismatches(clean, other)] == ["/inputs/digest"]
+    assert "/gate/tests/2/observed" in [mismatch.location["pointer"] for mismatch in statistic_mismatches(clean, other)]
+
+
+def test_a_gate_without_some_of_its_tests_is_noticed(clean: dict[str, Any]) -> None:
+    document = copy.deepcopy(clean)
+    document["gate"]["tests"].pop()
+    assert schema_violations(document, "leakage.schema.json") == []
+    (missing,) = statistic_mismatches(document, CLEAN)
+    assert (missing.location["pointer"], missing.expected, missing.found) == ("/gate/tests", "4 entries", "3 entries")
 
 
 def test_a_fail_cannot_be_told_as_a_pass() -> None:
@@ -160,11 +166,11 @@ def test_a_fail_cannot_be_told_as_a_pass() -> None:
     document = stated(changed(CLEAN, discrepancy=leak), Unavailable("because"))
     assert document["gate"]["verdict"] == "fail"
     document["gate"]["verdict"] = "pass"
-    assert [difference.pointer for difference in gate_differences(document)] == ["/gate/verdict"]
+    assert [mismatch.location["pointer"] for mismatch in gate_mismatches(document)] == ["/gate/verdict"]
     for test in document["gate"]["tests"]:
         test["p"] = test["p_adjusted"] = 1.0
-    pointers = [difference.pointer for difference in gate_differences(document)]
-    assert any(pointer.startswith("/gate/minimum_detectable_effect/critical/") for pointer in pointers)
+    pointers = [mismatch.location["pointer"] for mismatch in gate_mismatches(document)]
+    assert any(str(pointer).startswith("/gate/minimum_detectable_effect/critical/") for pointer in pointers)
 
 
 @pytest.mark.parametrize("p", [0.01, 0.05, 0.5, 1.0])
@@ -177,14 +183,14 @@ def test_a_fail_is_no_pass_under_another_p_value_and_critical_value(p: float) ->
     for test in gate["tests"]:
         test.update(p=p, p_adjusted=min(1.0, 4 * p))
     gate["minimum_detectable_effect"]["critical"] = [1e6] * 4
-    pointers = {difference.pointer for difference in statistic_differences(document, inputs)}
+    pointers = {mismatch.location["pointer"] for mismatch in statistic_mismatches(document, inputs)}
     assert "/gate/tests/0/p" in pointers
-    assert any(pointer.startswith("/gate/minimum_detectable_effect/critical") for pointer in pointers)
+    assert any(str(pointer).startswith("/gate/minimum_detectable_effect/critical") for pointer in pointers)
 
 
 def test_a_protocol_is_compared_exactly(clean: dict[str, Any]) -> None:
     document = copy.deepcopy(clean)
     document["protocol"].update(AuditProtocol().as_json())
-    assert protocol_differences(document) == []
+    assert list(protocol_mismatches(document)) == []
     document["protocol"]["gate"]["penalty"] *= 1 + 1e-12
-    assert [difference.pointer for difference in protocol_differences(document)] == ["/protocol/gate/penalty"]
+    assert [mismatch.location["pointer"] for mismatch in protocol_mismatches(document)] == ["/protocol/gate/penalty"]

@@ -12,7 +12,7 @@ from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.engine.rules.draft import Draft
 from tests.validator.release.running import build
 
-from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.classifier import Unavailable
 from branchdrive.release.builder import STAGES
 
 

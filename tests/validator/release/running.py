@@ -13,9 +13,7 @@ from tests.synthetic_release import SEED
 from branchdrive.cli.main import run, validate_run
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.engine.validate import validate
-from branchdrive.leakage.audit import AuditProtocol
-from branchdrive.leakage.parity_protocol import ParityProtocol
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.protocol import AuditProtocol, ParityProtocol, Protocol
 from branchdrive.release.builder import STAGES, BuildReport, build_release
 from branchdrive.release.stage import BuildOptions
 

@@ -18,8 +18,8 @@ from tests.validator.release.running import QUICK
 
 from branchdrive.engine.worker import in_process
 from branchdrive.errors import ToolError
+from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 from branchdrive.leakage.replays import replay_inputs
-from branchdrive.leakage.sequence import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 from branchdrive.release import apart
 from branchdrive.release.apart import AuditTask, audit_apart, audit_here
 from branchdrive.release.layers import load_layers

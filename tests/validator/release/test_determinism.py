@@ -98,7 +98,7 @@ import sys
 from pathlib import Path
 from tests.validator.release.running import build
 from branchdrive.release.builder import STAGES
-from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.classifier import Unavailable
 import branchdrive.release.leakage as stage
 
 stage.sequence_classifier = lambda: Unavailable("none in this test")

@@ -1,51 +1,19 @@
-"""Permutations: what they are, that chunks change nothing, p-values and critical values."""
+"""Labels of permutations, p-values, those that fit the first permutations, and critical values."""
 
 from __future__ import annotations
-
-from itertools import permutations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chisquare
+from tests.each import each
 
-from branchdrive.statistics.permutation import critical_value, draw, identity, labels, p_value
-
-
-@pytest.mark.parametrize("num_actions", [2, 3, 12, 16, 17])
-def test_every_group_gets_a_permutation(num_actions: int) -> None:
-    rows = draw(0, 20, 7, num_actions, seed=3)
-    assert rows.shape == (20, 7, num_actions)
-    assert (np.sort(rows, axis=2) == np.arange(num_actions)).all()
-
-
-def test_permutations_are_uniform_and_groups_independent() -> None:
-    rows = draw(0, 6_000, 2, 3, seed=1)
-    names = {order: i for i, order in enumerate(permutations(range(3)))}
-    code = np.array([[names[tuple(group)] for group in one] for one in rows.tolist()])
-    assert chisquare(np.bincount(code[:, 0] * 6 + code[:, 1], minlength=36)).pvalue > 0.001
-
-
-@given(st.integers(0, 30), st.integers(1, 9), st.integers(1, 5))
-def test_a_permutation_depends_on_its_number_alone(start: int, length: int, num_groups: int) -> None:
-    whole = draw(0, 40, num_groups, 5, seed=9)
-    np.testing.assert_array_equal(draw(start, start + length, num_groups, 5, seed=9), whole[start : start + length])
-
-
-def test_seeds_and_streams_give_different_permutations() -> None:
-    found = [draw(0, 3, 4, 6, seed=seed) for seed in (0, 1, 2**64 - 1)] + [draw(0, 3, 4, 6, seed=0, stream="another")]
-    assert len({rows.tobytes() for rows in found}) == 4
-
-
-@pytest.mark.parametrize("seed", [-1, 2**64])
-def test_seeds_have_64_bits(seed: int) -> None:
-    with pytest.raises(ValueError, match="`seed` is"):
-        draw(0, 1, 2, 3, seed=seed)
+from branchdrive.statistics.permutation import critical_value, identity, is_plausible, labels, p_value
+from branchdrive.statistics.stream import group_orders
 
 
 def test_labels_sum_the_rows_that_an_action_gets() -> None:
-    rows = draw(0, 5, 4, 3, seed=2)
+    rows = group_orders(2, "leakage/permutations", 5, 4, 3)
     table = np.arange(4 * 3 * 2).reshape(4, 3, 2) ** 2
     sums = (labels(rows) @ table.reshape(12, 2)).reshape(5, 3, 2)
     for b in range(5):
@@ -83,3 +51,24 @@ def test_beyond_the_critical_value_is_where_p_is_at_most_alpha(observed: float, 
 @pytest.mark.parametrize(("num_permutations", "expected"), [(9_999, 9_998.0), (3_999, 3_999.0), (3_998, np.inf)])
 def test_the_level_of_the_gate_lies_in_the_far_tail(num_permutations: int, expected: float) -> None:
     assert critical_value(np.arange(1.0, num_permutations + 1), 0.001 / 4) == expected
+
+
+@each(
+    ("reached", "drawn", "p", "expected"),
+    [
+        (93, 199, 0.4658, True),
+        (93, 199, 1.0, False),
+        (93, 199, 0.85, False),
+        (199, 199, 1.0, True),
+        (198, 199, 1.0, True),
+        (197, 199, 1.0, False),
+        (0, 199, 1 / 10_000, True),
+        (3, 199, 1 / 10_000, False),
+        (0, 199, 0.05, True),
+        (0, 199, 0.2, False),
+        (0, 9_999, 2 / 10_000, True),
+        (0, 9_999, 3 / 10_000, False),
+    ],
+)
+def test_counts_fit_p_values(reached: int, drawn: int, p: float, expected: bool) -> None:
+    assert is_plausible(reached, drawn, p, 9_999) is expected

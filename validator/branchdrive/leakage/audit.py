@@ -13,42 +13,21 @@ import hashlib
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from branchdrive.leakage.gate import Gate, leakage_gate
-from branchdrive.leakage.gate_input import GateFeature, gate_features
-from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.gate import Gate, Place, leakage_gate
+from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features
 from branchdrive.leakage.parity import Part, ways
-from branchdrive.leakage.parity_protocol import CONTROLS, TESTS, ParityProtocol
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
+from branchdrive.leakage.score import judged_battery
 from branchdrive.leakage.sensitivity import PATTERNS, Sensitivity
-from branchdrive.leakage.sequence import SequenceClassifier, Unavailable
-from branchdrive.leakage.status import judged_battery
 from branchdrive.quality.threshold import VARIABLES
 
-__all__ = ["AuditProtocol", "audit_key", "audit_leakage", "described_inputs"]
+__all__ = ["audit_key", "audit_leakage", "described_inputs", "gate_as_json", "place_as_json"]
 
 Remember = Callable[[str, Callable[[], dict[str, Any]]], dict[str, Any]]
 Progress = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True)
-class AuditProtocol:
-    """Numbers of a whole audit.
-
-    Attributes:
-        gate: Of the gate.
-        parity: Of the paper's battery.
-    """
-
-    gate: Protocol = field(default_factory=Protocol)
-    parity: ParityProtocol = field(default_factory=ParityProtocol)
-
-    def as_json(self) -> dict[str, Any]:
-        """All numbers that a result depends on."""
-        gate = {name: value for name, value in asdict(self.gate).items() if name != "scratch_bytes"}
-        return {"gate": {**gate, "offsets_sd": list(self.gate.offsets_sd)}, "parity": asdict(self.parity)}
 
 
 def audit_key(
@@ -110,7 +89,7 @@ def audit_leakage(
 
     def gate() -> dict[str, Any]:
         keys = [inputs.action_keys[index] for index in inputs.interventions]
-        return _gate_as_json(leakage_gate(features, seed=seed, protocol=protocol.gate), columns, keys)
+        return gate_as_json(leakage_gate(features, seed=seed, protocol=protocol.gate), columns, keys)
 
     gate_part = part("gate", gate)
     recorded: list[dict[str, Any]] = []
@@ -167,7 +146,8 @@ def _settings(classifier: SequenceClassifier | Unavailable) -> dict[str, Any] | 
     return None if isinstance(classifier, Unavailable) else dict(classifier.settings)
 
 
-def _gate_as_json(gate: Gate, columns: tuple[GateFeature, ...], action_keys: list[str]) -> dict[str, Any]:
+def gate_as_json(gate: Gate, columns: tuple[GateFeature, ...], action_keys: list[str]) -> dict[str, Any]:
+    """A gate on features `columns` of the actions `action_keys`."""
     return {
         "verdict": gate.verdict,
         "reason": gate.reason,
@@ -175,25 +155,24 @@ def _gate_as_json(gate: Gate, columns: tuple[GateFeature, ...], action_keys: lis
         "shape": dict(zip(("groups", "actions", "features"), gate.shape, strict=True)),
         "bandwidth": gate.bandwidth,
         "tests": [test._asdict() for test in gate.tests],
-        "places": [
-            {
-                "source": columns[place.feature].source,
-                "variable": columns[place.feature].name,
-                "offset_ticks": _as_list(columns[place.feature].offset_ticks),
-                "action": action_keys[place.action],
-                "kind": place.kind,
-                "t": place.t,
-                "difference": place.difference,
-                "p": place.p,
-            }
-            for place in gate.places
-        ],
+        "places": [place_as_json(place, columns, action_keys) for place in gate.places],
         "minimum_detectable_effect": None if gate.sensitivity is None else _effect_as_json(gate.sensitivity),
     }
 
 
-def _as_list(span: tuple[int, int] | None) -> list[int] | None:
-    return None if span is None else list(span)
+def place_as_json(place: Place, columns: tuple[GateFeature, ...], action_keys: list[str]) -> dict[str, Any]:
+    """A place, its feature and action by name."""
+    feature = columns[place.feature]
+    return {
+        "source": feature.source,
+        "variable": feature.name,
+        "offset_ticks": None if feature.offset_ticks is None else list(feature.offset_ticks),
+        "action": action_keys[place.action],
+        "kind": place.kind,
+        "t": place.t,
+        "difference": place.difference,
+        "p": place.p,
+    }
 
 
 def _effect_as_json(effect: Sensitivity) -> dict[str, Any]:

@@ -14,16 +14,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.kernel import Hsic, frequencies, median_distance
-from branchdrive.leakage.max_t import MaxT
 from branchdrive.leakage.protocol import STATISTICS, Protocol
-from branchdrive.leakage.ridge import Ridge
+from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median_distance
 from branchdrive.leakage.table import Column, Table, tabulate
-from branchdrive.statistics.permutation import draw, identity, labels
+from branchdrive.statistics.permutation import identity, labels
+from branchdrive.statistics.stream import group_orders
 
 __all__ = ["Battery", "Reference", "chunk_length"]
 
 Array = NDArray[np.float64]
+
+_PERMUTATIONS = "leakage/permutations"
 
 
 def chunk_length(num_groups: int, num_actions: int, scratch_columns: int, scratch_bytes: int) -> int:
@@ -119,7 +120,8 @@ class Battery:
         null = np.empty((num_permutations - start, len(STATISTICS)))
         for first in range(start, num_permutations, length):
             stop = min(first + length, num_permutations)
-            null[first - start : stop - start] = self._statistics(draw(first, stop, *shape, seed=seed))
+            rows = group_orders(seed, _PERMUTATIONS, stop - first, *shape, first_row=first)
+            null[first - start : stop - start] = self._statistics(rows)
         return null
 
     def _statistics(self, rows: NDArray[np.intp]) -> Array:

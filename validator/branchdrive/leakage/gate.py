@@ -19,11 +19,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.agreement import rows_agree
 from branchdrive.leakage.battery import Battery
 from branchdrive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.leakage.sensitivity import Sensitivity, sensitivity
-from branchdrive.leakage.table import Kind, checked
+from branchdrive.leakage.table import Kind, checked, rows_agree
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import identity, labels, p_value
 

@@ -7,6 +7,9 @@ as values, paths, what follows the branch and outcomes have no place here.
 The digest is SHA-256 over a line of JSON that names everything, and the arrays in little-endian float64. They
 follow from raw columns by arithmetic that every processor rounds alike, so all bits count.
 
+Of the features of the gate, discrepancies and availability are one each; every variable of the ego history is one at
+each of 16 observations, and every control one for each mean over 5 ticks.
+
 Source: paper VI-A; spec/13-leakage.md#inputs.
 """
 
@@ -15,17 +18,29 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OBSERVATIONS
+from branchdrive.contract.timing import (
+    CONTROL_HISTORY_TICKS,
+    HISTORY_OBSERVATIONS,
+    HISTORY_OFFSETS,
+    OBSERVATION_STRIDE_TICKS,
+)
 from branchdrive.quality.threshold import VARIABLES
 
-__all__ = ["ReplayInputs"]
+__all__ = ["CONTROL_SPANS", "GateFeature", "ReplayInputs", "Source", "gate_features", "pooled_controls"]
 
 Array = NDArray[np.float64]
+Source = Literal["discrepancy", "ego", "controls", "availability"]
+
+CONTROL_SPANS = tuple(
+    (start, start + OBSERVATION_STRIDE_TICKS - 1)
+    for start in range(-CONTROL_HISTORY_TICKS, 0, OBSERVATION_STRIDE_TICKS)
+)
+"""First and last offset from ``t_b`` of the controls that one mean is taken over: -80 .. -76, .. -5 .. -1."""
 
 _ARRAYS = ("availability", "discrepancy", "ego", "controls")
 
@@ -144,3 +159,43 @@ def _owned(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
     array = np.array(values, dtype)
     array.flags.writeable = False
     return array
+
+
+class GateFeature(NamedTuple):
+    """One feature.
+
+    Attributes:
+        source: Array of `ReplayInputs` that it is taken from.
+        name: Variable.
+        offset_ticks: First and last offset from ``t_b``; None where it is of the whole window.
+    """
+
+    source: Source
+    name: str
+    offset_ticks: tuple[int, int] | None
+
+
+def pooled_controls(inputs: ReplayInputs) -> Array:
+    """Controls averaged over 5 ticks, ``[groups, actions, 16, controls]``; NaN where one of the five is missing."""
+    groups, actions, _, controls = inputs.controls.shape
+    spans = inputs.controls.reshape(groups, actions, len(CONTROL_SPANS), OBSERVATION_STRIDE_TICKS, controls)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(spans.mean(axis=3))
+
+
+def gate_features(inputs: ReplayInputs) -> tuple[Array, tuple[GateFeature, ...]]:
+    """Features of all interventions ``[groups, actions - 1, features]``, and what they are; the nominal stays out."""
+    groups, actions = inputs.num_groups, len(inputs.action_keys)
+    blocks = [
+        inputs.discrepancy,
+        inputs.ego.reshape(groups, actions, len(HISTORY_OFFSETS) * len(inputs.ego_names)),
+        pooled_controls(inputs).reshape(groups, actions, len(CONTROL_SPANS) * len(inputs.control_names)),
+        inputs.availability,
+    ]
+    features = (
+        *(GateFeature("discrepancy", variable.name, None) for variable in VARIABLES),
+        *(GateFeature("ego", name, (tick, tick)) for tick in HISTORY_OFFSETS for name in inputs.ego_names),
+        *(GateFeature("controls", name, span) for span in CONTROL_SPANS for name in inputs.control_names),
+        *(GateFeature("availability", name, None) for name in inputs.availability_names),
+    )
+    return np.concatenate(blocks, axis=2)[:, list(inputs.interventions)], features

@@ -22,16 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.driving.box import cos_sin
-from branchdrive.leakage.gate_input import pooled_controls
-from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.logistic import fit_logistic, log_probability
-from branchdrive.leakage.parity_protocol import CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
-from branchdrive.leakage.protocol import CLIP_SD
+from branchdrive.leakage.classifier import SequenceClassifier, SequenceTask, Unavailable, fit_logistic, log_probability
+from branchdrive.leakage.inputs import ReplayInputs, pooled_controls
+from branchdrive.leakage.protocol import CLIP_SD, CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol
 from branchdrive.leakage.score import held_out_score
-from branchdrive.leakage.sequence import SequenceClassifier, SequenceTask, Unavailable
 from branchdrive.leakage.table import median_of_available, robust_sd
-from branchdrive.statistics.permutation import draw
-from branchdrive.statistics.stream import words
+from branchdrive.statistics.stream import group_orders, words
 
 __all__ = ["PARTITIONS", "Part", "Way", "ways"]
 
@@ -42,6 +38,7 @@ PARTITIONS = ("train", "val", "test")
 """Partitions that the battery uses."""
 
 _RANDOM_LABELS = "leakage/random-labels"
+_TRAINING = "leakage/training"
 
 
 class Part(NamedTuple):
@@ -146,7 +143,7 @@ class _Run:
             with np.errstate(over="ignore", invalid="ignore"):
                 raw = raw + self.protocol.offset_sd * sd * (cos + sin)
         if self.name == "random_label":
-            order = draw(0, 1, num_groups, num_actions, seed=self.seed, stream=_RANDOM_LABELS)[0]
+            order = group_orders(self.seed, _RANDOM_LABELS, 1, num_groups, num_actions)[0]
             raw = np.take_along_axis(raw, order[:, :, None], axis=1)
         return _standardised(raw, train)[0]
 
@@ -168,7 +165,7 @@ class _Run:
             [_sequences(way.rows(histories[name]), way.members("train"), histories[name].shape[2:]) for name in wanted],
             axis=3,
         )
-        training_seed = int(words(self.seed, f"leakage/training/{way.name}/{self.name}", 1, 1)[0, 0] >> 32)
+        training_seed = int(words(self.seed, f"{_TRAINING}/{way.name}/{self.name}", 1, 1)[0, 0] >> 32)
         task = SequenceTask(*(seen[way.members(partition)] for partition in PARTITIONS))
         scores = self.classifier(task, seed=training_seed)
         training = {"num_epochs": int(scores.num_epochs), "best_epoch": int(scores.best_epoch)}

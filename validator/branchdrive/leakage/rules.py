@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,19 +21,17 @@ from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import CONTROL_WINDOW
 from branchdrive.driving.target import TARGETS
-from branchdrive.layers.compare import problems_found
 from branchdrive.layers.view import ReleaseView
 from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.structural import ALPHA, MAX_CORRELATION, Telltale, held_targets, neighbours_p, ranked_targets
 from branchdrive.leakage.verify import (
-    battery_differences,
-    count_differences,
-    gate_differences,
-    input_differences,
-    protocol_differences,
-    score_differences,
-    statistic_differences,
+    battery_mismatches,
+    count_mismatches,
+    gate_mismatches,
+    protocol_mismatches,
+    value_mismatches,
 )
 from branchdrive.model.rules import FEATURES, model_arrays
 
@@ -48,8 +47,13 @@ def _audit(view: ReleaseView) -> dict[str, Any] | None:
     return document
 
 
-def _found(examined: int, problems: Iterable[tuple[str, object, object]]) -> Check:
-    return problems_found(LEAKAGE_FILE, examined, problems)
+def _found(examined: int, mismatches: Iterable[Mismatch]) -> Check:
+    """Check of the document of the audit; numbers out of range leave nothing to compute with."""
+    try:
+        found = list(mismatches)
+    except ValueError as error:
+        found = [Mismatch({"pointer": "/protocol"}, "numbers within their ranges", str(error))]
+    return Check.of(examined, (replace(m, location={"file": LEAKAGE_FILE, **m.location}) for m in found))
 
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
@@ -67,11 +71,11 @@ def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[Check]:
     groups = view.frame("group_quality")
     valid = np.asarray(groups["core_valid"], bool)
     counts = dict(sorted(Counter(np.ma.filled(groups["partition"], "")[valid].tolist()).items()))
-    problems = [
-        (f"/inputs/num_groups{p.place}", p.expected, p.found)
+    of_inputs = (
+        Mismatch({"pointer": f"/inputs/num_groups{p.place}"}, p.expected, p.found)
         for p in document_problems(counts, audit["inputs"]["num_groups"])
-    ]
-    yield _found(len(counts), [*problems, *count_differences(audit)])
+    )
+    yield _found(len(counts), [*of_inputs, *count_mismatches(audit)])
 
 
 @rule("BD-LKG-002")
@@ -79,9 +83,11 @@ def audit_inputs_recompute(view: ReleaseView) -> Iterator[Check]:
     """What the audit saw is what raw says about replays before the branch, in the stored groups and partitions."""
     if (audit := _audit(view)) is not None:
         inputs = view.once(_recomputed)
-        groups_apart = {"/inputs/num_groups"}  # the matter of another rule
-        problems = [d for d in input_differences(audit, inputs) if not d.pointer.startswith(tuple(groups_apart))]
-        yield _found(inputs.num_groups, problems)
+        found = input_mismatches(audit, inputs)
+        # Numbers of groups are the matter of another rule.
+        yield _found(
+            inputs.num_groups, (m for m in found if not str(m.location["pointer"]).startswith("/inputs/num_groups"))
+        )
 
 
 @rule("BD-LKG-003")
@@ -89,7 +95,7 @@ def gate_statistics_recompute(view: ReleaseView) -> Iterator[Check]:
     """Statistics, places, p-values and effect size of the gate; permutations are drawn again as far as they decide."""
     if (audit := _audit(view)) is not None:
         inputs = _audited(view, audit)
-        yield _found(max(1, len(audit["gate"]["tests"])), _judged(statistic_differences, audit, inputs))
+        yield _found(max(1, len(audit["gate"]["tests"])), statistic_mismatches(audit, inputs))
 
 
 def _audited(view: ReleaseView, audit: dict[str, Any]) -> ReplayInputs:
@@ -101,25 +107,18 @@ def _audited(view: ReleaseView, audit: dict[str, Any]) -> ReplayInputs:
     inputs = view.once(_recomputed)
     if inputs.digest() != audit["inputs"]["digest"]:
         raise PreconditionError("the leakage audit saw other inputs")
-    if protocol_differences(audit):
+    if any(protocol_mismatches(audit)):
         raise PreconditionError("the leakage audit followed another protocol")
-    if count_differences(audit):
+    if any(count_mismatches(audit)):
         raise PreconditionError("parts of the leakage audit are of other groups")
     return inputs
-
-
-def _judged(judge: Any, *arguments: Any) -> list[tuple[str, object, object]]:
-    try:
-        return list(judge(*arguments))
-    except ValueError as error:
-        return [("/protocol", "numbers within their ranges", str(error))]
 
 
 @rule("BD-LKG-004")
 def gate_verdict_follows(view: ReleaseView) -> Iterator[Check]:
     """Holm's procedure and alpha give the adjusted p-values and the verdict."""
     if (audit := _audit(view)) is not None:
-        yield _found(max(1, len(audit["gate"]["tests"])), _judged(gate_differences, audit))
+        yield _found(max(1, len(audit["gate"]["tests"])), gate_mismatches(audit))
 
 
 @rule("BD-LKG-005")
@@ -127,7 +126,7 @@ def battery_statuses_follow(view: ReleaseView) -> Iterator[Check]:
     """Chance, controls and the rule of identical scores give the statuses of the battery."""
     if (audit := _audit(view)) is not None:
         examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
-        yield _found(examined, _judged(battery_differences, audit))
+        yield _found(examined, battery_mismatches(audit))
 
 
 @rule("BD-LKG-007")
@@ -135,7 +134,7 @@ def gate_passes(view: ReleaseView) -> Iterator[Check]:
     """The gate's verdict is a pass."""
     if (audit := _audit(view)) is not None:
         verdict = audit["gate"]["verdict"]
-        yield _found(1, [] if verdict == "pass" else [("/gate/verdict", "pass", verdict)])
+        yield _found(1, value_mismatches("/gate/verdict", "pass", verdict))
 
 
 @rule("BD-LKG-008")
@@ -194,7 +193,7 @@ def protocol_is_the_specification_s(view: ReleaseView) -> Iterator[Check]:
     """Numbers of gate and battery are the specification's constants, exactly."""
     if (audit := _audit(view)) is not None:
         examined = sum(len(audit["protocol"][part]) for part in ("gate", "parity"))
-        yield _found(examined, protocol_differences(audit))
+        yield _found(examined, protocol_mismatches(audit))
 
 
 @rule("BD-LKG-012")
@@ -203,4 +202,4 @@ def battery_scores_recompute(view: ReleaseView) -> Iterator[Check]:
     if (audit := _audit(view)) is not None:
         inputs = _audited(view, audit)
         examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
-        yield _found(examined, _judged(score_differences, audit, inputs))
+        yield _found(examined, score_mismatches(audit, inputs))

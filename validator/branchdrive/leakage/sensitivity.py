@@ -15,9 +15,7 @@ Source: this project's choice.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -26,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from branchdrive.leakage.battery import Battery, Reference
 from branchdrive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.leakage.table import checked
-from branchdrive.statistics.permutation import critical_value, draw
-from branchdrive.statistics.stream import below, orders, words
+from branchdrive.statistics.permutation import critical_value
+from branchdrive.statistics.stream import below, group_orders, orders, words
 
 __all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "replicate_values", "sensitivity"]
 
@@ -99,17 +97,13 @@ def sensitivity(
     x = checked(features)
     alpha = protocol.alpha / len(STATISTICS)
     critical = np.array([critical_value(column, alpha) for column in null.T])
-    replicates = _replicates(x, reference, seed)
     found = np.zeros((len(PATTERNS), len(protocol.offsets_sd), protocol.num_replicates, len(STATISTICS)), np.bool_)
-    for replicate in range(protocol.num_replicates):
-        rows, order, action = next(replicates)
-        if not order.size:
-            break
-        for i, pattern in enumerate(PATTERNS):
-            for j, offset_sd in enumerate(protocol.offsets_sd):
-                moved = np.take_along_axis(x, rows[:, :, None], axis=1)
-                inject(moved, pattern, offset_sd * reference.sd, order, action)
-                found[i, j, replicate] = Battery.like(reference, moved, protocol).observed() > critical
+    for i, pattern in enumerate(PATTERNS):
+        for j, offset_sd in enumerate(protocol.offsets_sd):
+            for replicate in range(protocol.num_replicates):
+                moved = replicate_values(x, reference, pattern, offset_sd, replicate, seed=seed)
+                if moved is not None:
+                    found[i, j, replicate] = Battery.like(reference, moved, protocol).observed() > critical
     detections = tuple(
         Detection(pattern, offset_sd, tuple(found[i, j].mean(axis=0).tolist()), float(found[i, j].any(axis=1).mean()))
         for i, pattern in enumerate(PATTERNS)
@@ -118,25 +112,27 @@ def sensitivity(
     return Sensitivity(alpha, tuple(critical.tolist()), detections)
 
 
-def _replicates(x: Array, reference: Reference, seed: int) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Of each replicate in turn: the row of each action ``[groups, actions]``, features in order, and an action."""
+def replicate_values(
+    features: ArrayLike, reference: Reference, pattern: Pattern, offset_sd: float, replicate: int, *, seed: int
+) -> Array | None:
+    """Features of a replicate with an offset ``[groups, actions, features]``; None where no feature can move.
+
+    Args:
+        features: As the gate saw them ``[groups, actions, features]``.
+        reference: Of the battery of these features.
+        pattern: Where the offset is added.
+        offset_sd: Its size, standard deviations.
+        replicate: Its number, from 0.
+        seed: Of the audit.
+    """
+    x = checked(features)
     num_groups, num_actions, _ = x.shape
     movable = np.array([c.feature for c in reference.columns if c.kind == "value"], np.intp)
-    for replicate in count():
-        rows = draw(replicate, replicate + 1, num_groups, num_actions, seed=seed, stream=_ROWS)[0]
-        order = orders(words(seed, _FEATURES, 1, len(movable), first_row=replicate))[0]
-        action = below(words(seed, _ACTION, 1, 1, first_row=replicate), num_actions)[0, 0]
-        yield rows, movable[order], int(action)
-
-
-def replicate_values(
-    features: ArrayLike, reference: Reference, pattern: Pattern, offset_sd: float, *, seed: int
-) -> Array | None:
-    """Features of the first replicate with an offset ``[groups, actions, features]``; None where none can move."""
-    x = checked(features)
-    rows, order, action = next(_replicates(x, reference, seed))
-    if not order.size:
+    if not movable.size:
         return None
+    rows = group_orders(seed, _ROWS, 1, num_groups, num_actions, first_row=replicate)[0]
+    order = movable[orders(words(seed, _FEATURES, 1, len(movable), first_row=replicate))[0]]
+    action = int(below(words(seed, _ACTION, 1, 1, first_row=replicate), num_actions)[0, 0])
     moved = np.take_along_axis(x, rows[:, :, None], axis=1)
     inject(moved, pattern, offset_sd * reference.sd, order, action)
     return moved

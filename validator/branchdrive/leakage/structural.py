@@ -36,7 +36,7 @@ MAX_UNEXPLAINED = 1e-9
 
 _PERMUTATIONS = 1_999
 _PLACES_AT_ONCE = 2**20
-_STREAM = "leakage/neighbours"
+_NEIGHBOURS = "leakage/neighbours"
 _MIN_GROUPS = 10
 """Groups, or distinct values, below which a correlation says nothing."""
 
@@ -155,6 +155,6 @@ def neighbours_p(homes: Sequence[str]) -> float:
     reached = 0
     for start in range(0, _PERMUTATIONS, num_rows):
         num_drawn = min(num_rows, _PERMUTATIONS - start)
-        drawn = labels[orders(words(0, _STREAM, num_drawn, len(labels), first_row=start))]
+        drawn = labels[orders(words(0, _NEIGHBOURS, num_drawn, len(labels), first_row=start))]
         reached += int(np.count_nonzero((drawn[:, 1:] == drawn[:, :-1]).sum(axis=1) >= observed))
     return (1 + reached) / (1 + _PERMUTATIONS)

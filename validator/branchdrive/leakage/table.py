@@ -39,6 +39,7 @@ __all__ = [
     "checked",
     "median_of_available",
     "robust_sd",
+    "rows_agree",
     "step_limit",
     "tabulate",
     "within_group_rank",
@@ -105,6 +106,26 @@ def checked(features: ArrayLike) -> Array:
     if array.shape[0] > MAX_GROUPS:
         raise ValueError(f"features have {array.shape[0]} groups, not at most {MAX_GROUPS}")
     return array
+
+
+def rows_agree(values: ArrayLike, *, atol: float = 0.0) -> bool:
+    """Whether all rows of every group agree.
+
+    Such values cannot tell the actions of a group apart: bit-identical replays pass, and a classifier with such scores
+    is inconclusive, for whatever it was shown it made nothing of it.
+
+    Args:
+        values: ``[groups, rows, ...]``, features or scores of a classifier; NaN agrees with NaN alone.
+        atol: Largest difference between rows that agree, in the unit of `values`.
+
+    Raises:
+        ValueError: There is no axis of rows.
+    """
+    array = np.asarray(values, np.float64)
+    if array.ndim < 2:
+        raise ValueError(f"values have shape {list(array.shape)}, not [groups, rows, ...]")
+    with np.errstate(over="ignore"):
+        return bool(np.isclose(array, array[:, :1], rtol=0.0, atol=atol, equal_nan=True).all())
 
 
 def step_limit(num_groups: int) -> int:

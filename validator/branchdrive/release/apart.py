@@ -17,9 +17,10 @@ from multiprocessing.connection import Connection, Pipe
 from typing import Any, Protocol
 
 from branchdrive.errors import ToolError
-from branchdrive.leakage.audit import AuditProtocol, Progress, audit_leakage
+from branchdrive.leakage.audit import Progress, audit_leakage
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.sequence import SequenceClassifier, Unavailable
+from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.process import child_environment, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]

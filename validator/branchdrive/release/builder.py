@@ -29,7 +29,7 @@ from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import Manifest
-from branchdrive.leakage.audit import AuditProtocol
+from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.benchmark_openings import with_benchmark
 from branchdrive.release.layers import RECORDS, BuiltLayers, load_layers
 from branchdrive.release.leakage import build_leakage

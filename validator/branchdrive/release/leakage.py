@@ -8,9 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from branchdrive.contract.layout import LEAKAGE_FILE
-from branchdrive.leakage.audit import AuditProtocol, Progress, audit_key
+from branchdrive.leakage.audit import Progress, audit_key
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable, sequence_classifier
+from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.leakage.replays import replay_inputs
-from branchdrive.leakage.sequence import SequenceClassifier, Unavailable, sequence_classifier
 from branchdrive.release.apart import AuditTask, audit_apart
 from branchdrive.release.layers import BuiltLayers
 from branchdrive.release.parts import StoredParts

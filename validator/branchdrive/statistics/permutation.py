@@ -9,24 +9,25 @@ permutations of a statistic ``T`` that is large under leakage::
 Permutation ``b`` is row ``b`` of a stream, a function of seed and ``b`` alone, so neither chunks nor earlier
 draws change it. All statistics share the permutations.
 
+Who draws the first ``n`` of them again sees whether a stated p-value fits: of ``B`` permutations ``k`` reach the
+statistic, by the statement, and of the first ``n`` of them ``c`` do. Permutations are exchangeable, so ``c`` is
+hypergeometric: ``P(c) = C(k, c) C(B - k, n - c) / C(B, n)``. With ``n = B`` only ``c = k`` is possible.
+
 Source: Phipson and Smyth 2010 (p-value); the design randomises actions within groups, paper III-D.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.statistics.stream import orders, words
-
 __all__ = [
-    "PERMUTATIONS", "TIE", "critical_rank", "critical_value", "draw", "identity", "labels", "p_value", "reaching",
+    "LEAST_TAIL", "TIE", "critical_rank", "critical_value", "identity", "is_plausible", "labels", "p_value", "reaching",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-
-PERMUTATIONS = "leakage/permutations"
-"""Stream of the permutations of the gate."""
 
 TIE = 1e-9
 """Statistics that differ by no more, relative to the observed one, are equal."""
@@ -34,17 +35,11 @@ TIE = 1e-9
 _TIE_ABSOLUTE = 1e-12
 """So are those that differ by no more: rounding of sums that cancel."""
 
+LEAST_TAIL = 1e-9
+"""Two-sided tail below which a count contradicts a stated p-value."""
 
-def draw(
-    start: int, stop: int, num_groups: int, num_actions: int, *, seed: int, stream: str = PERMUTATIONS
-) -> NDArray[np.intp]:
-    """Permutations ``start .. stop - 1`` as ``[permutations, groups, actions]``: the row that each action gets.
-
-    Raises:
-        ValueError: `seed` is negative or needs more than 64 bits.
-    """
-    drawn = words(seed, stream, stop - start, num_groups * num_actions, first_row=start)
-    return orders(drawn.reshape(-1, num_actions)).reshape(-1, num_groups, num_actions)
+_SLACK = 1
+"""Permutations that the last bits of another machine may move across a statistic."""
 
 
 def identity(num_groups: int, num_actions: int) -> NDArray[np.intp]:
@@ -94,3 +89,40 @@ def critical_value(null: Array, alpha: float) -> float:
     if rank > len(null):
         return -np.inf
     return float(np.partition(null, -rank)[-rank])
+
+
+def is_plausible(reached: int, drawn: int, p: float, num_permutations: int) -> bool:
+    """Whether `reached` of the first `drawn` permutations fit ``p = (1 + k) / (B + 1)``, with one permutation to spare.
+
+    Args:
+        reached: Permutations drawn that reach the statistic, ``c``.
+        drawn: Permutations drawn, ``n``.
+        p: As stated.
+        num_permutations: Permutations that `p` was counted over, ``B``.
+    """
+    stated = round(p * (num_permutations + 1)) - 1
+    counts = range(max(0, stated - _SLACK), min(num_permutations, stated + _SLACK) + 1)
+    return any(_two_sided(reached, drawn, k, num_permutations) >= LEAST_TAIL for k in counts)
+
+
+def _two_sided(c: int, n: int, k: int, total: int) -> float:
+    """Twice the smaller of both tails of the hypergeometric distribution, each with `c` itself.
+
+    Either tail holds ``P(c)``, so where that alone is large enough no tail is summed up.
+    """
+    least, most = max(0, n - (total - k)), min(n, k)
+    if not least <= c <= most:
+        return 0.0
+    if (alone := 2 * _probability(c, n, k, total)) >= LEAST_TAIL:
+        return alone
+    below = math.fsum(_probability(x, n, k, total) for x in range(least, c + 1))
+    above = math.fsum(_probability(x, n, k, total) for x in range(c, most + 1))
+    return 2 * min(below, above)
+
+
+def _probability(c: int, n: int, k: int, total: int) -> float:
+    return math.exp(_log_choose(k, c) + _log_choose(total - k, n - c) - _log_choose(total, n))
+
+
+def _log_choose(n: int, k: int) -> float:
+    return math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)

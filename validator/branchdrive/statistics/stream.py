@@ -3,7 +3,7 @@
 Output ``k`` of a stream is word ``k mod 4`` of the Philox-4x64 block of ten rounds with the counter
 ``floor(k / 4) + 1`` and the 128-bit key ``(seed, first 8 bytes of the SHA-256 of the name, little-endian)``.
 Everything drawn is made of whole words by integer arithmetic, so no release of numpy, no processor and no other
-stream changes it.
+stream changes it. The name of a stream stands where it is used, and nowhere else.
 
 Source: spec/15-random-words.md; Salmon et al. 2011 (Philox).
 """
@@ -15,7 +15,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["WORDS_PER_NORMAL", "below", "bits", "counts", "normals", "orders", "uniforms", "words"]
+__all__ = ["WORDS_PER_NORMAL", "below", "bits", "counts", "group_orders", "normals", "orders", "uniforms", "words"]
 
 Words = NDArray[np.uint64]
 
@@ -74,6 +74,18 @@ def orders(values: Words) -> NDArray[np.intp]:
     # Sorting words that carry their own place is quicker than `argsort`.
     carrying = np.sort((values & ~mask) | np.arange(num_places, dtype=np.uint64), axis=1)
     return (carrying & mask).astype(np.intp)
+
+
+def group_orders(
+    seed: int, name: str, num_rows: int, num_groups: int, num_actions: int, *, first_row: int = 0
+) -> NDArray[np.intp]:
+    """Orders of the actions of every group, ``[num_rows, num_groups, num_actions]``, one row of words for all groups.
+
+    Raises:
+        ValueError: `seed` is negative or needs more than 64 bits.
+    """
+    drawn = words(seed, name, num_rows, num_groups * num_actions, first_row=first_row)
+    return orders(drawn.reshape(-1, num_actions)).reshape(-1, num_groups, num_actions)
 
 
 def uniforms(values: Words) -> NDArray[np.float64]:

@@ -207,13 +207,13 @@ PURE = (
     "branchdrive.leakage.rules.held_targets",
     "branchdrive.leakage.rules.neighbours_p",
     "branchdrive.leakage.rules.ranked_targets",
-    "branchdrive.leakage.rules.score_differences",
-    "branchdrive.leakage.rules.statistic_differences",
+    "branchdrive.leakage.rules.score_mismatches",
+    "branchdrive.leakage.rules.statistic_mismatches",
     "branchdrive.files.survey.schema_violations",
     "branchdrive.benchmark.protocol.schema_violations",
     "branchdrive.leakage.parity.fit_logistic",
     "branchdrive.leakage.parity.held_out_score",
-    "branchdrive.leakage.redraw._prefix",
+    "branchdrive.leakage.recompute._redrawn",
     "branchdrive.quality.retention._resampled_sums",
 )
 """Functions of their arguments alone that most of a judgement's time goes into.

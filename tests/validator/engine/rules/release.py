@@ -29,7 +29,7 @@ from branchdrive.contract.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
 from branchdrive.engine.worker import in_process
-from branchdrive.leakage.sequence import Unavailable
+from branchdrive.leakage.classifier import Unavailable
 from branchdrive.model.near_duplicate import near_duplicate_flags
 from branchdrive.quality.fidelity import (
     retention_document,

@@ -12,13 +12,16 @@ from tests.validator.engine.rules.release import LEAKAGE, ReleaseDraft
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.leakage.gate import Outcome, gate_verdict
+from branchdrive.leakage.protocol import AuditProtocol
+from branchdrive.leakage.score import judged_battery
 from branchdrive.leakage.sensitivity import PATTERNS
-from branchdrive.leakage.status import judged_battery
-from branchdrive.leakage.verify import protocol_of
 from branchdrive.statistics.holm import holm
 
 ALL = tuple(rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-LKG"))
-AUDITED = tuple(rule_id for rule_id in ALL if rule_id not in ("BD-LKG-008", "BD-LKG-009", "BD-LKG-010"))
+STRUCTURAL = ("BD-LKG-008", "BD-LKG-009", "BD-LKG-010")
+"""Rules on stored tables."""
+
+AUDITED = tuple(rule_id for rule_id in ALL if rule_id not in STRUCTURAL)
 """Rules on the document of the audit."""
 
 NEED_RAW = ("BD-LKG-002", "BD-LKG-003", "BD-LKG-012")
@@ -51,7 +54,7 @@ def way(d: ReleaseDraft, index: int) -> dict[str, Any]:
 
 def conclude(d: ReleaseDraft, p_values: list[float]) -> None:
     """Give the gate these p-values and what honestly follows from them."""
-    gate, protocol = audit(d)["gate"], protocol_of(audit(d)).gate
+    gate, protocol = audit(d)["gate"], AuditProtocol.from_json(audit(d)["protocol"]).gate
     outcomes = []
     for test, p, adjusted in zip(gate["tests"], p_values, holm(p_values).tolist(), strict=True):
         test.update(p=p, p_adjusted=adjusted)
@@ -81,7 +84,7 @@ def state(d: ReleaseDraft, p_values: list[float]) -> None:
 def judge(d: ReleaseDraft) -> None:
     """Give the battery the statuses that follow from its scores."""
     battery = audit(d)["battery"]
-    audit(d)["battery"] = judged_battery(battery["ways"], protocol_of(audit(d)).parity)
+    audit(d)["battery"] = judged_battery(battery["ways"], AuditProtocol.from_json(audit(d)["protocol"]).parity)
     audit(d)["not_run"] = [
         {"test": f"{way['name']}/{result['name']}", "reason": result["reason"]}
         for way in battery["ways"]

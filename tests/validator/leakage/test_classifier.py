@@ -1,12 +1,15 @@
-"""Multinomial logistic regression against what a solution must satisfy."""
+"""The regression against a general minimiser, and which classifier of sequences is taken."""
 
 from __future__ import annotations
+
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from branchdrive.leakage.logistic import fit_logistic, log_probability
+from branchdrive.leakage import classifier
+from branchdrive.leakage.classifier import ENTRY_POINTS, Unavailable, fit_logistic, log_probability, sequence_classifier
 
 
 def sample(num_rows: int, num_features: int, num_classes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -51,3 +54,32 @@ def test_separated_classes_end(scale: float) -> None:
         assert (found.argmax(axis=1) == np.arange(4).repeat(20)).all()
     else:
         np.testing.assert_allclose(found, -np.log(4))
+
+
+def offer(monkeypatch: pytest.MonkeyPatch, *values: str) -> None:
+    points = [EntryPoint(f"c{len(values) - i}", value, ENTRY_POINTS) for i, value in enumerate(values)]
+    monkeypatch.setattr(classifier, "entry_points", lambda group: points if group == ENTRY_POINTS else [])
+
+
+def test_the_only_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch, "math:pi")
+    assert sequence_classifier() == pytest.approx(3.14159, abs=1e-5)
+
+
+def test_none_of_several_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch, "math:tau", "math:pi")
+    reason = "several sequence classifiers are installed: `c1`, `c2`; uninstall all but one"
+    assert sequence_classifier() == Unavailable(reason)
+
+
+def test_a_missing_package_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch, "no_such_package.gru:gru")
+    reason = "needs the package `no_such_package`: pip install 'branchdrive[models]'"
+    assert sequence_classifier() == Unavailable(reason)
+
+
+def test_nothing_installed_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch)
+    found = sequence_classifier()
+    assert isinstance(found, Unavailable)
+    assert "pip install 'branchdrive[models]'" in found.reason

@@ -1,27 +1,40 @@
-"""Multinomial logistic regression.
+"""Classifiers of the paper's battery: a multinomial logistic regression, and classifiers of sequences from outside.
 
-With rows ``x`` (a 1 appended for the intercept), classes ``y`` and weights ``W`` it minimises::
+With rows ``x`` (a 1 appended for the intercept), classes ``y`` and weights ``W`` the regression minimises::
 
     sum_i -log softmax(x_i W)_{y_i} + penalty / 2 |W|^2
 
 which is strictly convex, by Newton steps, halved until the objective falls: no randomness, one solution. The step
 that is found too small to go on is taken as well, so that weights do not depend on where iterations end.
 
-Source: Böhning 1992 (Newton steps for the multinomial model).
+For classifiers of sequences the core asks whoever registered in the entry-point group `branchdrive.leakage`; the
+extra `models` does.
+
+Source: paper VI-A (three recurrent classifiers); Böhning 1992 (Newton steps for the multinomial model).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from typing import NamedTuple, Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["fit_logistic", "log_probability"]
+__all__ = [
+    "ENTRY_POINTS", "SequenceClassifier", "SequenceScores", "SequenceTask", "Unavailable", "fit_logistic",
+    "log_probability", "sequence_classifier",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
 _MAX_STEPS = 50
 _MAX_HALVINGS = 30
 _TOLERANCE = 1e-10
+
+ENTRY_POINTS = "branchdrive.leakage"
+"""Entry-point group that names a sequence classifier."""
 
 
 def log_probability(features: Array, weights: Array) -> Array:
@@ -86,3 +99,63 @@ def _curvature(x: Array, p: Array, penalty: float) -> Array:
     curvature = blocks.reshape(num_classes * num_features, -1)
     curvature[np.diag_indices(len(curvature))] += penalty
     return curvature
+
+
+class SequenceTask(NamedTuple):
+    """Standardised sequences ``[groups, actions, steps, variables]``; the place among the actions is the class.
+
+    Attributes:
+        train: To fit on.
+        val: To stop by.
+        test: To score.
+    """
+
+    train: Array
+    val: Array
+    test: Array
+
+
+class SequenceScores(NamedTuple):
+    """Scores of the rows to test.
+
+    Attributes:
+        log_probability: ``[groups, actions, classes]``, natural logarithm; the classes of a row sum to 1.
+        num_epochs: Epochs trained.
+        best_epoch: Epoch whose weights scored, counted from 1.
+    """
+
+    log_probability: Array
+    num_epochs: int
+    best_epoch: int
+
+
+class SequenceClassifier(Protocol):
+    """A classifier of sequences whose scores are a function of the task and the seed."""
+
+    @property
+    def settings(self) -> Mapping[str, int | float | str]:
+        """What it fixes before it sees data, for the report; its `name` is among it."""
+
+    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
+        """Fit on `train`, stop by `val`, and score `test`."""
+
+
+class Unavailable(NamedTuple):
+    """Why there is no sequence classifier: one sentence with what to do."""
+
+    reason: str
+
+
+def sequence_classifier() -> SequenceClassifier | Unavailable:
+    """The installed sequence classifier; none is chosen where there are several."""
+    found = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
+    if not found:
+        return Unavailable("no sequence classifier is installed: pip install 'branchdrive[models]'")
+    if len(found) > 1:
+        names = ", ".join(f"`{point.name}`" for point in found)
+        return Unavailable(f"several sequence classifiers are installed: {names}; uninstall all but one")
+    try:
+        classifier: SequenceClassifier = found[0].load()
+    except ImportError as missing:
+        return Unavailable(f"needs the package `{missing.name or found[0].module}`: pip install 'branchdrive[models]'")
+    return classifier

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from branchdrive.leakage.ego import EGO_NAMES, ego_frames
+from branchdrive.leakage.replays import EGO_NAMES, ego_frames
 
 Array = NDArray[np.float64]
 TIME_S = np.arange(-16, 1) * 0.25
