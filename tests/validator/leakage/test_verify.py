@@ -14,7 +14,7 @@ from tests.validator.leakage.replays import changed, replay_inputs
 from tests.validator.leakage.test_audit import CLEAN, audited, clean_document
 from tests.validator.leakage.test_inputs import without_nominal_replay
 
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.leakage import parity, redraw
 from branchdrive.leakage.audit import AuditProtocol
 from branchdrive.leakage.inputs import ReplayInputs
@@ -87,7 +87,7 @@ def test_counts_may_be_written_as_floats(clean: dict[str, Any]) -> None:
     for part in ("gate", "parity"):
         numbers = document["protocol"][part]
         numbers.update({name: float(value) for name, value in numbers.items() if name.startswith("num_")})
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
     assert every(document) == []
 
 
@@ -140,7 +140,7 @@ def test_a_lie_is_found_at_its_place(clean: dict[str, Any], path: str, value: An
     for key in parents:
         owner = owner[key]
     owner[last] = value
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
     found = every(document)
     assert pointer in [difference.pointer for difference in found]
     assert all(difference.expected != difference.found for difference in found)

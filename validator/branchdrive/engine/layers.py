@@ -9,7 +9,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ import numpy as np
 from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
@@ -100,10 +100,10 @@ class _Files:
     documents: dict[str, Any] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
     sizes: dict[str, int] = field(default_factory=dict)
-    problems: dict[str, list[Mismatch]] = field(default_factory=dict)
+    mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
 
-    def note(self, rule_id: str, sighting: Mismatch) -> None:
-        self.problems.setdefault(rule_id, []).append(sighting)
+    def note(self, rule_id: str, mismatch: Mismatch) -> None:
+        self.mismatches.setdefault(rule_id, []).append(mismatch)
 
 
 def audit_release(task: ReleaseTask) -> ReleaseResult:
@@ -127,7 +127,7 @@ def audit_release(task: ReleaseTask) -> ReleaseResult:
         files.contents,
         task.raw,
         frozenset(task.names),
-        files.problems,
+        files.mismatches,
         digests=result.digests,
         sizes=files.sizes,
     )
@@ -194,11 +194,11 @@ def _read_table(task: ReleaseTask, path: str, name: str, files: _Files, result: 
         return
     wrong = list(type_mismatches(table.schema, name))
     for found in wrong:
-        files.note("BD-LYR-003", replace(found, location={"file": path, **found.location}))
+        files.note("BD-LYR-003", found.within({"file": path}))
     if not wrong:
         files.tables[name] = table
         for found in (*metadata_mismatches(table.schema, name), *_undeclared_metadata(table.schema, name)):
-            files.note("BD-LYR-004", replace(found, location={"file": path, **found.location}))
+            files.note("BD-LYR-004", found.within({"file": path}))
 
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
@@ -225,10 +225,10 @@ def _read_document(task: ReleaseTask, path: str, schema: str, files: _Files, res
     except (ValueError, RecursionError) as error:
         files.note("BD-LYR-005", Mismatch({"file": path}, "a JSON document within the limits", str(error)))
         return
-    violations = schema_violations(document, schema)
-    for v in violations:
-        files.note("BD-LYR-005", Mismatch({"file": path, "pointer": v.pointer or "/"}, v.expected, v.found))
-    if not violations:
+    mismatches = schema_mismatches(document, schema)
+    for found in mismatches:
+        files.note("BD-LYR-005", found.within({"file": path}))
+    if not mismatches:
         files.documents[path] = document
 
 
@@ -250,7 +250,7 @@ def _mismatches(view: ReleaseView, check: Check) -> Iterator[Mismatch]:
     for row in check.bad.tolist():
         found = check.mismatch(row)
         if check.table is not None:
-            found = replace(found, location={**_row_location(view, check.table, row), **found.location})
+            found = found.within(_row_location(view, check.table, row))
         yield found
 
 

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
@@ -20,7 +20,7 @@ from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import CONTROL_WINDOW
 from branchdrive.driving.target import TARGETS
-from branchdrive.layers.compare import problems_found
+from branchdrive.layers.compare import document_check, shown
 from branchdrive.layers.view import ReleaseView
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.replays import replay_inputs
@@ -49,7 +49,15 @@ def _audit(view: ReleaseView) -> dict[str, Any] | None:
 
 
 def _found(examined: int, problems: Iterable[tuple[str, object, object]]) -> Check:
-    return problems_found(LEAKAGE_FILE, examined, problems)
+    mismatches = (
+        Mismatch({"pointer": pointer or "/"}, _words(expected), _words(found)) for pointer, expected, found in problems
+    )
+    return document_check(LEAKAGE_FILE, examined, mismatches)
+
+
+def _words(value: object) -> str:
+    """Text as it is, anything else as a cell."""
+    return value if isinstance(value, str) else shown(value)
 
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
@@ -67,10 +75,8 @@ def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[Check]:
     groups = view.frame("group_quality")
     valid = np.asarray(groups["core_valid"], bool)
     counts = dict(sorted(Counter(np.ma.filled(groups["partition"], "")[valid].tolist()).items()))
-    problems = [
-        (f"/inputs/num_groups{p.place}", p.expected, p.found)
-        for p in document_problems(counts, audit["inputs"]["num_groups"])
-    ]
+    mismatches = document_mismatches(counts, audit["inputs"]["num_groups"], pointer="/inputs/num_groups")
+    problems = [(str(found.location["pointer"]), found.expected, found.found) for found in mismatches]
     yield _found(len(counts), [*problems, *count_differences(audit)])
 
 
