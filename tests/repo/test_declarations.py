@@ -13,7 +13,7 @@ from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.contract.columns import PATTERNS, STREAMS, TABLES, Column, Table
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.resources import SPEC_VERSION, load_resource, schema_dir
 
 SCHEMAS = sorted(path.name for path in schema_dir().glob("*.schema.json"))
@@ -35,7 +35,7 @@ each_column = each(("table", "column"), COLUMNS, ids=[f"{table.name}.{column.nam
 
 @pytest.mark.parametrize("document", ["rules", "columns", "layers", "limits", "action-bank"])
 def test_declarations_meet_their_schema(document: str) -> None:
-    assert schema_violations(load_resource(f"{document}.json"), f"{document}.schema.json") == []
+    assert schema_mismatches(load_resource(f"{document}.json"), f"{document}.schema.json") == []
 
 
 def test_every_declaration_has_a_schema() -> None:

@@ -9,7 +9,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean, protocol
 
 from branchdrive import DatasetError, UsageError
-from branchdrive.contract.document import dump_json, schema_violations
+from branchdrive.contract.document import dump_json, schema_mismatches
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.learning.training import EpochReport
@@ -23,7 +23,7 @@ def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
     assert changed == {"branchdrive.json", "MANIFEST.sha256"}
     for name in ("lock", "ranking_lock", "openings", "results", "protocol"):
         schema = "lock" if name == "ranking_lock" else name
-        assert not schema_violations(json.loads(after[f"benchmark/{name}.json"]), f"{schema}.schema.json")
+        assert not schema_mismatches(json.loads(after[f"benchmark/{name}.json"]), f"{schema}.schema.json")
     assert sum(path.endswith(".safetensors") for path in after) == 7
     results = json.loads(after["benchmark/results.json"])
     assert results["warnings"] == []

@@ -16,8 +16,8 @@ from tests.validator.benchmark.lattice import Inputs, changed, tied
 from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
-from branchdrive.benchmark.results import TOLERANCE, results_document
-from branchdrive.contract.comparison import document_problems
+from branchdrive.benchmark.results import results_document
+from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 
 Array = NDArray[np.float64]
 
@@ -57,4 +57,4 @@ def test_results_of_inputs_that_differ_in_last_bits_agree(name: str) -> None:
     expected = results_document(*inputs, risk_fit(), noise())
     for seed in range(2):
         found = results_document(*perturbed(inputs, seed), risk_fit(), noise())
-        assert document_problems(expected, found, tolerance=TOLERANCE) == []
+        assert not list(document_mismatches(expected, found, tolerance=TOLERANCE))

@@ -5,22 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from tests.mismatch import pointers
 from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
 from branchdrive.benchmark.lock import (
     LockedCheckpoint,
     LockFacts,
-    checkpoint_problems,
+    checkpoint_mismatches,
     lock_digest,
     lock_document,
-    lock_problems,
+    lock_mismatches,
     ranking_lock_document,
-    ranking_lock_problems,
+    ranking_lock_mismatches,
     risk_fit_of,
 )
 from branchdrive.benchmark.protocol import protocol_digest
 from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.errors import DatasetError
 
 PROTOCOL = small_protocol()
@@ -48,25 +49,25 @@ def ranking_lock() -> dict[str, Any]:
 
 @pytest.mark.parametrize("document", [lock(), ranking_lock()], ids=["prediction", "ranking"])
 def test_locks_conform_and_come_back_from_their_bytes(document: dict[str, Any]) -> None:
-    assert schema_violations(document, "lock.schema.json") == []
+    assert schema_mismatches(document, "lock.schema.json") == []
     assert parse_json(dump_json(document)) == document
 
 
 def test_order_of_checkpoints_decides_nothing() -> None:
     assert lock() == lock_document(PROTOCOL, FACTS, CHECKPOINTS, package="invented", version="1.0")
-    assert lock_problems(lock(), FACTS) == []
-    assert checkpoint_problems(lock(), PROTOCOL) == []
+    assert not list(lock_mismatches(lock(), FACTS))
+    assert not list(checkpoint_mismatches(lock(), PROTOCOL))
 
 
 @pytest.mark.parametrize("name", LockFacts._fields)
 def test_lock_of_another_release_or_protocol_is_found(name: str) -> None:
     changes: dict[str, Any] = {name: data().candidates[::-1] if name == "candidate_order" else "9" * 64}
     other = FACTS._replace(**changes)
-    assert {problem.place.split("/")[1] for problem in lock_problems(lock(), other)} == {name}
+    assert {pointer.split("/")[1] for pointer in pointers(lock_mismatches(lock(), other))} == {name}
 
 
 def test_identity_that_is_not_known_is_not_compared() -> None:
-    assert lock_problems(lock(), FACTS._replace(release_identity=None)) == []
+    assert not list(lock_mismatches(lock(), FACTS._replace(release_identity=None)))
     with pytest.raises(DatasetError, match="identity of the release is unknown"):
         lock_document(PROTOCOL, FACTS._replace(release_identity=None), CHECKPOINTS, package="invented", version="1")
 
@@ -91,11 +92,11 @@ def test_ranking_lock_follows_from_predictions_and_training() -> None:
         "predictions_digest": prediction_set().digest(data()),
         "scale": utility_scale(PROTOCOL, data()),
     }
-    assert ranking_lock_problems(ranking_lock(), **facts) == []
+    assert not list(ranking_lock_mismatches(ranking_lock(), **facts))
     for name, wrong in (("prediction_lock_digest", "0" * 64), ("predictions_digest", "0" * 64)):
-        assert [p.place for p in ranking_lock_problems(ranking_lock(), **{**facts, name: wrong})] == [f"/{name}"]
+        assert pointers(ranking_lock_mismatches(ranking_lock(), **{**facts, name: wrong})) == [f"/{name}"]
     moved = facts["scale"]._replace(q95=facts["scale"].q95 + 1)
-    assert len(ranking_lock_problems(ranking_lock(), **{**facts, "scale": moved})) == 5
+    assert len(list(ranking_lock_mismatches(ranking_lock(), **{**facts, "scale": moved}))) == 5
 
 
 def test_learned_risk_comes_back_and_a_wrong_sign_is_refused() -> None:
@@ -112,4 +113,4 @@ def test_learned_risk_comes_back_and_a_wrong_sign_is_refused() -> None:
 def test_no_tolerance_is_negative(tolerance: float | None, conforms: bool) -> None:
     document = ranking_lock()
     document["outcome_noise"]["tolerance"][1] = tolerance
-    assert (schema_violations(document, "lock.schema.json") == []) is conforms
+    assert (schema_mismatches(document, "lock.schema.json") == []) is conforms

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from branchdrive.benchmark.openings import CALIBRATION_READ, EVENTS, num_openings, opened, openings_problems, warnings
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.quality.benchmark_openings import with_benchmark
 
 PREDICTION, RANKING = EVENTS
@@ -24,8 +24,8 @@ def problems(document: dict[str, Any], **changes: Any) -> list[str]:
 
 
 def test_openings_conform_and_are_sound() -> None:
-    assert schema_violations(once(), "openings.schema.json") == []
-    assert schema_violations({"entries": []}, "openings.schema.json") == []
+    assert schema_mismatches(once(), "openings.schema.json") == []
+    assert schema_mismatches({"entries": []}, "openings.schema.json") == []
     assert problems(once()) == []
     assert warnings(once()) == []
 

@@ -14,11 +14,12 @@ from tests.validator.benchmark.samples import small_protocol
 from tests.validator.benchmark.tiny import CANDIDATES, SIZES, data
 
 from branchdrive.benchmark.metric.outcome import MAX_MAGNITUDE, Predictions
-from branchdrive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.benchmark.prediction_check import prediction_mismatches
 from branchdrive.benchmark.prediction_rows import TABLES
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import table_path
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import read_table
 from branchdrive.tables.arrow import from_arrow, to_arrow
@@ -51,15 +52,15 @@ def size_of(table: str) -> int:
     return len(frames()[table]["model"])
 
 
-def problems(broken: Frames) -> list[PredictionProblem]:
-    return prediction_problems(broken, data(), small_protocol())
+def mismatches(broken: Frames) -> list[Mismatch]:
+    return list(prediction_mismatches(broken, data(), small_protocol()))
 
 
 def place_of(table: str, row: int) -> dict[str, Any]:
-    """Key of a row, as problems name it."""
+    """Table and key of a row, as mismatches name them."""
     columns = list(frames()[table])[: KEYS[table]]
     values = {name: frames()[table][name][row] for name in columns}
-    return {name: value if isinstance(value, str) else int(value) for name, value in values.items()}
+    return {"table": table} | {name: v if isinstance(v, str) else int(v) for name, v in values.items()}
 
 
 NUMBERS = st.floats(-MAX_MAGNITUDE, MAX_MAGNITUDE, width=64)
@@ -122,25 +123,25 @@ def rows(draw: st.DrawFn) -> tuple[str, int]:
 
 
 @given(st.sampled_from(TABLES), st.integers(0, 2**32))
-def test_the_order_of_rows_is_no_problem(table: str, seed: int) -> None:
+def test_the_order_of_rows_is_no_mismatch(table: str, seed: int) -> None:
     order = np.random.default_rng(seed).permutation(size_of(table))
-    assert problems({**frames(), table: dict(take(frames()[table], order))}) == []
+    assert mismatches({**frames(), table: dict(take(frames()[table], order))}) == []
 
 
 @given(rows())
 def test_a_row_that_is_gone_is_named(at: tuple[str, int]) -> None:
     table, row = at
     kept = take(frames()[table], np.arange(size_of(table)) != row)
-    (problem,) = problems({**frames(), table: dict(kept)})
-    assert (problem.kind, problem.table, problem.place) == ("missing", table, place_of(table, row))
+    (mismatch,) = mismatches({**frames(), table: dict(kept)})
+    assert (mismatch.location, mismatch.found) == (place_of(table, row), "no row")
 
 
 @given(rows(), st.data())
 def test_a_row_that_is_there_twice_is_named(at: tuple[str, int], draw: st.DataObject) -> None:
     table, row = at
     order = np.insert(np.arange(size_of(table)), draw.draw(st.integers(0, size_of(table))), row)
-    (problem,) = problems({**frames(), table: dict(take(frames()[table], order))})
-    assert (problem.kind, problem.table, problem.place) == ("repeated", table, place_of(table, row))
+    (mismatch,) = mismatches({**frames(), table: dict(take(frames()[table], order))})
+    assert (mismatch.location, mismatch.found) == (place_of(table, row), "several rows")
 
 
 @given(rows(), st.data())
@@ -153,9 +154,9 @@ def test_a_value_that_is_no_number_is_named(at: tuple[str, int], draw: st.DataOb
         values = np.ma.masked_array(values, np.arange(len(values)) == row)
     else:
         values[row] = value
-    (problem,) = problems({**frames(), table: {**frames()[table], column: values}})
-    assert (problem.kind, problem.table, problem.place) == ("number", table, place_of(table, row))
-    assert problem.expected == f"a finite `{column}`"
+    (mismatch,) = mismatches({**frames(), table: {**frames()[table], column: values}})
+    assert mismatch.location == {**place_of(table, row), "column": column}
+    assert mismatch.expected == f"a finite `{column}`"
 
 
 _OTHER: dict[str, st.SearchStrategy[Any]] = {
@@ -176,5 +177,5 @@ def test_a_row_of_another_key_is_missed_where_it_was(at: tuple[str, int], draw: 
     other = draw.draw(_OTHER[column].filter(lambda value: value != values[row]))
     values[row] = other
     broken = {**frames(), table: {**frames()[table], column: values}}
-    found = problems(broken)
-    assert any((p.kind, p.table, p.place) == ("missing", table, place_of(table, row)) for p in found)
+    found = mismatches(broken)
+    assert any((m.location, m.found) == (place_of(table, row), "no row") for m in found)

@@ -17,7 +17,7 @@ from branchdrive.benchmark.protocol import read_protocol
 from branchdrive.benchmark.results import noise_of, noise_record, results_document
 from branchdrive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
 from branchdrive.benchmark.tables import render_tables
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.errors import DatasetError
 from branchdrive.statistics.holm import holm
 from branchdrive.tables.frame import take
@@ -35,7 +35,7 @@ def estimates(document: dict[str, Any]) -> dict[tuple[str, str], Any]:
 
 
 def test_document_conforms_and_comes_back_from_its_bytes() -> None:
-    assert schema_violations(results(), "results.schema.json") == []
+    assert schema_mismatches(results(), "results.schema.json") == []
     assert parse_json(dump_json(results())) == results()
 
 
@@ -123,7 +123,7 @@ def test_one_cluster_alone_says_nothing() -> None:
     is_test = contexts["partition"] == "test"
     one["contexts"] = {**contexts, "route_cluster": np.where(is_test, 7, contexts["route_cluster"])}
     found = results_document(small_protocol(), BenchmarkData.of(one, BANK), prediction_set())
-    assert schema_violations(found, "results.schema.json") == []
+    assert schema_mismatches(found, "results.schema.json") == []
     for section in ("prediction", "ranking"):
         for alone, one_of_many in zip(found[section]["comparisons"], results()[section]["comparisons"], strict=True):
             assert (alone["p_clusters"], alone["is_bound_clusters"], alone["num_clusters"]) == (1.0, False, 1)
@@ -227,7 +227,7 @@ def test_guard_that_cannot_be_judged_says_why(missing: str) -> None:
         "model": "M3 does not predict the partition 'val'.",
     }
     assert (found["guard"]["reason"], found["guard"]["profiles"]) == (reasons[missing], [])
-    assert schema_violations(found, "results.schema.json") == []
+    assert schema_mismatches(found, "results.schema.json") == []
     assert reasons[missing] in render_tables(found)
     assert set(found["guard"]["guarantee"].values()) == {None}
     assert promises(found) == []

@@ -17,7 +17,7 @@ from tests.each import each
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import AREAS, CATALOGUE
 
 Run = Callable[[Sequence[str], Any, Any], int]
@@ -174,7 +174,7 @@ def test_verdicts_become_exit_codes(
         code, out, err = call(entry, *argv, "--format", "json")
         document = json.loads(out)
         assert (code, document["exit_code"], document["verdict"], err) == (exit_code, exit_code, verdict, "")
-        assert schema_violations(document, "report.schema.json") == []
+        assert schema_mismatches(document, "report.schema.json") == []
         code, out, err = call(entry, *argv)
         assert (code, err) == (exit_code, "")
         assert f"Verdict: {verdict} - " in out

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.each import each
+from tests.mismatch import pointers
 from tests.validator.contract.conforming import conforming
 from tests.validator.contract.layer_documents import EXAMPLES
 from tests.validator.contract.mutation import mutated
 
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.resources import load_resource
 
@@ -48,7 +49,7 @@ def changed(stem: str, path: Path, value: Any) -> dict[str, Any]:
 
 
 def violations(stem: str, document: Any) -> list[str]:
-    return [violation.pointer for violation in schema_violations(document, f"{stem}.schema.json")]
+    return pointers(schema_mismatches(document, f"{stem}.schema.json"))
 
 
 BENCHMARK = {document.schema for document in LAYERS["benchmark"].documents.values()}
@@ -211,6 +212,6 @@ def _short(node: dict[str, Any]) -> dict[str, Any]:
 @given(data=st.data())
 def test_judgement_of_a_mutated_document_is_a_list_of_places_in_it(stem: str, data: st.DataObject) -> None:
     document = data.draw(mutated(st.just(EXAMPLES[stem])))
-    for violation in schema_violations(document, f"{stem}.schema.json"):
-        assert f"{violation.pointer}{violation.expected}{violation.found}".isprintable()
-        assert len(violation.pointer) <= 400
+    for mismatch in schema_mismatches(document, f"{stem}.schema.json"):
+        assert f"{mismatch.location['pointer']}{mismatch.expected}{mismatch.found}".isprintable()
+        assert len(str(mismatch.location["pointer"])) <= 400

@@ -66,7 +66,8 @@ class WatchedView(ReleaseView):
         parts = {name: parts.get(name, getattr(source, name)) for name in ("tables", "documents", "contents")}
         super().__init__(
             source.descriptor, **{name: Watched(part, self._note) for name, part in parts.items()},
-            raw=source.raw, files=source.files, problems=source.problems, digests=source.digests, sizes=source.sizes,
+            raw=source.raw, files=source.files, mismatches=source.mismatches,
+            digests=source.digests, sizes=source.sizes,
         )  # fmt: skip
         stale = {changed, *(LAYERS["model"].tables if changed == CONTEXTS else ())}
         self._frames = {name: frame for name, frame in source._frames.items() if name != changed}

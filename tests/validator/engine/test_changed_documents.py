@@ -23,7 +23,7 @@ from tests.validator.contract.conforming import conforming, redrawn
 from tests.validator.engine.changed_release import ChangedRelease
 from tests.validator.engine.rules.release import release_draft
 
-from branchdrive.contract.document import dump_json, schema_violations
+from branchdrive.contract.document import dump_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.resources import schema_dir
 from branchdrive.engine.tally import Tally
@@ -75,7 +75,7 @@ def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -
     for path, document in release.documents.items():
         for place, new in sample(path, document, NUM_CHANGES.get(path, MOST)):
             other = changed(document, place, new)
-            if schema_violations(other, schema_of(path)):
+            if schema_mismatches(other, schema_of(path)):
                 continue
             conforming[path] += 1
             errors += [(path, place, new, error) for error in failures(release, path, other)]
@@ -105,7 +105,7 @@ def any_document(path: str, document: Any) -> st.SearchStrategy[Any]:
     """Documents that conform to a schema; conditions between values leave few of some, which are filtered."""
     schema = schema_of(path)
     drawn = conforming(schema) if path in SMALL else redrawn(document, schema)
-    return drawn.filter(lambda other: not schema_violations(other, schema))
+    return drawn.filter(lambda other: not schema_mismatches(other, schema))
 
 
 @pytest.mark.parametrize("path", [f"{layer}/{name}" for layer, about in LAYERS.items() for name in about.documents])
@@ -133,7 +133,7 @@ def test_readers_refuse_a_changed_document_in_words(tmp_path: Path) -> None:
                 refused += 1
                 assert str(error).isprintable(), (path, place, new)
             else:  # what the reader does not judge
-                assert not schema_violations(document, schema_of(path)), (path, place, new)
+                assert not schema_mismatches(document, schema_of(path)), (path, place, new)
         (root / path).write_bytes(original)
     assert refused > 60
 

@@ -10,7 +10,7 @@ import pytest
 from tests import synthetic
 from tests.validator.engine.datasets import failing, status, write, write_with
 
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.engine.validate import validate
 
 SECRET = b"nobody may read this"
@@ -67,7 +67,7 @@ def test_properties_of_other_types_are_findings(key: str, tmp_path: Path) -> Non
         document = {**synthetic.descriptor(), key: value}
         report = validate(write(tmp_path / "dataset", {}, document))
         assert (report.verdict, report.errors) == ("invalid", ())
-        if schema_violations(document, "descriptor.schema.json"):
+        if schema_mismatches(document, "descriptor.schema.json"):
             assert failing(report) & {"BD-DOC-002", "BD-DOC-003"}
         else:
             assert not failing(report) & {"BD-DOC-001", "BD-DOC-002", "BD-DOC-003"}

@@ -294,7 +294,7 @@ def test_a_root_that_cannot_be_listed_is_wrong_usage(tmp_path: Path, unreadable:
 
 
 def test_a_file_that_vanishes_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from branchdrive.engine import validate as engine
+    from branchdrive.engine import reading
     from branchdrive.engine.shard import audit_shard
 
     root = write(tmp_path / "dataset")
@@ -303,7 +303,7 @@ def test_a_file_that_vanishes_is_a_finding(tmp_path: Path, monkeypatch: pytest.M
         (root / FOLDER / "controls.parquet").unlink(missing_ok=True)
         return audit_shard(task)
 
-    monkeypatch.setattr(engine, "audit_shard", late)
+    monkeypatch.setattr(reading, "audit_shard", late)
     report = validate(root)
     assert (report.verdict, report.errors) == ("invalid", ())
     assert "BD-TAB-001" in failing(report)

@@ -71,7 +71,7 @@ class OtherBits(ReleaseView):
             source.descriptor, source.tables, source.documents, source.contents,
             RawLayer(frames, digest=source.raw.digest,
                      descriptor=source.raw.descriptor),
-            source.files, source.problems, digests=source.digests, sizes=source.sizes,
+            source.files, source.mismatches, digests=source.digests, sizes=source.sizes,
         )  # fmt: skip
         stored = {table: source.rows(table) for table in source.tables}
         self._frames = {table: dict(frame) for table, frame in with_noise(stored, MODEL, rng).items()}

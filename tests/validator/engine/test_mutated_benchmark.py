@@ -22,7 +22,7 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import judged_folder
 
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LEDGER_FILE
 from branchdrive.engine.report import Report
@@ -61,7 +61,7 @@ def changes(path: str) -> st.SearchStrategy[Any]:
     original = st.just(originals()[path])
     layer, name = path.split("/")
     schema = LAYERS[layer].documents[name].schema
-    conforming = mutated(original).filter(lambda document: not schema_violations(document, schema))
+    conforming = mutated(original).filter(lambda document: not schema_mismatches(document, schema))
     return st.one_of(conforming, conforming, conforming, mutated(original))
 
 

@@ -21,8 +21,8 @@ from tests.validator.benchmark.lattice import tied
 from tests.validator.benchmark.samples import noise, risk_fit
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
-from branchdrive.benchmark.results import TOLERANCE, results_document
-from branchdrive.contract.comparison import document_problems
+from branchdrive.benchmark.results import results_document
+from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 
 ROOT = Path(__file__).parents[3]
 
@@ -78,8 +78,8 @@ def test_a_release_is_valid_and_results_are_the_same_under_every_kernel_and_sett
         found: dict[str, Any] = json.loads(run(setting, _JUDGE, str(release), *([] if is_whole else [_SLOW])))
         verdict = "valid" if is_whole else "partial"
         assert (setting.name, found["verdict"]) == (setting.name, verdict), found["failed"]
-        problems = document_problems(expected, found["results"], tolerance=TOLERANCE)
-        assert (setting.name, problems) == (setting.name, [])
+        mismatches = list(document_mismatches(expected, found["results"], tolerance=TOLERANCE))
+        assert (setting.name, mismatches) == (setting.name, [])
 
 
 @pytest.mark.skipif(

@@ -13,7 +13,7 @@ import pytest
 from tests import synthetic
 from tests.validator.engine.datasets import DEPARTURES, FOLDER, cells, edited, with_column, write, write_with
 
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.contract.text import printable, quote
 from branchdrive.engine.report import Report
@@ -96,7 +96,7 @@ def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 def test_report_meets_its_schema(report: Report) -> None:
     document = json.loads(json.dumps(report.to_json(), allow_nan=False))
-    assert schema_violations(document, "report.schema.json") == []
+    assert schema_mismatches(document, "report.schema.json") == []
 
 
 def test_report_holds_printable_ascii_only(report: Report) -> None:

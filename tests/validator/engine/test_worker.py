@@ -175,7 +175,7 @@ def test_reports_do_not_depend_on_the_process(tmp_path: Path) -> None:
 
 def test_a_file_that_kills_its_worker_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write(tmp_path / "dataset", cells("observations", "speed_mps", {3: 1000.0}))
-    monkeypatch.setattr("branchdrive.engine.validate.audit_shard", die_at_file)
+    monkeypatch.setattr("branchdrive.engine.reading._read", die_at_file)
     report = validate(root, executor=isolated(1))
     assert (report.verdict, report.errors) == ("invalid", ())
     found = {(finding.rule, finding.location.get("file")) for finding in report.findings}
@@ -188,7 +188,7 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = write(tmp_path / "dataset", synthetic.bare_tables(), synthetic.bare_descriptor())
-    monkeypatch.setattr("branchdrive.engine.validate.audit_shard", die_at_rules)
+    monkeypatch.setattr("branchdrive.engine.reading._read", die_at_rules)
     report = validate(root, executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert report.errors == ("raw/shard-00001: the worker died twice although every file decodes on its own",)

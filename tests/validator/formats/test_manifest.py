@@ -13,7 +13,14 @@ from tests.each import each
 from branchdrive.contract.layout import MANIFEST_FILE, is_safe_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
-from branchdrive.formats.manifest import Manifest, build_manifest, parse_manifest, write_manifest
+from branchdrive.formats.manifest import (
+    SAFE_PATH,
+    WELL_FORMED,
+    Manifest,
+    build_manifest,
+    parse_manifest,
+    write_manifest,
+)
 
 DIGEST = "0" * 64
 HEAD = b"# branchdrive-manifest 0.1\n"
@@ -62,8 +69,8 @@ def test_media_and_results_do_not_change_the_identity() -> None:
 @given(FILES)
 def test_what_is_rendered_parses_to_the_same_manifest(files: dict[str, str]) -> None:
     manifest = Manifest.of(files)
-    parsed, problems = parse_manifest(manifest.render())
-    assert (parsed, problems) == (manifest, [])
+    parsed, found = parse_manifest(manifest.render())
+    assert (parsed, found) == (manifest, [])
 
 
 @given(FILES, st.data())
@@ -73,9 +80,9 @@ def test_the_order_of_files_means_nothing(files: dict[str, str], data: st.DataOb
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_parse_to_problems_not_exceptions(content: bytes) -> None:
-    _, problems = parse_manifest(content)
-    assert problems
+def test_any_bytes_parse_to_mismatches_not_exceptions(content: bytes) -> None:
+    _, found = parse_manifest(content)
+    assert found
 
 
 @each(
@@ -85,14 +92,14 @@ def test_any_bytes_parse_to_problems_not_exceptions(content: bytes) -> None:
         (b"# branchdrive-manifest 9.9\n" + IDENTITY, 1, "expected '# branchdrive-manifest 0.1'"),
         (HEAD + FILE, 2, "no dataset identity"),
         (HEAD + IDENTITY + FILE[:-1], 3, "no line feed"),
-        (HEAD + IDENTITY + FILE.replace(b"\n", b"\r\n"), 3, "control"),
+        (HEAD + IDENTITY + FILE.replace(b"\n", b"\r\n"), None, "control"),
         (HEAD + IDENTITY + b"\n", 3, "found ''"),
         (HEAD + IDENTITY + FILE.replace(b"2", b"G"), 3, "hexadecimal"),
         (HEAD + IDENTITY + FILE.replace(b"  raw", b" *raw"), 3, "two blanks"),
-        (HEAD + IDENTITY + DIGEST.encode() + b"  ../../etc/passwd\n", 3, "leaves its folder"),
-        (HEAD + IDENTITY + DIGEST.encode() + b"  /etc/passwd\n", 3, "absolute"),
-        (HEAD + IDENTITY + DIGEST.encode() + b"  raw/\x00\n", 3, "control"),
-        (HEAD + IDENTITY + DIGEST.encode() + b"  raw/\x1b[2J\n", 3, "control"),
+        (HEAD + IDENTITY + DIGEST.encode() + b"  ../../etc/passwd\n", None, "leaves its folder"),
+        (HEAD + IDENTITY + DIGEST.encode() + b"  /etc/passwd\n", None, "absolute"),
+        (HEAD + IDENTITY + DIGEST.encode() + b"  raw/\x00\n", None, "control"),
+        (HEAD + IDENTITY + DIGEST.encode() + b"  raw/\x1b[2J\n", None, "control"),
         (HEAD + IDENTITY + DIGEST.encode() + b"  raw/\xff\n", 3, "not UTF-8"),
         (HEAD + IDENTITY + DIGEST.encode() + b"  " + b"x" * 10_000_000 + b"\n", 3, "more than a digest"),
         (HEAD + IDENTITY + DIGEST.encode() + b"  MANIFEST.sha256\n", 3, "itself"),
@@ -107,34 +114,35 @@ def test_any_bytes_parse_to_problems_not_exceptions(content: bytes) -> None:
         (HEAD + IDENTITY + LAYER % b"raw", 3, "order"),
     ],
 )  # fmt: skip
-def test_a_defect_is_reported_with_its_line(content: bytes, line: int, message: str) -> None:
-    _, problems = parse_manifest(content)
-    assert [problem.line for problem in problems if message in problem.message] == [line]
+def test_a_defect_is_reported_with_its_line(content: bytes, line: int | None, message: str) -> None:
+    _, found = parse_manifest(content)
+    (text,) = [mismatch.found for mismatch in found if message in mismatch.found]
+    assert text.startswith("path " if line is None else f"line {line} ")
 
 
 def test_a_bad_line_does_not_hide_the_good_ones() -> None:
-    manifest, problems = parse_manifest(HEAD + IDENTITY + b"nonsense\n" + FILE)
-    assert len(problems) == 1
+    manifest, found = parse_manifest(HEAD + IDENTITY + b"nonsense\n" + FILE)
+    assert len(found) == 1
     assert list(manifest.files) == ["raw/shard-00000/rollouts.parquet"]
 
 
 def test_only_unsafe_paths_are_marked_as_such() -> None:
-    _, problems = parse_manifest(HEAD + IDENTITY + b"nonsense\n" + DIGEST.encode() + b"  ../x\n")
-    assert [problem.is_unsafe_path for problem in problems] == [False, True]
+    _, found = parse_manifest(HEAD + IDENTITY + b"nonsense\n" + DIGEST.encode() + b"  ../x\n")
+    assert [mismatch.expected for mismatch in found] == [WELL_FORMED, SAFE_PATH]
 
 
-def test_problems_are_bounded() -> None:
-    _, problems = parse_manifest(HEAD + b"\n" * 1_000_000)
-    assert len(problems) == 100
-    assert "too many problems" in problems[-1].message
+def test_mismatches_are_bounded() -> None:
+    _, found = parse_manifest(HEAD + b"\n" * 1_000_000)
+    assert len(found) == 100
+    assert "too many problems" in found[-1].found
 
 
 def test_limits_on_size_and_number_of_files_hold() -> None:
     limits = replace(spec_limits(), max_files=1, max_manifest_bytes=1000)
-    _, problems = parse_manifest(HEAD + IDENTITY + FILE + DIGEST.encode() + b"  z\n" * 3, limits)
-    assert ["more than 1 files" in problem.message for problem in problems] == [True]
-    _, problems = parse_manifest(b"#" * 1001, limits)
-    assert problems[0].line == 0
+    _, found = parse_manifest(HEAD + IDENTITY + FILE + DIGEST.encode() + b"  z\n" * 3, limits)
+    assert ["more than 1 files" in mismatch.found for mismatch in found] == [True]
+    _, found = parse_manifest(b"#" * 1001, limits)
+    assert found[0].found.startswith("line 0 ")
 
 
 def test_the_manifest_of_a_folder_lists_every_other_file(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from tests.content_cache import kept
 from tests.validator.leakage.classifiers import Regression, Undecided
 from tests.validator.leakage.replays import changed, replay_inputs
 
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.leakage.audit import audit_key, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
@@ -80,7 +80,7 @@ def test_clean_replays_pass(clean: dict[str, Any]) -> None:
 
 
 def test_the_document_conforms(clean: dict[str, Any]) -> None:
-    assert schema_violations(parse_json(dump_json(clean)), "leakage.schema.json") == []
+    assert schema_mismatches(parse_json(dump_json(clean)), "leakage.schema.json") == []
     assert parse_json(dump_json(clean)) == clean
 
 
@@ -164,7 +164,7 @@ def test_without_a_classifier_it_says_what_could_not_run(parts: dict[str, Any]) 
     assert document["gate"]["verdict"] == "pass"
     assert statuses(document) == {"pass", "not_run"}
     assert document["protocol"]["sequence_classifier"] is None
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
 
 
 def test_scores_identical_within_groups_are_inconclusive(parts: dict[str, Any]) -> None:
@@ -182,7 +182,7 @@ def test_bit_identical_replays_pass_exactly() -> None:
     assert gate["minimum_detectable_effect"] is None
     assert document["battery"]["trusted"]
     assert statuses(document) == {"inconclusive"}
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
 
 
 @pytest.mark.parametrize(
@@ -238,4 +238,4 @@ def test_too_few_groups_are_inconclusive(num_groups: int) -> None:
     assert not document["battery"]["trusted"]
     assert statuses(document) == {"not_run"}
     assert len(document["not_run"]) == 16
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []

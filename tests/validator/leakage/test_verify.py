@@ -14,7 +14,7 @@ from tests.validator.leakage.replays import changed, replay_inputs
 from tests.validator.leakage.test_audit import CLEAN, audited, clean_document
 from tests.validator.leakage.test_inputs import without_nominal_replay
 
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.leakage import parity, recompute
 from branchdrive.leakage.classifier import Unavailable
@@ -85,7 +85,7 @@ def test_counts_may_be_written_as_floats(clean: dict[str, Any]) -> None:
     for part in ("gate", "parity"):
         numbers = document["protocol"][part]
         numbers.update({name: float(value) for name, value in numbers.items() if name.startswith("num_")})
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
     assert every(document) == []
 
 
@@ -138,7 +138,7 @@ def test_a_lie_is_found_at_its_place(clean: dict[str, Any], path: str, value: An
     for key in parents:
         owner = owner[key]
     owner[last] = value
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
     found = every(document)
     assert pointer in [mismatch.location["pointer"] for mismatch in found]
     assert all(mismatch.expected != mismatch.found for mismatch in found)
@@ -155,7 +155,7 @@ def test_other_inputs_are_noticed(clean: dict[str, Any]) -> None:
 def test_a_gate_without_some_of_its_tests_is_noticed(clean: dict[str, Any]) -> None:
     document = copy.deepcopy(clean)
     document["gate"]["tests"].pop()
-    assert schema_violations(document, "leakage.schema.json") == []
+    assert schema_mismatches(document, "leakage.schema.json") == []
     (missing,) = statistic_mismatches(document, CLEAN)
     assert (missing.location["pointer"], missing.expected, missing.found) == ("/gate/tests", "4 entries", "3 entries")
 

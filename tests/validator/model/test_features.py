@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests.each import each
+from tests.mismatch import pointers
 from tests.model_release import BARE, CANDIDATES, DESCRIPTOR, make_arrays, make_frames
 
 from branchdrive.contract.columns import LAYER_TABLES
@@ -20,7 +21,7 @@ from branchdrive.model.features import (
     CONTRACT_TABLES,
     HISTORIES,
     admit_column,
-    feature_problems,
+    feature_mismatches,
     features_document,
     target_mask,
 )
@@ -80,8 +81,8 @@ def test_what_a_dataset_does_not_have_is_left_out() -> None:
     assert bare["encoding"] is None
 
 
-def test_the_stored_document_has_no_problem() -> None:
-    assert feature_problems(json.loads(dump_json(DOCUMENT)), DESCRIPTOR) == []
+def test_the_stored_document_has_no_mismatch() -> None:
+    assert not list(feature_mismatches(json.loads(dump_json(DOCUMENT)), DESCRIPTOR))
 
 
 @pytest.mark.parametrize(
@@ -103,7 +104,7 @@ def test_a_change_is_told_by_its_place(path: tuple[Any, ...], value: Any, place:
     for step in way:
         node = node[step]
     node[last] = value
-    assert [problem.place for problem in feature_problems(document, DESCRIPTOR)] == [place]
+    assert pointers(feature_mismatches(document, DESCRIPTOR)) == [place]
 
 
 @each("contract", InputContract)

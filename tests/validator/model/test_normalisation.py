@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.mismatch import pointers
 from tests.model_release import ASSIGNMENT, CANDIDATES, GROUPS, make_arrays, make_frames
 
 from branchdrive.contract.document import dump_json, parse_json
@@ -20,7 +21,7 @@ from branchdrive.driving.normalisation import fit_state, fit_targets, fit_trajec
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import ModelArrays, pack_arrays
-from branchdrive.model.normalisation import normalisation_document, recompute_problems, scalings_of
+from branchdrive.model.normalisation import normalisation_document, normalisation_mismatches, scalings_of
 from branchdrive.statistics.split import split_digest
 
 FRAMES = make_frames()
@@ -93,13 +94,13 @@ def test_a_target_that_no_training_group_has_is_null() -> None:
     assert np.isnan(scalings_of(document).scalars.offset[0])
 
 
-def test_the_stored_document_has_no_problem() -> None:
-    assert recompute_problems(json.loads(dump_json(DOCUMENT)), ARRAYS, ASSIGNMENT) == []
+def test_the_stored_document_has_no_mismatch() -> None:
+    assert not list(normalisation_mismatches(json.loads(dump_json(DOCUMENT)), ARRAYS, ASSIGNMENT))
 
 
 def test_a_fit_on_more_than_training_is_found_everywhere() -> None:
     wider = normalisation_document(ARRAYS, {**ASSIGNMENT, "g3": "train"})
-    places = [problem.place for problem in recompute_problems(wider, ARRAYS, ASSIGNMENT)]
+    places = pointers(normalisation_mismatches(wider, ARRAYS, ASSIGNMENT))
     assert places[:2] == ["/split_digest", "/num_groups"]
     assert {place.split("/")[1] for place in places[2:]} == {
         "state", "past_controls", "expert", "scalars", "trajectories",
@@ -109,17 +110,17 @@ def test_a_fit_on_more_than_training_is_found_everywhere() -> None:
 def test_one_changed_number_is_found_with_both_values() -> None:
     document = copy.deepcopy(DOCUMENT)
     document["past_controls"][1]["scale"] *= 1.001
-    (problem,) = recompute_problems(document, ARRAYS, ASSIGNMENT)
-    assert problem.place == "/past_controls/1/scale"
-    assert float(problem.found) == pytest.approx(1.001 * float(problem.expected))
+    (mismatch,) = normalisation_mismatches(document, ARRAYS, ASSIGNMENT)
+    assert mismatch.location == {"pointer": "/past_controls/1/scale"}
+    assert float(mismatch.found) == pytest.approx(1.001 * float(mismatch.expected))
 
 
-def test_what_cannot_be_fitted_is_a_problem_of_the_whole_document() -> None:
+def test_what_cannot_be_fitted_is_a_mismatch_of_the_whole_document() -> None:
     nobody = dict.fromkeys(ASSIGNMENT, "val")
     with pytest.raises(ValueError, match="no group is in training"):
         normalisation_document(ARRAYS, nobody)
-    (problem,) = recompute_problems(DOCUMENT, ARRAYS, nobody)
-    assert (problem.place, "no group is in training" in problem.found) == ("", True)
+    (mismatch,) = normalisation_mismatches(DOCUMENT, ARRAYS, nobody)
+    assert (mismatch.location["pointer"], "no group is in training" in mismatch.found) == ("/", True)
 
 
 def test_entries_are_found_by_their_names() -> None:

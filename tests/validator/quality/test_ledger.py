@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.quality.benchmark_openings import BENCHMARK_EVENTS, locks_of, with_benchmark
 from branchdrive.quality.ledger import EVENTS, ledger_problems, num_test_openings, opened, recorded
 
@@ -100,7 +100,7 @@ def test_openings_for_a_benchmark_are_no_part_of_a_round() -> None:
     assert [entry["event"] for entry in ledger["entries"]] == [
         "thresholds_fixed", BENCHMARK_EVENTS[0], "validation_evaluated", "test_opened", BENCHMARK_EVENTS[0],
     ]  # fmt: skip
-    assert schema_violations(ledger, "ledger.schema.json") == []
+    assert schema_mismatches(ledger, "ledger.schema.json") == []
     assert ledger_problems(ledger, **A) == []
     assert num_test_openings(ledger) == 1
     assert opened(ledger, **A) == ledger

@@ -7,33 +7,34 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.mismatch import pointers, rows
 from tests.validator.quality.release import concat, numbered, paper_groups, reaching, shuffled
 
-from branchdrive.contract.comparison import Problem
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.quality.partition import assignment_of, clusters_of, draw_partitions, split_document, with_partitions
 from branchdrive.quality.split_check import (
-    calibration_problems,
-    cluster_problems,
-    count_problems,
-    digest_problems,
-    draw_problems,
-    empty_problems,
-    membership_problems,
+    calibration_mismatches,
+    cluster_mismatches,
+    count_mismatches,
+    digest_mismatches,
+    draw_mismatches,
+    empty_mismatches,
+    membership_mismatches,
 )
 from branchdrive.statistics.split import Calibration
 
 Table = dict[str, Any]
 
 
-def split_problems(document: Table, groups: Table) -> list[Problem]:
+def split_mismatches(document: Table, groups: Table) -> list[Mismatch]:
     """All that is wrong with a split, however it was drawn."""
     return [
-        *membership_problems(groups),
-        *cluster_problems(groups),
-        *digest_problems(document, groups),
-        *empty_problems(groups),
-        *calibration_problems(document, groups),
-        *count_problems(document, groups),
+        *membership_mismatches(groups),
+        *cluster_mismatches(groups),
+        *digest_mismatches(document, groups),
+        *empty_mismatches(groups),
+        *calibration_mismatches(document, groups),
+        *count_mismatches(document, groups),
     ]
 
 
@@ -58,34 +59,36 @@ def refrozen(document: Table, groups: Table) -> Table:
 
 
 @pytest.mark.parametrize("calibration", [0, 3])
-def test_a_good_split_has_no_problem(calibration: int) -> None:
+def test_a_good_split_has_no_mismatch(calibration: int) -> None:
     document, groups = stored(calibration=calibration)
-    assert split_problems(document, groups) == []
-    assert split_problems(document, shuffled(groups, 1)) == []
+    assert split_mismatches(document, groups) == []
+    assert split_mismatches(document, shuffled(groups, 1)) == []
 
 
-def test_the_split_of_the_papers_size_has_no_problem() -> None:
+def test_the_split_of_the_papers_size_has_no_mismatch() -> None:
     groups = paper_groups()
-    assert split_problems(split_document(assignment_of(groups), clusters_of(groups), seed=0), groups) == []
+    assert split_mismatches(split_document(assignment_of(groups), clusters_of(groups), seed=0), groups) == []
 
 
 def test_a_group_without_partition_is_found() -> None:
     document, groups = stored()
     lied = edited(groups, "partition", "val-0001", np.ma.masked)
-    assert membership_problems(lied) == [("val-0001", "a partition of ['train', 'val', 'test', 'calibration']", "none")]
-    assert split_problems(refrozen(document, lied), lied) == membership_problems(lied)
+    assert rows(membership_mismatches(lied)) == [
+        ("val-0001", "a partition of ['train', 'val', 'test', 'calibration']", "none")
+    ]
+    assert split_mismatches(refrozen(document, lied), lied) == list(membership_mismatches(lied))
 
 
 def test_a_partition_of_a_group_that_is_not_integrity_complete_is_found() -> None:
     _, groups = stored()
-    (found,) = membership_problems(edited(groups, "partition", "a-0000", "test"))
-    assert found == ("a-0000", "no partition: it is not integrity-complete", "'test'")
+    (found,) = membership_mismatches(edited(groups, "partition", "a-0000", "test"))
+    assert rows([found]) == [("a-0000", "no partition: it is not integrity-complete", "'test'")]
 
 
 def test_an_unknown_partition_is_found() -> None:
     _, groups = stored()
-    (found,) = membership_problems(edited(groups, "partition", "val-0000", "holdout"))
-    assert (found.place, found.found) == ("val-0000", "'holdout'")
+    (found,) = membership_mismatches(edited(groups, "partition", "val-0000", "holdout"))
+    assert (found.location["group_id"], found.found) == ("val-0000", "'holdout'")
 
 
 @pytest.mark.parametrize(
@@ -94,26 +97,26 @@ def test_an_unknown_partition_is_found() -> None:
 )
 def test_flags_and_clusters_agree_with_partitions(column: str, group_id: str, value: Any) -> None:
     _, groups = stored()
-    (found,) = membership_problems(edited(groups, column, group_id, value))
-    assert found.place == group_id
+    (found,) = membership_mismatches(edited(groups, column, group_id, value))
+    assert found.location["group_id"] == group_id
 
 
 def test_a_cluster_in_two_partitions_is_found() -> None:
     document, groups = stored()
     lied = edited(groups, "route_cluster", "val-0000", clusters_of(groups)["train-0003"])
-    (found,) = cluster_problems(lied)
-    assert found.place == "train-0003"
+    (found,) = cluster_mismatches(lied)
+    assert found.location["group_id"] == "train-0003"
     assert found.found == "train (train-0003), val (val-0000)"
-    assert set(split_problems(refrozen(document, lied), lied)) >= {found}
+    assert found in split_mismatches(refrozen(document, lied), lied)
 
 
 def test_a_stale_digest_is_found_where_a_group_moved() -> None:
     document, groups = stored()
     moved = edited(groups, "partition", "train-0000", "val")
-    (found,) = digest_problems(document, moved)
-    assert (found.place, found.found) == ("/digest", document["digest"])
+    (found,) = digest_mismatches(document, moved)
+    assert (found.location["pointer"], found.found) == ("/digest", document["digest"])
     assert found.expected == refrozen(document, moved)["digest"]
-    assert digest_problems(refrozen(document, moved), moved) == []
+    assert not list(digest_mismatches(refrozen(document, moved), moved))
 
 
 @pytest.mark.parametrize("name", ["train", "val", "test"])
@@ -121,24 +124,24 @@ def test_an_empty_partition_is_found(name: str) -> None:
     document, groups = stored()
     other = "val" if name != "val" else "test"
     emptied = {**groups, "partition": np.ma.where(groups["partition"] == name, other, groups["partition"])}
-    assert empty_problems(emptied) == [(f"/partitions/{name}", "at least 1 group", "0 groups")]
-    assert split_problems(refrozen(document, emptied), emptied) == empty_problems(emptied)
+    assert rows(empty_mismatches(emptied)) == [(f"/partitions/{name}", "at least 1 group", "0 groups")]
+    assert split_mismatches(refrozen(document, emptied), emptied) == list(empty_mismatches(emptied))
 
 
 def test_a_calibration_partition_below_its_minimum_is_found() -> None:
     document, groups = stored(calibration=3)
     short = {**document, "calibration": {"min_groups": 4, "min_clusters": 1}}
-    assert calibration_problems(short, groups) == [
+    assert rows(calibration_mismatches(short, groups)) == [
         ("/calibration", "at least 4 groups in 1 route clusters", "3 groups in 3 route clusters")
     ]
     few = {**document, "calibration": {"min_groups": 3, "min_clusters": 4}}
-    assert [found.place for found in calibration_problems(few, groups)] == ["/calibration"]
-    assert calibration_problems({**document, "calibration": {"min_groups": 3, "min_clusters": 3}}, groups) == []
+    assert pointers(calibration_mismatches(few, groups)) == ["/calibration"]
+    assert not list(calibration_mismatches({**document, "calibration": {"min_groups": 3, "min_clusters": 3}}, groups))
 
 
 def test_a_calibration_partition_that_nobody_asked_for_is_found() -> None:
     document, groups = stored(calibration=3)
-    assert calibration_problems({**document, "calibration": None}, groups) == [
+    assert rows(calibration_mismatches({**document, "calibration": None}, groups)) == [
         ("/calibration", "no calibration partition", "3 groups in 3 route clusters")
     ]
 
@@ -160,13 +163,13 @@ COUNTS: dict[str, tuple[Callable[[Table], Table], str, str, str]] = {
 def test_counts_are_those_of_the_rows(case: str) -> None:
     document, groups = stored()
     edit, place, expected, found = COUNTS[case]
-    assert split_problems(edit(document), groups) == [(place, expected, found)]
+    assert rows(split_mismatches(edit(document), groups)) == [(place, expected, found)]
 
 
 def test_a_partition_that_the_document_leaves_out_is_found() -> None:
     document, groups = stored()
     without = {**document, "partitions": {k: v for k, v in document["partitions"].items() if k != "test"}}
-    assert count_problems(without, groups) == [
+    assert rows(count_mismatches(without, groups)) == [
         ("/partitions/test/groups", "2", "nothing"),
         ("/partitions/test/clusters", "2", "nothing"),
     ]
@@ -176,13 +179,13 @@ def test_the_drawn_split_is_the_drawn_one_and_any_other_is_told_group_by_group()
     groups = paper_groups()
     drawn = draw_partitions(groups, clusters_of(groups), seed=5)
     kept = with_partitions(groups, clusters_of(groups), drawn)
-    assert draw_problems(kept, seed=5) == []
-    assert draw_problems(shuffled(kept, 1), seed=5) == []
+    assert not list(draw_mismatches(kept, seed=5))
+    assert not list(draw_mismatches(shuffled(kept, 1), seed=5))
     moved = min(group_id for group_id, name in drawn.items() if name == "val")
-    assert draw_problems(edited(kept, "partition", moved, "train"), seed=5) == [
+    assert rows(draw_mismatches(edited(kept, "partition", moved, "train"), seed=5)) == [
         (moved, "partition val", "partition train")
     ]
-    assert draw_problems(kept, seed=6)
-    assert draw_problems(kept, seed=5, calibration=Calibration(20, 5))
+    assert list(draw_mismatches(kept, seed=6))
+    assert list(draw_mismatches(kept, seed=5, calibration=Calibration(20, 5)))
     with pytest.raises(ValueError, match="has none"):
-        draw_problems(edited(kept, "route_cluster", moved, np.ma.masked), seed=5)
+        list(draw_mismatches(edited(kept, "route_cluster", moved, np.ma.masked), seed=5))

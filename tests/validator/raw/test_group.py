@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.validator.writer.invented import BRANCH_TICK, WHOLE_TICKS, make_descriptor, write_group, write_rollout
 
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.errors import UsageError
 from branchdrive.raw.group import APPLIED_CONTROLS, STATE_COLUMNS, BranchGroup
 from branchdrive.raw.reader import open_dataset
@@ -105,7 +105,7 @@ def test_the_nominal_is_the_first_complete_one(group: BranchGroup) -> None:
 
 def test_the_record_conforms_to_its_schema(group: BranchGroup) -> None:
     record = group.record()
-    assert schema_violations(record, "branch-group.schema.json") == []
+    assert schema_mismatches(record, "branch-group.schema.json") == []
     assert [attempt["rollout_id"] for attempt in record["attempts"]] == [r.rollout_id for r in group.rollouts]
 
 

@@ -12,7 +12,7 @@ from tests.synthetic import seal_dataset
 from tests.validator.release.running import build, call_validate, contents
 from tests.validator.release.test_stages import another_raw_layer
 
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.worker import in_process
 
@@ -50,7 +50,7 @@ def test_alone_only_what_needs_raw_is_left_open(detached: Path) -> None:
     code, out, _ = call_validate(detached, "--format", "json")
     document = json.loads(out)
     assert (code, document["verdict"]) == (3, "partial")
-    assert schema_violations(document, "report.schema.json") == []
+    assert schema_mismatches(document, "report.schema.json") == []
     needs_raw = {rule for rule, info in CATALOGUE.items() if info.needs_raw and not rule.startswith("BD-LKG")}
     assert open_claims(document) == needs_raw
 
@@ -62,7 +62,7 @@ def test_with_its_raw_layer_it_is_valid(detached: Path, raw: Path) -> None:
     assert "Verdict: valid" in out
     assert (contents(raw), contents(detached)) == before
     document = json.loads(call_validate(detached, "--raw", raw, "--format", "json")[1])
-    assert schema_violations(document, "report.schema.json") == []
+    assert schema_mismatches(document, "report.schema.json") == []
     assert open_claims(document) == set()
 
 

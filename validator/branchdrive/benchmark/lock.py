@@ -10,7 +10,7 @@ Source: paper IV-C (locked evaluation); spec/14-benchmark.md#lock.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
@@ -20,15 +20,16 @@ from branchdrive.benchmark.guard.risk import RiskFit
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.benchmark.ranking_result import scale_record
-from branchdrive.benchmark.results import TOLERANCE, noise_record
-from branchdrive.contract.comparison import Problem, document_problems
+from branchdrive.benchmark.results import noise_record
+from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.document import dump_json
+from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.driving.utility import WEIGHED, Scale
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "LockFacts", "LockedCheckpoint", "changed_checkpoints", "checkpoint_problems", "lock_digest", "lock_document",
-    "lock_problems", "ranking_lock_document", "ranking_lock_problems", "risk_fit_of", "scale_document",
+    "LockFacts", "LockedCheckpoint", "changed_checkpoints", "checkpoint_mismatches", "lock_digest", "lock_document",
+    "lock_mismatches", "ranking_lock_document", "ranking_lock_mismatches", "risk_fit_of", "scale_document",
     "unlocked_models",
 ]  # fmt: skip
 
@@ -105,8 +106,8 @@ def lock_document(
         "metric_definitions": protocol.metric_definitions,
         "checkpoints": [found._asdict() for found in sorted(checkpoints)],
     }
-    for problem in checkpoint_problems(document, protocol):
-        raise DatasetError(f"checkpoints to lock: expected {problem.expected}, found {problem.found}")
+    for wrong in checkpoint_mismatches(document, protocol):
+        raise DatasetError(f"checkpoints to lock: expected {wrong.expected}, found {wrong.found}")
     return document
 
 
@@ -115,27 +116,26 @@ def lock_digest(document: Mapping[str, Any]) -> str:
     return hashlib.sha256(dump_json(document)).hexdigest()
 
 
-def lock_problems(document: Mapping[str, Any], facts: LockFacts) -> list[Problem]:
+def lock_mismatches(document: Mapping[str, Any], facts: LockFacts) -> Iterator[Mismatch]:
     """Where a prediction lock is not of this protocol and this release."""
     expected: dict[str, Any] = {**facts._asdict(), "candidate_order": list(facts.candidate_order)}
     if facts.release_identity is None:
         del expected["release_identity"]
-    return document_problems(expected, {name: document[name] for name in expected})
+    return document_mismatches(expected, {name: document[name] for name in expected})
 
 
-def checkpoint_problems(document: Mapping[str, Any], protocol: BenchmarkProtocol) -> list[Problem]:
+def checkpoint_mismatches(document: Mapping[str, Any], protocol: BenchmarkProtocol) -> Iterator[Mismatch]:
     """Where the checkpoints of a lock are not one for each declared model and seed, under names of their own."""
     wanted = sorted((model.id, int(seed)) for model in protocol.models for seed in model.seeds)
     found = sorted((entry["model"], int(entry["seed"])) for entry in document["checkpoints"])
     files = [entry["file"] for entry in document["checkpoints"]]
-    problems = [
-        Problem("/checkpoints", f"one checkpoint of {model}, seed {seed}", f"{found.count((model, seed))} of them")
-        for model, seed in sorted({*wanted, *found})
-        if found.count((model, seed)) != wanted.count((model, seed))
-    ]
+    at: Location = {"pointer": "/checkpoints"}
+    for model, seed in sorted({*wanted, *found}):
+        count = found.count((model, seed))
+        if count != wanted.count((model, seed)):
+            yield Mismatch(at, f"one checkpoint of {model}, seed {seed}", f"{count} of them")
     if len(set(files)) < len(files):
-        problems.append(Problem("/checkpoints", "a file for each checkpoint", "a file that two share"))
-    return problems
+        yield Mismatch(at, "a file for each checkpoint", "a file that two share")
 
 
 def changed_checkpoints(document: Mapping[str, Any], digests: Mapping[str, str]) -> tuple[str, ...]:
@@ -186,16 +186,16 @@ def scale_document(scale: Scale) -> dict[str, Any]:
     return {"targets": list(WEIGHED), **scale_record(scale)}
 
 
-def ranking_lock_problems(
+def ranking_lock_mismatches(
     document: Mapping[str, Any], *, prediction_lock_digest: str, predictions_digest: str, scale: Scale
-) -> list[Problem]:
+) -> Iterator[Mismatch]:
     """Where a ranking lock does not follow from the prediction lock, the predictions and training."""
     expected = {
         "prediction_lock_digest": prediction_lock_digest,
         "predictions_digest": predictions_digest,
         "utility_scale": scale_document(scale),
     }
-    return document_problems(expected, {name: document[name] for name in expected}, tolerance=TOLERANCE)
+    return document_mismatches(expected, {name: document[name] for name in expected}, tolerance=TOLERANCE)
 
 
 def risk_fit_of(document: Mapping[str, Any] | None) -> RiskFit | None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.benchmark.prediction_problem import prediction_problems
+from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
 from branchdrive.benchmark.prediction_rows import TABLES, PredictionRows, prediction_frame
 from branchdrive.errors import DatasetError
 from branchdrive.tables.frame import Frame, Values, concat
@@ -94,8 +94,8 @@ class PredictionSet:
         Raises:
             DatasetError: A bank is not complete, a row is of no group or candidate, or a value is no number.
         """
-        for problem in prediction_problems(frames, data):
-            raise DatasetError(str(problem))
+        for wrong in prediction_mismatches(frames, data):
+            raise DatasetError(mismatch_text(wrong))
         places = {name: PredictionRows(frames[name], data) for name in TABLES}
         by_model: dict[str, dict[int, dict[str, Predictions]]] = {}
         for owner in places["predictions"].owners:

@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from branchdrive.benchmark.metric.family import Family
 from branchdrive.benchmark.metric.shuffle import Kind
 from branchdrive.benchmark.ranking.measure import LEARNED
-from branchdrive.contract.document import Integer, dump_json, schema_violations
+from branchdrive.contract.document import Integer, dump_json, schema_mismatches
 from branchdrive.contract.resources import load_resource
 from branchdrive.driving.utility import Profile
 from branchdrive.errors import DatasetError
@@ -286,8 +286,8 @@ def read_protocol(document: Any) -> BenchmarkProtocol:
 
 def _judged(document: Any) -> BenchmarkProtocol | str:
     """The protocol of a document, or what is wrong with it."""
-    for violation in schema_violations(document, PROTOCOL_SCHEMA):
-        return f"{violation.pointer or '/'}: expected {violation.expected}, found {violation.found}"
+    for wrong in schema_mismatches(document, PROTOCOL_SCHEMA):
+        return f"{wrong.location['pointer']}: expected {wrong.expected}, found {wrong.found}"
     try:
         found = BenchmarkProtocol.model_validate(document)
     except ValidationError as error:

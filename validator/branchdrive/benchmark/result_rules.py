@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.benchmark.lock import changed_checkpoints, ranking_lock_problems, risk_fit_of, unlocked_models
+from branchdrive.benchmark.lock import changed_checkpoints, ranking_lock_mismatches, risk_fit_of, unlocked_models
 from branchdrive.benchmark.openings import warnings
-from branchdrive.benchmark.prediction_problem import PredictionProblem
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import TOLERANCE, noise_of, results_document
+from branchdrive.benchmark.results import noise_of, results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.view import (
     data_of,
@@ -20,13 +19,13 @@ from branchdrive.benchmark.view import (
     layer_files,
     lock_of,
     lock_of_kind,
+    mismatches_of,
     other_kind,
     predictions_of,
-    problems_of,
     protocol_of,
     ranking_lock_of,
 )
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import (
     LEDGER_FILE,
@@ -39,29 +38,30 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.errors import DatasetError
-from branchdrive.layers.compare import problems_found, text_agrees
+from branchdrive.layers.compare import document_check, text_agrees
 from branchdrive.layers.view import ReleaseView
-
-_SEED = "seed"
 
 
 @rule("BD-BMK-007")
 def predictions_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Every model predicts whole banks of the partitions that it must, and nothing beside them."""
-    problems = [problem for problem in view.once(problems_of) if problem.kind not in (_SEED, "number")]
-    yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(_sighting, problems))
+    found = [m for m in view.once(mismatches_of) if not _is_of_seeds(m) and "column" not in m.location]
+    yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(_in_file, found))
 
 
 @rule("BD-BMK-008")
 def every_declared_seed_predicts(view: ReleaseView) -> Iterator[Check]:
     """A declared model has predictions of its declared seeds, and of no other."""
-    problems = [problem for problem in view.once(problems_of) if problem.kind == _SEED]
-    yield Check.of(len(view.once(protocol_of).models), map(_sighting, problems))
+    found = filter(_is_of_seeds, view.once(mismatches_of))
+    yield Check.of(len(view.once(protocol_of).models), map(_in_file, found))
 
 
-def _sighting(problem: PredictionProblem) -> Mismatch:
-    place = {"file": table_path(problem.table), "table": problem.table, **problem.place}
-    return Mismatch(place, problem.expected, problem.found)
+def _is_of_seeds(mismatch: Mismatch) -> bool:
+    return "model" in mismatch.location and "seed" not in mismatch.location
+
+
+def _in_file(mismatch: Mismatch) -> Mismatch:
+    return mismatch.within({"file": table_path(str(mismatch.location["table"]))})
 
 
 @rule("BD-BMK-009")
@@ -74,7 +74,7 @@ def ranking_lock_follows(view: ReleaseView) -> Iterator[Check]:
         return
     document, data = lock_of_kind(view, RANKING_LOCK_FILE), view.once(data_of)
     try:
-        problems = ranking_lock_problems(
+        mismatches = ranking_lock_mismatches(
             document,
             prediction_lock_digest=digest_of(view, LOCK_FILE),
             predictions_digest=view.once(predictions_of).digest(data),
@@ -82,29 +82,23 @@ def ranking_lock_follows(view: ReleaseView) -> Iterator[Check]:
         )
     except DatasetError as error:
         raise PreconditionError(str(error)) from error
-    yield problems_found(RANKING_LOCK_FILE, 3, problems)
+    yield document_check(RANKING_LOCK_FILE, 3, mismatches)
 
 
 @rule("BD-BMK-010")
 def learned_risk_is_sound(view: ReleaseView) -> Iterator[Check]:
     """Weights of the learned risk are in range, and none lets risk rise with predicted separation."""
-    if (document := ranking_lock_of(view)) is None or document["risk_fit"] is None:
-        return
     try:
-        risk_fit = risk_fit_of(document)
+        risk_fit = risk_fit_of(ranking_lock_of(view))
     except DatasetError as error:
-        yield problems_found(RANKING_LOCK_FILE, 1, [("/risk_fit", "a learned risk", str(error))])
+        yield document_check(RANKING_LOCK_FILE, 1, [Mismatch({"pointer": "/risk_fit"}, "a learned risk", str(error))])
         return
-    expected = {"tolerance_m": view.once(protocol_of).guard.tolerance_m}
-    yield problems_found(
-        RANKING_LOCK_FILE,
-        1,
-        [
-            (f"/risk_fit/{name}", f"{value:g}, as the protocol has it", f"{getattr(risk_fit, name):g}")
-            for name, value in expected.items()
-            if getattr(risk_fit, name) != value
-        ],
-    )
+    if risk_fit is None:
+        return
+    wanted, found = view.once(protocol_of).guard.tolerance_m, risk_fit.tolerance_m
+    at: Location = {"pointer": "/risk_fit/tolerance_m"}
+    other = Mismatch(at, f"{wanted:g}, as the protocol has it", f"{found:g}")
+    yield document_check(RANKING_LOCK_FILE, 1, [other] if found != wanted else [])
 
 
 @rule("BD-BMK-012")
@@ -122,9 +116,10 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
     try:
         expected = results_document(protocol, data, predictions, risk_fit, noise, warnings=_warnings(view))
     except (DatasetError, ValueError) as error:
-        yield problems_found(RESULTS_FILE, 1, [("", "results that can be computed", f"none: {error}")])
+        none = Mismatch({"pointer": "/"}, "results that can be computed", f"none: {error}")
+        yield document_check(RESULTS_FILE, 1, [none])
         return
-    yield problems_found(RESULTS_FILE, 1, document_problems(expected, found, tolerance=TOLERANCE))
+    yield document_check(RESULTS_FILE, 1, document_mismatches(expected, found, tolerance=TOLERANCE))
 
 
 def _unlocked(view: ReleaseView) -> list[str]:
@@ -149,7 +144,8 @@ def tables_say_what_results_say(view: ReleaseView) -> Iterator[Check]:
     if TABLES_FILE not in view.files:
         return
     if RESULTS_FILE not in view.files:
-        yield problems_found(TABLES_FILE, 1, [("", f"tables of `{RESULTS_FILE}`", "no such file")])
+        none = Mismatch({"pointer": "/"}, f"tables of `{RESULTS_FILE}`", "no such file")
+        yield document_check(TABLES_FILE, 1, [none])
         return
     try:
         text = render_tables(view.document(RESULTS_FILE))

@@ -26,10 +26,7 @@ from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.benchmark.ranking_result import ranking_results, utility_scale
 from branchdrive.statistics.rounding import numbers
 
-__all__ = ["TOLERANCE", "noise_of", "noise_record", "results_document"]
-
-TOLERANCE = 1e-9
-"""Relative difference up to which two results are one: the order in which a processor sums decides the last bits."""
+__all__ = ["noise_of", "noise_record", "results_document"]
 
 
 def results_document(

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.benchmark.data import groups_digest
-from branchdrive.benchmark.lock import LockFacts, checkpoint_problems, lock_problems
+from branchdrive.benchmark.lock import LockFacts, checkpoint_mismatches, lock_mismatches
 from branchdrive.benchmark.openings import EVENTS, num_openings, openings_problems
 from branchdrive.benchmark.protocol import protocol_problem
 from branchdrive.benchmark.view import CHECKPOINTS, data_of, digest_of, layer_files, lock_of, other_kind, protocol_of
@@ -25,7 +25,7 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.formats.manifest import derived_identity
-from branchdrive.layers.compare import problems_found
+from branchdrive.layers.compare import document_check, text_mismatches
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.rules import FEATURES, NORMALISATION
 from branchdrive.quality.split_rules import SPLIT
@@ -35,8 +35,10 @@ from branchdrive.quality.split_rules import SPLIT
 def protocol_is_consistent(view: ReleaseView) -> Iterator[Check]:
     """Names differ, profiles are weighed to 1, and families and guard name what is declared."""
     problem = protocol_problem(view.document(PROTOCOL_FILE))
-    yield problems_found(
-        PROTOCOL_FILE, 1, [] if problem is None else [("", "a protocol without contradiction", problem)]
+    yield document_check(
+        PROTOCOL_FILE,
+        1,
+        [] if problem is None else [Mismatch({"pointer": "/"}, "a protocol without contradiction", problem)],
     )
 
 
@@ -55,14 +57,16 @@ def lock_is_of_this_release(view: ReleaseView) -> Iterator[Check]:
         digest_of(view, FEATURES),
         view.descriptor.action_bank.keys,
     )
-    yield problems_found(LOCK_FILE, len(facts), lock_problems(document, facts))
+    yield document_check(LOCK_FILE, len(facts), lock_mismatches(document, facts))
 
 
 @rule("BD-BMK-003")
 def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[Check]:
     """One checkpoint for each declared model and seed, each in a file of its own."""
     document = lock_of(view)
-    yield problems_found(LOCK_FILE, len(document["checkpoints"]), checkpoint_problems(document, view.once(protocol_of)))
+    yield document_check(
+        LOCK_FILE, len(document["checkpoints"]), checkpoint_mismatches(document, view.once(protocol_of))
+    )
 
 
 @rule("BD-BMK-004")
@@ -72,7 +76,7 @@ def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[Check]:
     if not view.digests:
         raise PreconditionError("digests are off")
     found = layer_files(view)
-    sightings = [
+    mismatches = [
         Mismatch(
             {"file": f"{BENCHMARK}/{entry['file']}"},
             f"sha256 {entry['sha256']}",
@@ -82,8 +86,8 @@ def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[Check]:
         if found.get(entry["file"]) != entry["sha256"]
     ]
     stray = sorted(name for name in found.keys() - {entry["file"] for entry in entries} if name.startswith(CHECKPOINTS))
-    sightings += [Mismatch({"file": f"{BENCHMARK}/{n}"}, "a checkpoint that the lock names", "another") for n in stray]
-    yield Check.of(len(entries) + len(stray), sightings)
+    mismatches += [Mismatch({"file": f"{BENCHMARK}/{n}"}, "a checkpoint that the lock names", "another") for n in stray]
+    yield Check.of(len(entries) + len(stray), mismatches)
 
 
 @rule("BD-BMK-005")
@@ -92,12 +96,9 @@ def locks_name_the_training_groups(view: ReleaseView) -> Iterator[Check]:
     data, protocol, entries = view.once(data_of), view.once(protocol_of), lock_of(view)["checkpoints"]
     fit = data.parts.get(protocol.partitions.fit)
     expected = groups_digest(() if fit is None else fit.groups)
-    problems = [
-        (f"/checkpoints/{i}/training_groups_digest", expected, entry["training_groups_digest"])
-        for i, entry in enumerate(entries)
-        if entry["training_groups_digest"] != expected
-    ]
-    yield problems_found(LOCK_FILE, len(entries), problems)
+    name = "training_groups_digest"
+    for i, entry in enumerate(entries):
+        yield document_check(LOCK_FILE, 1, text_mismatches(f"/checkpoints/{i}/{name}", expected, entry[name]))
 
 
 @rule("BD-BMK-006")
@@ -105,7 +106,7 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
     """Provenance in the header of a checkpoint: model, seed, configuration, split, normalisation, training groups."""
     lock, protocol = lock_of(view), view.once(protocol_of)
     configurations = {model.id: model.config_digest for model in protocol.models}
-    sightings, examined = [], 0
+    mismatches, examined = [], 0
     for entry in lock["checkpoints"]:
         path = f"{BENCHMARK}/{entry['file']}"
         if path not in view.contents:
@@ -122,14 +123,14 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
         try:
             found = checkpoint_facts(view.contents[path], view.sizes[path])
         except (ValueError, RecursionError) as error:
-            sightings.append(Mismatch({"file": path}, "a header with provenance", str(error)))
+            mismatches.append(Mismatch({"file": path}, "a header with provenance", str(error)))
             continue
-        sightings += [
+        mismatches += [
             Mismatch({"file": path}, f"{name} {wanted!r}", f"{name} {said!r}")
             for name, wanted, said in zip(CheckpointFacts._fields, expected, found, strict=True)
             if wanted != said
         ][:1]
-    yield Check.of(examined, sightings)
+    yield Check.of(examined, mismatches)
 
 
 @rule("BD-BMK-011")
@@ -142,7 +143,7 @@ def openings_are_under_the_locks(view: ReleaseView) -> Iterator[Check]:
         ranking_lock_digest=digest_of(view, RANKING_LOCK_FILE) if RANKING_LOCK_FILE in view.files else None,
         has_results=RESULTS_FILE in view.files,
     )
-    yield problems_found(OPENINGS_FILE, max(1, len(document["entries"])), problems)
+    yield document_check(OPENINGS_FILE, max(1, len(document["entries"])), problems)
 
 
 @rule("BD-BMK-014")
@@ -150,9 +151,9 @@ def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[Check]
     """One opening for predictions and one for selections, those on the ledger of the release among them."""
     document, ledger = view.document(OPENINGS_FILE), view.document(LEDGER_FILE)
     counts = {event: num_openings(document, event, ledger) for event in EVENTS}
-    problems = [
-        ("/entries", f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
+    mismatches = [
+        Mismatch({"pointer": "/entries"}, f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
         for event, count in counts.items()
         if count > 1
     ]
-    yield problems_found(OPENINGS_FILE, len(counts), problems)
+    yield document_check(OPENINGS_FILE, len(counts), mismatches)

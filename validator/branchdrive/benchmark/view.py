@@ -10,19 +10,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from branchdrive.benchmark.data import TABLES, BenchmarkData
-from branchdrive.benchmark.prediction_problem import PredictionProblem, prediction_problems
+from branchdrive.benchmark.prediction_check import prediction_mismatches
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, read_protocol
 from branchdrive.contract.layout import BENCHMARK, LOCK_FILE, PROTOCOL_FILE, RANKING_LOCK_FILE
-from branchdrive.contract.mismatch import Check, PreconditionError
+from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.errors import DatasetError
-from branchdrive.layers.compare import problems_found
+from branchdrive.layers.compare import document_check, text_mismatches
 from branchdrive.layers.view import ReleaseView
 
 __all__ = [
-    "CHECKPOINTS", "data_of", "digest_of", "layer_files", "lock_of", "lock_of_kind", "other_kind", "predictions_of",
-    "problems_of", "protocol_of", "ranking_lock_of",
+    "CHECKPOINTS", "data_of", "digest_of", "layer_files", "lock_of", "lock_of_kind", "mismatches_of", "other_kind",
+    "predictions_of", "protocol_of", "ranking_lock_of",
 ]  # fmt: skip
 
 _KINDS = {LOCK_FILE: "prediction", RANKING_LOCK_FILE: "ranking"}
@@ -82,7 +82,8 @@ def lock_of_kind(view: ReleaseView, path: str) -> Mapping[str, Any]:
 def other_kind(view: ReleaseView, path: str) -> Check | None:
     """What is wrong with a lock of another kind than its place takes; ``None`` for the right one."""
     found = view.document(path)["kind"]
-    return None if found == _KINDS[path] else problems_found(path, 1, [("/kind", _KINDS[path], found)])
+    check = document_check(path, 1, text_mismatches("/kind", _KINDS[path], found))
+    return check if len(check.bad) else None
 
 
 def digest_of(view: ReleaseView, path: str) -> str:
@@ -95,9 +96,9 @@ def _frames(view: ReleaseView) -> dict[str, Any]:
     return {name: view.frame(name) for name in PREDICTED}
 
 
-def problems_of(view: ReleaseView) -> list[PredictionProblem]:
+def mismatches_of(view: ReleaseView) -> list[Mismatch]:
     """What is wrong with predictions."""
-    return prediction_problems(_frames(view), view.once(data_of), view.once(protocol_of))
+    return list(prediction_mismatches(_frames(view), view.once(data_of), view.once(protocol_of)))
 
 
 def predictions_of(view: ReleaseView) -> PredictionSet:

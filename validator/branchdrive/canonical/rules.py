@@ -10,12 +10,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from branchdrive.canonical.record import policy_columns, source_counts
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
-from branchdrive.layers.compare import columns_agree, place, problems_found, rows_agree, shown
+from branchdrive.layers.compare import columns_agree, document_check, place, rows_agree, shown
 from branchdrive.layers.view import ReleaseView
 
 _REPEATED = (
@@ -181,4 +181,5 @@ def canonical_counts_add_up(view: ReleaseView) -> Iterator[Check]:
     """Numbers of groups, attempts, records and dispositions are those of the tables."""
     document = view.document(SOURCE_FILE)
     counts = source_counts(view.frame("records"), view.frame("attempts"))
-    yield problems_found(SOURCE_FILE, len(counts), document_problems(counts, {name: document[name] for name in counts}))
+    found = {name: document[name] for name in counts}
+    yield document_check(SOURCE_FILE, len(counts), document_mismatches(counts, found))

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from branchdrive.card.card import render_card, render_licence
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, SOURCE_FILE
 from branchdrive.contract.mismatch import Check, PreconditionError
 from branchdrive.contract.rule import rule
-from branchdrive.layers.compare import problems_found, text_agrees
+from branchdrive.layers.compare import document_check, text_agrees, text_mismatches
 from branchdrive.layers.view import ReleaseView
 
 
@@ -22,8 +22,7 @@ def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[Check]:
     document = view.document(SOURCE_FILE)
     if view.raw.digest is None:
         raise PreconditionError(view.raw.reason or "digests are off")
-    found = document["raw_layer"]
-    yield problems_found(SOURCE_FILE, 1, [("/raw_layer", view.raw.digest, found)] if found != view.raw.digest else [])
+    yield document_check(SOURCE_FILE, 1, text_mismatches("/raw_layer", view.raw.digest, document["raw_layer"]))
 
 
 @rule("BD-REL-002")
@@ -32,13 +31,10 @@ def raw_dataset_agrees(view: ReleaseView) -> Iterator[Check]:
     document, raw = view.document(SOURCE_FILE), view.raw.descriptor
     if raw is None:
         raise PreconditionError(view.raw.reason)
-    facts = [
-        ("/dataset_id", raw.dataset_id, document["dataset_id"]),
-        ("/dataset_version", raw.dataset_version, document["dataset_version"]),
-    ]
-    yield problems_found(SOURCE_FILE, len(facts), [fact for fact in facts if fact[1] != fact[2]])
+    for name, expected in (("dataset_id", raw.dataset_id), ("dataset_version", raw.dataset_version)):
+        yield document_check(SOURCE_FILE, 1, text_mismatches(f"/{name}", expected, document[name]))
     named, own = (descriptor.model_dump(mode="json", exclude={"layers"}) for descriptor in (raw, view.descriptor))
-    yield problems_found(DESCRIPTOR_FILE, len(named), document_problems(named, own))
+    yield document_check(DESCRIPTOR_FILE, len(named), document_mismatches(named, own))
 
 
 @rule("BD-REL-003")

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 __all__ = ["Check", "Location", "Mask", "Mismatch", "PreconditionError"]
 
 Location: TypeAlias = dict[str, str | int]
-"""Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id."""
+"""Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id.
+
+A pointer is a JSON pointer (RFC 6901) into the document, and ``/`` stands for the whole of it.
+"""
 
 Mask: TypeAlias = NDArray[np.bool_]
 
@@ -29,7 +32,7 @@ class Mismatch:
     """At one place something else was found than was expected.
 
     Attributes:
-        location: The place, as far as the rule knows it; the engine adds the identity of the subject.
+        location: The place, as far as it is known where the mismatch is found; who knows more adds it, see `within`.
         expected: What the clause demands there, as text.
         found: What the dataset has there, as text.
         count: Mismatching items that this one stands for.
@@ -39,6 +42,10 @@ class Mismatch:
     expected: str
     found: str
     count: int = 1
+
+    def within(self, location: Location) -> Mismatch:
+        """This mismatch at a place inside of `location`, whose parts come first: a file, a table, a subject."""
+        return Mismatch({**location, **self.location}, self.expected, self.found, self.count)
 
 
 @dataclass(frozen=True)

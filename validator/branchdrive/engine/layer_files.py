@@ -10,14 +10,14 @@ import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
@@ -204,11 +204,11 @@ def _read_table(task: LayerFilesTask, path: str, name: str, files: _Files, resul
         return
     wrong = list(type_mismatches(table.schema, name))
     for found in wrong:
-        files.note("BD-LYR-003", replace(found, location={"file": path, **found.location}))
+        files.note("BD-LYR-003", found.within({"file": path}))
     if not wrong:
         files.tables[name] = table
         for found in (*metadata_mismatches(table.schema, name), *_undeclared_metadata(table.schema, name)):
-            files.note("BD-LYR-004", replace(found, location={"file": path, **found.location}))
+            files.note("BD-LYR-004", found.within({"file": path}))
 
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
@@ -235,8 +235,8 @@ def _read_document(task: LayerFilesTask, path: str, schema: str, files: _Files, 
     except (ValueError, RecursionError) as error:
         files.note("BD-LYR-005", Mismatch({"file": path}, "a JSON document within the limits", str(error)))
         return
-    violations = schema_violations(document, schema)
-    for v in violations:
-        files.note("BD-LYR-005", Mismatch({"file": path, "pointer": v.pointer or "/"}, v.expected, v.found))
-    if not violations:
+    mismatches = schema_mismatches(document, schema)
+    for found in mismatches:
+        files.note("BD-LYR-005", found.within({"file": path}))
+    if not mismatches:
         files.documents[path] = document

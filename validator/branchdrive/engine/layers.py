@@ -8,7 +8,7 @@ add up. Rules of the scope `layers` need all rows. Source: spec/07-rules.md#orde
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -176,7 +176,7 @@ def _mismatches(view: ReleaseView, check: Check) -> Iterator[Mismatch]:
     for row in check.bad.tolist():
         found = check.mismatch(row)
         if check.table is not None:
-            found = replace(found, location={**_row_location(view, check.table, row), **found.location})
+            found = found.within(_row_location(view, check.table, row))
         yield found
 
 

@@ -16,7 +16,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
-from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.finding import location_text
@@ -70,10 +70,9 @@ def load_waivers(path: Path) -> tuple[Waiver, ...]:
         document = parse_json(read_named_file(path, spec_limits().max_document_bytes))
     except (DatasetError, ValueError, RecursionError) as error:
         raise UsageError(f"waivers {str(path)!r} cannot be read: {error}") from error
-    for violation in schema_violations(document, "waivers.schema.json"):
-        raise UsageError(
-            f"waivers {str(path)!r}, {violation.pointer or '/'}: expected {violation.expected}, found {violation.found}"
-        )
+    for wrong in schema_mismatches(document, "waivers.schema.json"):
+        pointer = wrong.location["pointer"]
+        raise UsageError(f"waivers {str(path)!r}, {pointer}: expected {wrong.expected}, found {wrong.found}")
     waivers = []
     for item in document["waivers"]:
         info = CATALOGUE.get(item["rule"])

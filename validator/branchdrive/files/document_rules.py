@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.contract.document import Violation
 from branchdrive.contract.encoding import ENCODING_NAME, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.mismatch import Check, Location, Mismatch
@@ -31,25 +30,21 @@ def spec_version_is_known(survey: Survey) -> Iterator[Check]:
         yield Check.of(0, ())
         return
     version = survey.document.get("spec_version") if isinstance(survey.document, dict) else None
-    sighting = Mismatch({**PLACE, "pointer": "/spec_version"}, quote(SPEC_VERSION), quote(version))
-    yield Check.of(1, () if version == SPEC_VERSION else (sighting,))
-
-
-def _violations(found: tuple[Violation, ...]) -> tuple[Mismatch, ...]:
-    return tuple(Mismatch({**PLACE, "pointer": v.pointer or "/"}, v.expected, v.found) for v in found)
+    mismatch = Mismatch({**PLACE, "pointer": "/spec_version"}, quote(SPEC_VERSION), quote(version))
+    yield Check.of(1, () if version == SPEC_VERSION else (mismatch,))
 
 
 @rule("BD-DOC-003")
 def documents_conform(survey: Survey) -> Iterator[Check]:
     """The descriptor meets its JSON Schema."""
-    yield Check.of(int(survey.document_error is None), _violations(survey.violations))
+    yield Check.of(int(survey.document_error is None), (found.within(PLACE) for found in survey.schema_mismatches))
 
 
 @rule("BD-DOC-004")
 def descriptor_agrees_with_itself(survey: Survey) -> Iterator[Check]:
     """What no schema can say: unique keys, one nominal policy, cameras of the claimed streams."""
     judged = survey.descriptor is not None or bool(survey.conflicts)
-    yield Check.of(int(judged), _violations(survey.conflicts))
+    yield Check.of(int(judged), (found.within(PLACE) for found in survey.conflicts))
 
 
 @rule("BD-ENC-001")
@@ -65,7 +60,7 @@ def encoding_recomputes(survey: Survey) -> Iterator[Check]:
     except UsageError as error:
         yield Check.of(1, (Mismatch(place, f"a bank in the domain of `{ENCODING_NAME}`", str(error)),))
         return
-    sighting = Mismatch(
+    mismatch = Mismatch(
         {**place, "pointer": "/action_encoding/sha256"}, f"sha256 {digest}", f"sha256 {declared.sha256}"
     )
-    yield Check.of(1, () if declared.sha256 == digest else (sighting,))
+    yield Check.of(1, () if declared.sha256 == digest else (mismatch,))

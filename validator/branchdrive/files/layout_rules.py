@@ -20,11 +20,11 @@ from branchdrive.contract.layout import (
     unsafe_reason,
 )
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.mismatch import Check, Location, Mismatch
+from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Entry, Survey
-from branchdrive.formats.manifest import Manifest
+from branchdrive.formats.manifest import SAFE_PATH, Manifest
 
 TABLE_FILES = {table.file_name for table in TABLES.values()}
 
@@ -32,11 +32,10 @@ TABLE_FILES = {table.file_name for table in TABLES.values()}
 @rule("BD-LAY-001")
 def manifest_is_well_formed(survey: Survey) -> Iterator[Check]:
     """`MANIFEST.sha256` is there and its text parses."""
-    place: Location = {"file": MANIFEST_FILE}
-    problems = [p for p in survey.manifest_problems if not p.is_unsafe_path]
-    found = [Mismatch(place, "a well-formed manifest", f"line {p.line} {p.message}") for p in problems]
-    if survey.manifest is None and not problems:
-        found.append(Mismatch(place, "MANIFEST.sha256, written last", "no manifest: writing never finished"))
+    found = [mismatch for mismatch in survey.manifest_mismatches if mismatch.expected != SAFE_PATH]
+    if survey.manifest is None and not found:
+        lacking = "MANIFEST.sha256, written last", "no manifest: writing never finished"
+        found.append(Mismatch({"file": MANIFEST_FILE}, *lacking))
     yield Check.of(1, tuple(found))
 
 
@@ -90,15 +89,11 @@ def existing_files_are_listed(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-005")
 def paths_are_safe(survey: Survey) -> Iterator[Check]:
     """Neither the manifest nor the folder names a path that leaves the root or is not plain."""
-    found = [
-        Mismatch({"file": MANIFEST_FILE}, "a safe relative path", problem.message)
-        for problem in survey.manifest_problems
-        if problem.is_unsafe_path
-    ]
+    found = [mismatch for mismatch in survey.manifest_mismatches if mismatch.expected == SAFE_PATH]
     for entry in survey.entries:
         reason = unsafe_reason(entry.path)
         if reason is not None and "longer" not in reason and "deeper" not in reason:
-            found.append(Mismatch({"file": entry.path}, "a safe relative path", f"{quote(entry.path)} {reason}"))
+            found.append(Mismatch({"file": entry.path}, SAFE_PATH, f"{quote(entry.path)} {reason}"))
     stated = len(survey.manifest.files) if survey.manifest else 0
     yield Check.of(stated + len(survey.entries), tuple(found))
 

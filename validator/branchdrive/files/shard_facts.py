@@ -11,7 +11,7 @@ __all__ = ["ShardFacts"]
 
 @dataclass
 class ShardFacts:
-    """Facts of one shard that rules on the whole dataset judge; problems of files are by path.
+    """Facts of one shard that rules on the whole dataset judge; mismatches of files are by path.
 
     Attributes:
         folder: The shard's folder, relative to the root.

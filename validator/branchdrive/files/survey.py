@@ -19,7 +19,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import Violation, parse_json, schema_violations
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import (
     CARD_FILE,
@@ -31,11 +31,12 @@ from branchdrive.contract.layout import (
     unsafe_reason,
 )
 from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.file_error import machine_faults
-from branchdrive.formats.manifest import Manifest, ManifestProblem, parse_manifest
+from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
 from branchdrive.formats.untrusted import open_file, read_file
 
 __all__ = ["Entry", "Survey", "take_survey"]
@@ -59,10 +60,10 @@ class Survey:
         entries: Every name below the root, sorted by path; cut off at the limit on files.
         is_cut: Whether `entries` is cut off.
         manifest: What the manifest states; ``None`` if there is none.
-        manifest_problems: What is wrong with the manifest's text.
+        manifest_mismatches: What is wrong with the manifest's text.
         document: The descriptor's JSON; ``None`` if it does not parse.
         document_error: Why it does not parse.
-        violations: Where the descriptor breaks its schema.
+        schema_mismatches: Where the descriptor breaks its schema.
         conflicts: Where it contradicts itself.
         descriptor: The typed descriptor, ``None`` unless it is sound.
         is_hashed: Whether digests are computed.
@@ -75,11 +76,11 @@ class Survey:
     entries: tuple[Entry, ...] = ()
     is_cut: bool = False
     manifest: Manifest | None = None
-    manifest_problems: tuple[ManifestProblem, ...] = ()
+    manifest_mismatches: tuple[Mismatch, ...] = ()
     document: Any = None
     document_error: str | None = None
-    violations: tuple[Violation, ...] = ()
-    conflicts: tuple[Violation, ...] = ()
+    schema_mismatches: tuple[Mismatch, ...] = ()
+    conflicts: tuple[Mismatch, ...] = ()
     descriptor: Descriptor | None = None
     is_hashed: bool = True
     digests: dict[str, str] = field(default_factory=dict)
@@ -199,12 +200,12 @@ def _digest(root: Path, path: str) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Violation, ...]]:
+def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
     try:
         return Descriptor.model_validate(document), ()
     except ValidationError as error:
         found = (
-            Violation("".join(f"/{part}" for part in e["loc"]), str(e["msg"]), ascii(e["input"])[:160])
+            Mismatch({"pointer": "".join(f"/{part}" for part in e["loc"]) or "/"}, e["msg"], ascii(e["input"])[:160])
             for e in error.errors(include_url=False, include_context=False)
         )
         return None, tuple(found)
@@ -222,9 +223,9 @@ def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
     yield "document", document
     if not isinstance(document, dict) or document.get("spec_version") != SPEC_VERSION:
         return
-    violations = tuple(schema_violations(document, "descriptor.schema.json"))
-    yield "violations", violations
-    if not violations:
+    mismatches = tuple(schema_mismatches(document, "descriptor.schema.json"))
+    yield "schema_mismatches", mismatches
+    if not mismatches:
         descriptor, conflicts = _conflicts(document)
         yield "descriptor", descriptor
         yield "conflicts", conflicts
@@ -247,10 +248,10 @@ def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = 
     survey = Survey(root, tuple(entries), is_cut, is_hashed=hash_files, **dict(_read_descriptor(root, limits)))
     if any(entry.path == MANIFEST_FILE for entry in entries):
         try:
-            manifest, problems = parse_manifest(read_file(root, MANIFEST_FILE, limits.max_manifest_bytes), limits)
-            survey = replace(survey, manifest=manifest, manifest_problems=tuple(problems))
+            manifest, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, limits.max_manifest_bytes), limits)
+            survey = replace(survey, manifest=manifest, manifest_mismatches=tuple(mismatches))
         except (DatasetError, OSError) as error:
-            survey = replace(survey, manifest_problems=(ManifestProblem(0, str(error)),))
+            survey = replace(survey, manifest_mismatches=(malformed(0, str(error)),))
     return _hash_outside(survey) if hash_files else replace(survey, digests={})
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
@@ -24,12 +23,9 @@ def tables_decode(survey: Survey) -> Iterator[Check]:
 
 
 def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[Mismatch]]]) -> Check:
-    """Problems of columns by file and shard; every decoded table was examined."""
+    """Mismatches of columns by file and shard; every decoded table was examined."""
     every = [
-        replace(found, location={"file": path, **found.location})
-        for files in shards
-        for path, mismatches in files.items()
-        for found in mismatches
+        found.within({"file": path}) for files in shards for path, mismatches in files.items() for found in mismatches
     ]
     return Check.of(sum(len(shard.rows) for shard in survey.shards), every)
 

@@ -18,7 +18,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from branchdrive.contract.layout import (
     IDENTITY_LAYERS,
@@ -30,36 +29,33 @@ from branchdrive.contract.layout import (
     unsafe_reason,
 )
 from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import partial_path, replace_file
 from branchdrive.formats.untrusted import open_file, read_file
 
 __all__ = [
-    "Manifest",
-    "ManifestProblem",
-    "build_manifest",
-    "check_against_manifest",
-    "parse_manifest",
+    "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "malformed", "parse_manifest",
     "write_manifest",
-]
+]  # fmt: skip
 
 _HEADER = "# branchdrive-manifest 0.1"
 _LAYER_LINE = re.compile(r"# layer ([a-z]+) ([0-9a-f]{64})")
 _DATASET_LINE = re.compile(r"# dataset ([0-9a-f]{64})")
 _FILE_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 _DIGEST_COLUMNS = 66
-_MAX_PROBLEMS = 100
+_MAX_MISMATCHES = 100
+
+WELL_FORMED = "a well-formed manifest"
+"""What is expected of a manifest's text."""
+
+SAFE_PATH = "a safe relative path"
+"""What is expected of a path: another is one that no dataset may name."""
 
 
-class ManifestProblem(NamedTuple):
-    """One thing that is wrong with a manifest's text; lines count from 1, line 0 is the whole file.
-
-    `is_unsafe_path` tells a path that no dataset may name from text that is no manifest.
-    """
-
-    line: int
-    message: str
-    is_unsafe_path: bool = False
+def malformed(line: int, message: str) -> Mismatch:
+    """What is wrong with a line of a manifest's text; lines count from 1, line 0 is the whole file."""
+    return Mismatch({"file": MANIFEST_FILE}, WELL_FORMED, f"line {line} {message}")
 
 
 @dataclass(frozen=True)
@@ -116,17 +112,17 @@ def _digest(lines: list[str]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def parse_manifest(content: bytes, limits: Limits | None = None) -> tuple[Manifest, list[ManifestProblem]]:
+def parse_manifest(content: bytes, limits: Limits | None = None) -> tuple[Manifest, list[Mismatch]]:
     """Read a manifest that may be hostile.
 
     Returns:
-        What could be read, and what is wrong with the text: at most 100 problems, reading stops there.
+        What could be read, and what is wrong with the text: at most 100 mismatches, reading stops there.
         Whether the stated layer digests and identity follow from the files is not judged here.
     """
     limits = limits or spec_limits()
     if len(content) > limits.max_manifest_bytes:
-        problem = ManifestProblem(0, f"has {len(content)} bytes; the limit is {limits.max_manifest_bytes}")
-        return Manifest({}, {}, ""), [problem]
+        too_long = malformed(0, f"has {len(content)} bytes; the limit is {limits.max_manifest_bytes}")
+        return Manifest({}, {}, ""), [too_long]
     reading = _Reading(limits)
     number = 0
     for number, line in _lines(content):
@@ -134,7 +130,7 @@ def parse_manifest(content: bytes, limits: Limits | None = None) -> tuple[Manife
         if reading.is_over:
             break
     reading.end(number, terminated=content.endswith(b"\n"))
-    return Manifest(reading.files, reading.layers, reading.identity), reading.problems
+    return Manifest(reading.files, reading.layers, reading.identity), reading.mismatches
 
 
 def _lines(content: bytes) -> Iterator[tuple[int, memoryview]]:
@@ -156,7 +152,7 @@ class _Reading:
         self.files: dict[str, str] = {}
         self.layers: dict[str, str] = {}
         self.identity = ""
-        self.problems: list[ManifestProblem] = []
+        self.mismatches: list[Mismatch] = []
         self.is_over = False
         self._limits = limits
         self._last_path = ""
@@ -217,7 +213,7 @@ class _Reading:
         digest, path = match.groups()
         reason = unsafe_reason(path, self._limits)
         if reason is not None:
-            self._report(number, f"path {path!r} {reason}", is_unsafe_path=True)
+            self._note(number, Mismatch({"file": MANIFEST_FILE}, SAFE_PATH, f"path {path!r} {reason}"))
         elif path == MANIFEST_FILE:
             self._report(number, "lists the manifest itself")
         elif path in self.files:
@@ -231,10 +227,13 @@ class _Reading:
             self._last_path = path
             self.files[path] = digest
 
-    def _report(self, number: int, message: str, *, is_unsafe_path: bool = False) -> None:
-        self.problems.append(ManifestProblem(number, message, is_unsafe_path))
-        if len(self.problems) == _MAX_PROBLEMS - 1:
-            self.problems.append(ManifestProblem(number, "has too many problems; the rest was not read"))
+    def _report(self, number: int, message: str) -> None:
+        self._note(number, malformed(number, message))
+
+    def _note(self, number: int, mismatch: Mismatch) -> None:
+        self.mismatches.append(mismatch)
+        if len(self.mismatches) == _MAX_MISMATCHES - 1:
+            self.mismatches.append(malformed(number, "has too many problems; the rest was not read"))
             self.is_over = True
 
 
@@ -253,9 +252,9 @@ def check_against_manifest(root: Path) -> Manifest:
     Raises:
         DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
     """
-    stated, problems = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    stated, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
     found = build_manifest(root)
-    if problems or stated != found:
+    if mismatches or stated != found:
         paths = sorted(path for path, _ in set(stated.files.items()) ^ set(found.files.items()))
         what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
         raise DatasetError(f"{root}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")

@@ -1,8 +1,7 @@
-"""Comparisons of stored rows with expected ones, as checks of rules.
+"""Comparisons of what a release stores with what is expected, as checks of rules.
 
-A computed real number agrees with ``x`` where it lies within ``1e-9 (1 + |x|)``: the same formula on another
-machine gives other last bits. One that was copied agrees where it has the same bits, and everything else where
-it is equal. Source: spec/10-layers.md#derivation.
+Of a column, computed real numbers agree within the tolerance of `branchdrive.contract.comparison`, copied ones where
+they have the same bits, and everything else where it is equal. Source: spec/10-layers.md#derivation.
 """
 
 from __future__ import annotations
@@ -14,36 +13,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.comparison import agree
 from branchdrive.contract.layer import table_path
-from branchdrive.contract.mismatch import Check, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.text import quote
 from branchdrive.layers.view import ReleaseView
 from branchdrive.tables.frame import Alignment, Frame, Values, num_rows
 
 __all__ = [
-    "TOLERANCE",
     "columns_agree",
     "differs",
+    "document_check",
     "frames_agree",
     "place",
-    "problems_found",
     "rows_agree",
     "rows_are",
     "shown",
     "text_agrees",
+    "text_mismatches",
 ]
 
-TOLERANCE = 1e-9
-"""Largest distance between a stored and a recomputed real number ``x``, in units of ``1 + |x|``."""
-
-Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
-Place = dict[str, str | int]
 
 
-def place(table: str, frame: Frame, row: int, column: str | None = None) -> Place:
+def place(table: str, frame: Frame, row: int, column: str | None = None) -> Location:
     """Location of a row: its file, its table and its key."""
-    found: Place = {"file": table_path(table), "table": table}
+    found: Location = {"file": table_path(table), "table": table}
     if column is not None:
         found["column"] = column
     for name in LAYER_TABLES[table].key:
@@ -53,12 +48,17 @@ def place(table: str, frame: Frame, row: int, column: str | None = None) -> Plac
 
 
 def differs(expected: Values, found: Values, *, exact: bool = False) -> Mask:
-    """Cells that do not agree ``[rows]``; null agrees with null alone, and `exact` asks for the same bits."""
+    """Cells of a column that do not agree ``[rows]``; null agrees with null alone.
+
+    Args:
+        expected: What follows from data, whose type decides how values are compared.
+        found: What is stored.
+        exact: Whether real numbers are copied, so that they have the same bits; a zero has its sign.
+    """
     absent, gone = np.ma.getmaskarray(expected), np.ma.getmaskarray(found)
     a, b = np.ma.getdata(expected), np.ma.getdata(found)
     if a.dtype.kind == "f" and not exact:
-        with np.errstate(invalid="ignore", over="ignore"):
-            apart = ~(np.abs(b - a) <= TOLERANCE * (1 + np.abs(a)))
+        apart = ~agree(a, b)
     elif a.dtype.kind == "f" and b.dtype.kind == "f":
         apart = (a != b) | (np.signbit(a) != np.signbit(b))
     else:
@@ -133,20 +133,15 @@ def shown(value: Any) -> str:
     return "null" if value is np.ma.masked or value is None else quote(value)
 
 
-def problems_found(path: str, examined: int, problems: Iterable[tuple[str, object, object]]) -> Check:
-    """Check of a document: one problem is a JSON pointer, what was expected and what was found."""
-    return Check.of(
-        examined,
-        (
-            Mismatch({"file": path, "pointer": pointer or "/"}, _words(expected), _words(found))
-            for pointer, expected, found in problems
-        ),
-    )
+def document_check(path: str, examined: int, mismatches: Iterable[Mismatch] = ()) -> Check:
+    """Check of a document at `path`, whose mismatches are located by pointer."""
+    return Check.of(examined, (found.within({"file": path}) for found in mismatches))
 
 
-def _words(value: object) -> str:
-    """Text as it is, anything else as a cell: what is wrong with a document comes in words or in values."""
-    return value if isinstance(value, str) else shown(value)
+def text_mismatches(pointer: str, expected: str, found: str) -> Iterator[Mismatch]:
+    """A text of a document is the expected one; both are shown as they are."""
+    if expected != found:
+        yield Mismatch({"pointer": pointer}, expected, found)
 
 
 def text_agrees(view: ReleaseView, path: str, expected: str) -> Check:

@@ -30,14 +30,14 @@ from branchdrive.tables.frame import repeated_rows, sort_rows
 def layers_have_their_files(view: ReleaseView) -> Iterator[Check]:
     """Every file of a claimed layer is there."""
     wanted = [path for layer in view.descriptor.derived_layers for path in LAYERS[layer].required_files]
-    sightings = [
+    mismatches = [
         Mismatch({"file": p}, "a file of a claimed layer", "no such file") for p in wanted if p not in view.files
     ]
-    yield Check.of(len(wanted), sightings)
+    yield Check.of(len(wanted), mismatches)
 
 
 def _noted(view: ReleaseView, rule_id: str, examined: int) -> Iterator[Check]:
-    yield Check.of(examined, view.problems.get(rule_id, ()))
+    yield Check.of(examined, view.mismatches.get(rule_id, ()))
 
 
 def _num_there(view: ReleaseView, suffix: str) -> int:

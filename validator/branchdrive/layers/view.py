@@ -16,7 +16,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS, layer_of_table
 from branchdrive.contract.layout import SOURCE_FILE
-from branchdrive.contract.mismatch import PreconditionError
+from branchdrive.contract.mismatch import Mismatch, PreconditionError
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Alignment, Frame, Values, align, take
 from branchdrive.tables.view import TableView
@@ -63,7 +63,7 @@ class ReleaseView:
         documents: Parsed documents that conform to their schema, by path.
         contents: Bytes of every document and text file that was read, by path.
         raw: The raw layer.
-        problems: What other rules say about files, by rule id.
+        mismatches: Those that were found while files were read, by rule id.
         files: Paths of all files of the derived layers and of the root.
         digests: SHA-256 of the files that were read, by path; empty where digests are off.
         sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
@@ -77,7 +77,7 @@ class ReleaseView:
         contents: Mapping[str, bytes],
         raw: RawLayer,
         files: frozenset[str],
-        problems: Mapping[str, list[Any]] | None = None,
+        mismatches: Mapping[str, list[Mismatch]] | None = None,
         *,
         digests: Mapping[str, str] | None = None,
         sizes: Mapping[str, int] | None = None,
@@ -90,7 +90,7 @@ class ReleaseView:
         self.files = files
         self.digests = dict(digests or {})
         self.sizes = dict(sizes or {})
-        self.problems = dict(problems or {})
+        self.mismatches = dict(mismatches or {})
         self._frames: dict[str, dict[str, Values]] = {}
         self._expected: dict[str, Frame] = {}
         self._aligned: dict[str, Alignment] = {}

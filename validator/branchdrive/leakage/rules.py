@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
@@ -21,6 +20,7 @@ from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import CONTROL_WINDOW
 from branchdrive.driving.target import TARGETS
+from branchdrive.layers.compare import document_check
 from branchdrive.layers.view import ReleaseView
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
@@ -53,7 +53,7 @@ def _found(examined: int, mismatches: Iterable[Mismatch]) -> Check:
         found = list(mismatches)
     except ValueError as error:
         found = [Mismatch({"pointer": "/protocol"}, "numbers within their ranges", str(error))]
-    return Check.of(examined, (replace(m, location={"file": LEAKAGE_FILE, **m.location}) for m in found))
+    return document_check(LEAKAGE_FILE, examined, found)
 
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
@@ -71,10 +71,7 @@ def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[Check]:
     groups = view.frame("group_quality")
     valid = np.asarray(groups["core_valid"], bool)
     counts = dict(sorted(Counter(np.ma.filled(groups["partition"], "")[valid].tolist()).items()))
-    of_inputs = (
-        Mismatch({"pointer": f"/inputs/num_groups{p.place}"}, p.expected, p.found)
-        for p in document_problems(counts, audit["inputs"]["num_groups"])
-    )
+    of_inputs = document_mismatches(counts, audit["inputs"]["num_groups"], pointer="/inputs/num_groups")
     yield _found(len(counts), [*of_inputs, *count_mismatches(audit)])
 
 

@@ -18,9 +18,10 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from branchdrive.contract.columns import LAYER_TABLES, STREAMS, TABLES, Column
-from branchdrive.contract.comparison import Problem, document_problems
+from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS, HISTORY_OFFSETS
 from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
 from branchdrive.driving.history import CONTROL_WINDOW
@@ -28,8 +29,8 @@ from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import UsageError
 
 __all__ = [
-    "CONTRACT_TABLES", "EXPERT_PROFILE", "HISTORIES", "History", "admit_column", "contract_tables", "feature_problems",
-    "features_document", "target_mask",
+    "CONTRACT_TABLES", "EXPERT_PROFILE", "HISTORIES", "History", "admit_column", "contract_tables",
+    "feature_mismatches", "features_document", "target_mask",
 ]  # fmt: skip
 
 
@@ -153,9 +154,9 @@ def features_document(descriptor: Descriptor) -> dict[str, Any]:
     }
 
 
-def feature_problems(document: Any, descriptor: Descriptor) -> list[Problem]:
+def feature_mismatches(document: Any, descriptor: Descriptor) -> Iterator[Mismatch]:
     """Where `document` is not the `features_document` of a descriptor."""
-    return document_problems(features_document(descriptor), document)
+    return document_mismatches(features_document(descriptor), document)
 
 
 def _has_evidence(descriptor: Descriptor) -> bool:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.contract.comparison import TOLERANCE
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import HistoryInput
 from branchdrive.driving.normalisation import fit_controls, fit_state, training
@@ -27,7 +28,7 @@ from branchdrive.statistics.split import TRAINING
 from branchdrive.tables.frame import Frame, of_groups
 
 __all__ = [
-    "QUANTILE", "TOLERANCE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
+    "QUANTILE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
     "history_vectors", "near_duplicate_flags", "near_duplicates", "nearest_other",
 ]  # fmt: skip
 
@@ -36,9 +37,6 @@ Index = NDArray[np.int64]
 
 QUANTILE = 0.01
 """Quantile of the training distances below which a neighbour is too close."""
-
-TOLERANCE = 1e-9
-"""Largest distance from the threshold at which last bits decide, in units of ``1 + threshold``."""
 
 _MAX_CELLS = 1 << 21
 """Pairs of points that are held at once: 16 MiB per intermediate array."""

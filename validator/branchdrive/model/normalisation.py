@@ -11,13 +11,14 @@ Source: paper III-E and IV (training statistics only); spec/12-model.md#normalis
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.comparison import Problem, document_problems
+from branchdrive.contract.comparison import TOLERANCE, document_mismatches
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import HistoryInput
@@ -28,12 +29,9 @@ from branchdrive.model.arrays import ModelArrays
 from branchdrive.model.features import EXPERT_PROFILE, HISTORIES
 from branchdrive.statistics.split import TRAINING
 
-__all__ = ["Scalings", "normalisation_document", "recompute_problems", "scalings_of"]
+__all__ = ["Scalings", "normalisation_document", "normalisation_mismatches", "scalings_of"]
 
 Array = NDArray[np.float64]
-
-TOLERANCE = 1e-9
-"""Relative difference up to which two fits are one: the order in which a processor sums decides the last bits."""
 
 _SCALED = ("state", "past_controls", "expert")
 _SCALARS = tuple(target.name for target in TARGETS)
@@ -138,15 +136,16 @@ def scalings_of(document: Mapping[str, Any]) -> Scalings:
     return Scalings(state, controls, expert, scalars, Scaling(offset, scale, limit, digest))
 
 
-def recompute_problems(
+def normalisation_mismatches(
     document: Mapping[str, Any], arrays: ModelArrays, assignment: Mapping[str, str]
-) -> list[Problem]:
+) -> Iterator[Mismatch]:
     """Where `document` is not the one that follows from the arrays and the split, numbers within `TOLERANCE`."""
     try:
         expected = normalisation_document(arrays, assignment)
     except ValueError as error:
-        return [Problem("", "a scaling fitted on training groups", str(error))]
-    return document_problems(expected, document, tolerance=TOLERANCE)
+        yield Mismatch({"pointer": "/"}, "a scaling fitted on training groups", str(error))
+        return
+    yield from document_mismatches(expected, document, tolerance=TOLERANCE)
 
 
 def _names(table: str) -> tuple[str, ...]:

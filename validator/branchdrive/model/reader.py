@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
@@ -28,7 +29,7 @@ from branchdrive.formats.table_file import conform, read_table
 from branchdrive.formats.untrusted import read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
-from branchdrive.model.features import admit_column, feature_problems
+from branchdrive.model.features import admit_column, feature_mismatches
 from branchdrive.model.normalisation import Scalings, scalings_of
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
@@ -61,12 +62,8 @@ def open_model(root: str | Path) -> ModelLayer:
         raise DatasetError(
             f"{root}: has the layers {list(descriptor.layers)} and no model layer; run `branchdrive build`"
         )
-    for problem in feature_problems(_document(path, FEATURES_FILE), descriptor)[:1]:
-        place = problem.place or "the document"
-        raise DatasetError(
-            f"{root}: {FEATURES_FILE!r}: {place} is {problem.found}, expected {problem.expected}; "
-            "run `branchdrive-validate`"
-        )
+    for wrong in feature_mismatches(_document(path, FEATURES_FILE), descriptor):
+        raise _not_expected(root, FEATURES_FILE, wrong)
     return ModelLayer(path, descriptor)
 
 
@@ -329,10 +326,14 @@ def _document(root: Path, path: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{root}: {path!r}: {error}; run `branchdrive-validate`") from error
     layer, _, name = path.partition("/")
-    for problem in schema_violations(document, LAYERS[layer].documents[name].schema)[:1]:
-        raise DatasetError(
-            f"{root}: {path!r}: {problem.pointer or '/'} is {problem.found}, expected {problem.expected}; "
-            "run `branchdrive-validate`"
-        )
+    for wrong in schema_mismatches(document, LAYERS[layer].documents[name].schema):
+        raise _not_expected(root, path, wrong)
     read: dict[str, Any] = document
     return read
+
+
+def _not_expected(root: str | Path, path: str, wrong: Mismatch) -> DatasetError:
+    pointer = wrong.location["pointer"]
+    return DatasetError(
+        f"{root}: {path!r}: {pointer} is {wrong.found}, expected {wrong.expected}; run `branchdrive-validate`"
+    )

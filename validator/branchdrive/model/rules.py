@@ -17,11 +17,20 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError
-from branchdrive.layers.compare import columns_agree, differs, frames_agree, place, problems_found, rows_are, shown
+from branchdrive.layers.compare import (
+    columns_agree,
+    differs,
+    document_check,
+    frames_agree,
+    place,
+    rows_are,
+    shown,
+    text_mismatches,
+)
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.arrays import ModelArrays, pack_arrays
-from branchdrive.model.features import HISTORIES, feature_problems, target_mask
-from branchdrive.model.normalisation import recompute_problems
+from branchdrive.model.features import HISTORIES, feature_mismatches, target_mask
+from branchdrive.model.normalisation import normalisation_mismatches
 from branchdrive.model.rows import action_rows, context_rows
 from branchdrive.quality.partition import assignment_of
 from branchdrive.quality.split_rules import SPLIT
@@ -272,7 +281,7 @@ def media_indices_recompute(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-MOD-017")
 def features_are_specified(view: ReleaseView) -> Iterator[Check]:
     """Features with their tracks, candidate order, contracts and arrays."""
-    yield problems_found(FEATURES, 1, feature_problems(view.document(FEATURES), view.descriptor))
+    yield document_check(FEATURES, 1, feature_mismatches(view.document(FEATURES), view.descriptor))
 
 
 def model_arrays(view: ReleaseView) -> ModelArrays:
@@ -298,13 +307,14 @@ def _assignment(view: ReleaseView) -> dict[str, str]:
 def normalisation_recomputes(view: ReleaseView) -> Iterator[Check]:
     """Scalings of histories and targets over the training groups of the frozen population alone."""
     document = view.document(NORMALISATION)
-    problems = recompute_problems(document, view.once(model_arrays), _assignment(view))
+    mismatches = normalisation_mismatches(document, view.once(model_arrays), _assignment(view))
     entries = sum(len(value) for value in document.values() if isinstance(value, list))
-    yield problems_found(NORMALISATION, entries, [p for p in problems if p.place != "/split_digest"])
+    judged = (found for found in mismatches if found.location["pointer"] != "/split_digest")
+    yield document_check(NORMALISATION, entries, judged)
 
 
 @rule("BD-MOD-019")
 def normalisation_carries_the_split(view: ReleaseView) -> Iterator[Check]:
     """The split digest of the normalisation is that of the split."""
     digest, found = view.document(SPLIT)["digest"], view.document(NORMALISATION)["split_digest"]
-    yield problems_found(NORMALISATION, 1, [("/split_digest", digest, found)] if digest != found else [])
+    yield document_check(NORMALISATION, 1, text_mismatches("/split_digest", digest, found))

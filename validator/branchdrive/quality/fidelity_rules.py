@@ -10,21 +10,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.layout import LEDGER_FILE
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import percent
 from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.layers.compare import (
-    TOLERANCE,
     columns_agree,
     differs,
+    document_check,
     frames_agree,
     place,
-    problems_found,
     rows_agree,
     shown,
+    text_mismatches,
 )
 from branchdrive.layers.view import ReleaseView
 from branchdrive.quality.fidelity import (
@@ -43,8 +43,6 @@ from branchdrive.tables.frame import Frame, num_rows, take
 
 THRESHOLDS = "quality/thresholds.json"
 RETENTION = "quality/retention.json"
-INTERVAL_TOLERANCE = 1e-9
-"""Relative difference up to which two intervals are one: a mean of counts and a quantile of them."""
 
 COUNTED = ("tick_offset", "actor_count_share", "traffic_light_share")
 """Discrepancies that count, so that every machine gives the same number."""
@@ -88,10 +86,10 @@ def thresholds_recompute(view: ReleaseView) -> Iterator[Check]:
     try:
         expected = threshold_document(view.frame("pairs"), view.frame("group_quality"))
     except ValueError as error:
-        yield problems_found(THRESHOLDS, 1, [("", "thresholds of training groups", str(error))])
+        yield document_check(THRESHOLDS, 1, [Mismatch({"pointer": "/"}, "thresholds of training groups", str(error))])
         return
     expected["split_digest"] = document["split_digest"]  # the matter of the next rule
-    yield problems_found(THRESHOLDS, len(document["variables"]), document_problems(expected, document))
+    yield document_check(THRESHOLDS, len(document["variables"]), document_mismatches(expected, document))
 
 
 @rule("BD-FID-006")
@@ -100,7 +98,7 @@ def thresholds_carry_the_split(view: ReleaseView) -> Iterator[Check]:
     digest = view.document(SPLIT)["digest"]
     for path in (THRESHOLDS, RETENTION):
         found = view.document(path)["split_digest"]
-        yield problems_found(path, 1, [("/split_digest", digest, found)] if found != digest else [])
+        yield document_check(path, 1, text_mismatches("/split_digest", digest, found))
 
 
 @rule("BD-FID-007")
@@ -136,14 +134,14 @@ def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> 
     names = [variable.name for variable in VARIABLES]
     agree = ~np.any([differs(raw[name], here[name], exact=name in COUNTED) for name in names], axis=0)
     near, passed = near_thresholds(raw, thresholds, TOLERANCE), with_passes(raw, thresholds)
-    sightings: dict[int, Mismatch] = {}
+    mismatches: dict[int, Mismatch] = {}
     for criterion, num_variables in zip(CRITERIA, (len(CORE), len(VARIABLES)), strict=True):
         flag = f"{criterion}_pass"
         turned = (passed[flag] != here[flag]) & (told[flag] == here[flag]) & agree
         for i in np.flatnonzero(turned & ~near[:, :num_variables].any(axis=1)).tolist():
             where = place("pairs", found, int(pairs.found[i]), flag)
-            sightings.setdefault(i, Mismatch(where, shown(passed[flag][i]), shown(here[flag][i])))
-    return Check.of(0, sightings.values())
+            mismatches.setdefault(i, Mismatch(where, shown(passed[flag][i]), shown(here[flag][i])))
+    return Check.of(0, mismatches.values())
 
 
 @rule("BD-FID-008")
@@ -172,8 +170,8 @@ def retention_recomputes(view: ReleaseView) -> Iterator[Check]:
         )
     except ValueError as error:
         raise PreconditionError(f"quality/pairs.parquet: {error}") from error
-    problems = document_problems(expected, document, tolerance=INTERVAL_TOLERANCE)
-    yield problems_found(RETENTION, max(1, len(document["rows"])), problems)
+    mismatches = document_mismatches(expected, document, tolerance=TOLERANCE)
+    yield document_check(RETENTION, max(1, len(document["rows"])), mismatches)
 
 
 @rule("BD-FID-010")
@@ -182,32 +180,28 @@ def ledger_records_openings(view: ReleaseView) -> Iterator[Check]:
     document = view.document(LEDGER_FILE)
     digest = view.document(SPLIT)["digest"]
     problems = ledger_problems(document, split_digest=digest, thresholds_digest=thresholds_digest(view))
-    yield problems_found(LEDGER_FILE, max(1, len(document["entries"])), problems)
+    yield document_check(LEDGER_FILE, max(1, len(document["entries"])), problems)
 
 
 @rule("BD-FID-011")
 def retention_reaches_its_targets(view: ReleaseView) -> Iterator[Check]:
     """Of the test partition, 98 % of the pairs and 90 % of the banks pass the core variables."""
     rows = [
-        (i, row)
+        (i, row, "no share" if row["share"] is None else percent(row["share"]))
         for i, row in enumerate(view.document(RETENTION)["rows"])
         if row["criterion"] == "core" and row["partition"] == "test" and row["met"] is not None
     ]
     missed = [
-        (f"/rows/{i}/share", f"at least {percent(row['target'], 0)} of {row['unit']}s", _share(row["share"]))
-        for i, row in rows
+        Mismatch({"pointer": f"/rows/{i}/share"}, f"at least {percent(row['target'], 0)} of {row['unit']}s", has)
+        for i, row, has in rows
         if not row["met"]
     ]
-    yield problems_found(RETENTION, len(rows), missed)
-
-
-def _share(share: float | None) -> str:
-    return "no share" if share is None else percent(share)
+    yield document_check(RETENTION, len(rows), missed)
 
 
 @rule("BD-FID-012")
 def test_was_opened_once(view: ReleaseView) -> Iterator[Check]:
     """The ledger holds one opening of the test partition."""
     openings = num_test_openings(view.document(LEDGER_FILE))
-    problems = [("/entries", "one opening of the test partition", f"{openings} openings")] if openings > 1 else []
-    yield problems_found(LEDGER_FILE, 1, problems)
+    many = Mismatch({"pointer": "/entries"}, "one opening of the test partition", f"{openings} openings")
+    yield document_check(LEDGER_FILE, 1, [many] if openings > 1 else [])

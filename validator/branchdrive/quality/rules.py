@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from branchdrive.contract.comparison import document_problems
+from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.errors import UsageError
-from branchdrive.layers.compare import columns_agree, place, problems_found, rows_agree
+from branchdrive.layers.compare import columns_agree, document_check, place, rows_agree
 from branchdrive.layers.view import ReleaseView
 from branchdrive.quality.population import population_document
 from branchdrive.quality.variants import declared_of, variants_document
@@ -105,7 +105,7 @@ def population_recomputes(view: ReleaseView) -> Iterator[Check]:
     document = view.document(POPULATION)
     num_policies = len(view.descriptor.action_bank.policies)
     expected = population_document(view.frame("group_quality"), num_policies=num_policies)
-    yield problems_found(POPULATION, len(expected["stages"]), document_problems(expected, document))
+    yield document_check(POPULATION, len(expected["stages"]), document_mismatches(expected, document))
 
 
 @rule("BD-QUA-012")
@@ -116,9 +116,10 @@ def variants_recompute(view: ReleaseView) -> Iterator[Check]:
     try:
         expected = variants_document(groups, declared_of(document))
     except UsageError as error:
-        yield problems_found(VARIANTS, examined, [("/variants", "variants that can be declared", str(error))])
+        undeclarable = Mismatch({"pointer": "/variants"}, "variants that can be declared", str(error))
+        yield document_check(VARIANTS, examined, [undeclarable])
         return
-    yield problems_found(VARIANTS, examined, document_problems(expected, document))
+    yield document_check(VARIANTS, examined, document_mismatches(expected, document))
 
 
 @rule("BD-QUA-013")
@@ -133,7 +134,7 @@ def layers_list_the_same(view: ReleaseView) -> Iterator[Check]:
     ):
         left, right = (set(view.frame(name)[key].tolist()) for name in (canonical, quality))
         apart = left ^ right if view.raw.extract is None else set()
-        sightings = [
+        mismatches = [
             Mismatch(
                 {"file": table_path(quality), "table": quality, key: value},
                 f"in {canonical} and {quality}",
@@ -141,4 +142,4 @@ def layers_list_the_same(view: ReleaseView) -> Iterator[Check]:
             )
             for value in sorted(apart)
         ]  # fmt: skip
-        yield Check.of(len(left), sightings)
+        yield Check.of(len(left), mismatches)

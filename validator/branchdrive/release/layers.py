@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.layout import LEDGER_FILE, MANIFEST_FILE, OPENINGS_FILE
 from branchdrive.contract.limits import spec_limits
@@ -162,10 +162,7 @@ def load_document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{root}: {path!r} {error}; build the layer again") from error
-    violations = schema_violations(document, schema)
-    if violations:
-        first = violations[0]
-        raise DatasetError(
-            f"{root}: {path!r} at {first.pointer or '/'}: expected {first.expected}; build the layer again"
-        )
+    for wrong in schema_mismatches(document, schema):
+        pointer = wrong.location["pointer"]
+        raise DatasetError(f"{root}: {path!r} at {pointer}: expected {wrong.expected}; build the layer again")
     return content, document

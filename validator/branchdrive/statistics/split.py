@@ -37,9 +37,7 @@ __all__ = [
     "SHARES",
     "TRAINING",
     "Calibration",
-    "Violation",
     "assign_split",
-    "check_split",
     "split_digest",
 ]
 
@@ -58,14 +56,6 @@ class Calibration(NamedTuple):
 
     min_groups: int
     min_clusters: int
-
-
-class Violation(NamedTuple):
-    """What is wrong with an assignment: kind, the group or partition it is about, and how."""
-
-    kind: str
-    subject: str
-    detail: str
 
 
 _Types = Counter[Hashable]
@@ -117,54 +107,6 @@ def assign_split(
         group_id: name for name, members in partitions for cluster in members for group_id in cluster.group_ids
     }
     return dict(sorted(assignment.items()))
-
-
-def check_split(
-    group_ids: Sequence[str],
-    clusters: Sequence[Hashable],
-    assignment: Mapping[str, str],
-    *,
-    calibration: Calibration | None = None,
-    digest: str | None = None,
-) -> tuple[Violation, ...]:
-    """What is wrong with an assignment, however it was drawn; nothing is said about its shares.
-
-    Args:
-        group_ids: Groups that there are ``[groups]``, all different.
-        clusters: Label of the route cluster of each group ``[groups]``.
-        assignment: Partition by group id.
-        calibration: The least that the calibration partition must hold, if there must be one.
-        digest: The frozen `split_digest`, if there is one.
-
-    Raises:
-        ValueError: The inputs differ in length, or an id is not usable.
-    """
-    names = {**SHARES, CALIBRATION: 0}
-    cluster_of = dict(zip(group_ids, _checked(group_ids, clusters), strict=True))
-    found = [Violation("unassigned", group_id, "no partition") for group_id in group_ids if group_id not in assignment]
-    for group_id, name in assignment.items():
-        if group_id not in cluster_of:
-            found.append(Violation("unknown_group", group_id, f"assigned to {name!r}, not a group of the split"))
-        if name not in names:
-            found.append(Violation("unknown_partition", group_id, f"assigned to {name!r}, not one of {list(names)}"))
-    homes: dict[Hashable, dict[str, str]] = {}
-    held: dict[str, list[str]] = {name: [] for name in names}
-    for group_id in sorted(cluster_of.keys() & assignment.keys()):
-        homes.setdefault(cluster_of[group_id], {}).setdefault(assignment[group_id], group_id)
-        held.setdefault(assignment[group_id], []).append(group_id)
-    for home in homes.values():
-        if len(home) > 1:
-            detail = ", ".join(f"{name} ({group_id})" for name, group_id in sorted(home.items()))
-            found.append(Violation("shared_cluster", min(home.values()), f"its cluster lies in {detail}"))
-    found += [Violation("empty_partition", name, "no group") for name in SHARES if not held[name]]
-    if calibration is not None:
-        has = Calibration(len(held[CALIBRATION]), len({cluster_of[group_id] for group_id in held[CALIBRATION]}))
-        if has.min_groups < calibration.min_groups or has.min_clusters < calibration.min_clusters:
-            detail = f"{has.min_groups} groups in {has.min_clusters} clusters, expected at least {tuple(calibration)}"
-            found.append(Violation("small_calibration", CALIBRATION, detail))
-    if digest is not None and digest != split_digest(assignment):
-        found.append(Violation("digest", "assignment", f"{split_digest(assignment)}, expected {digest}"))
-    return tuple(sorted(found))
 
 
 def split_digest(assignment: Mapping[str, str]) -> str:

@@ -201,7 +201,7 @@ def judged_folder(root: Path, **options: Any) -> Report:
 
 
 PURE = (
-    "branchdrive.engine.layer_files.schema_violations",
+    "branchdrive.engine.layer_files.schema_mismatches",
     "branchdrive.benchmark.view.read_protocol",
     "branchdrive.benchmark.result_rules.results_document",
     "branchdrive.leakage.rules.held_targets",
@@ -209,8 +209,8 @@ PURE = (
     "branchdrive.leakage.rules.ranked_targets",
     "branchdrive.leakage.rules.score_mismatches",
     "branchdrive.leakage.rules.statistic_mismatches",
-    "branchdrive.files.survey.schema_violations",
-    "branchdrive.benchmark.protocol.schema_violations",
+    "branchdrive.files.survey.schema_mismatches",
+    "branchdrive.benchmark.protocol.schema_mismatches",
     "branchdrive.leakage.parity.fit_logistic",
     "branchdrive.leakage.parity.held_out_score",
     "branchdrive.leakage.recompute._redrawn",

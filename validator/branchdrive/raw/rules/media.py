@@ -34,10 +34,10 @@ def cameras_are_declared(view: ShardView) -> Iterator[Check]:
 def images_are_where_the_index_says(survey: Survey) -> Iterator[Check]:
     """File, offset, size and checksum of every indexed image; a condemned file is not blamed twice."""
     found = [
-        sighting
+        mismatch
         for shard in survey.shards
-        for sighting in shard.media_mismatches
-        if not survey.is_condemned(str(sighting.location["file"]))
+        for mismatch in shard.media_mismatches
+        if not survey.is_condemned(str(mismatch.location["file"]))
     ]
     yield Check.of(sum(shard.num_images for shard in survey.shards), tuple(found))
 

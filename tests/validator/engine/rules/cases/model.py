@@ -10,8 +10,8 @@ from tests.synthetic_release import NOISY
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import LEAKAGE, ReleaseDraft
 
+from branchdrive.contract.comparison import TOLERANCE
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.layers.compare import TOLERANCE
 from branchdrive.model.features import features_document
 
 TRAIN, VAL, TEST = "g0", "g18", "g12"

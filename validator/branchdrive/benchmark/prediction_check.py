@@ -6,7 +6,6 @@ Source: paper IV-C; spec/14-benchmark.md#predictions.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,38 +13,27 @@ from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.metric.outcome import MAX_MAGNITUDE
 from branchdrive.benchmark.prediction_rows import COLUMNS, TABLES, Owner, PredictionRows
 from branchdrive.benchmark.protocol import MAX_OWNERS, BenchmarkProtocol
+from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.tables.frame import Frame
 
-__all__ = ["PredictionProblem", "prediction_problems"]
+__all__ = ["mismatch_text", "prediction_mismatches"]
 
 
-class PredictionProblem(NamedTuple):
-    """What is wrong with predictions.
-
-    Attributes:
-        kind: ``group``, ``candidate``, ``missing``, ``repeated``, ``number``, ``partition``, ``seed`` or ``owners``.
-        table: Table that it is about.
-        place: Values of the key columns that say where.
-        expected: What belongs there.
-        found: What is there.
-    """
-
-    kind: str
-    table: str
-    place: Mapping[str, str | int]
-    expected: str
-    found: str
-
-    def __str__(self) -> str:
-        where = ", ".join(f"{name} {value!r}" for name, value in self.place.items())
-        places = "".join(f"{place}: " for place in (f"table `{self.table}`", where) if place)
-        return f"{places}expected {self.expected}, found {self.found}"
+def mismatch_text(mismatch: Mismatch) -> str:
+    """A mismatch of predictions as one line."""
+    key = {name: value for name, value in mismatch.location.items() if name not in ("table", "column")}
+    where = ", ".join(f"{name} {value!r}" for name, value in key.items())
+    places = "".join(f"{place}: " for place in (f"table `{mismatch.location['table']}`", where) if place)
+    return f"{places}expected {mismatch.expected}, found {mismatch.found}"
 
 
-def prediction_problems(
+def prediction_mismatches(
     frames: Mapping[str, Frame], data: BenchmarkData, protocol: BenchmarkProtocol | None = None
-) -> list[PredictionProblem]:
-    """What is wrong with the tables `TABLES`; at most one problem of a kind for each model, seed and table.
+) -> Iterator[Mismatch]:
+    """What is wrong with the tables `TABLES`; at most one mismatch of a kind for each model, seed and table.
+
+    The location of a mismatch has its table and the key of its row: what is no number has its column too, seeds of a
+    model have the model alone, and too many models and seeds have neither; nothing else is examined then.
 
     A partition is predicted where it has any row. With a protocol, its models have their seeds and predict every
     partition but the one they are fitted on, and any other model predicts the one that is reported.
@@ -55,31 +43,31 @@ def prediction_problems(
         data: The model layer.
         protocol: What the models are held to; only completeness by default.
     """
-    found: list[PredictionProblem] = []
     places = {name: PredictionRows(frames[name], data) for name in TABLES}
     owners = {name: set(places[name].owners) for name in TABLES}
     for name in TABLES:
         if len(owners[name]) > MAX_OWNERS:
             expected = f"at most {MAX_OWNERS} pairs of a model and a seed"
-            return [PredictionProblem("owners", name, {}, expected, f"{len(owners[name])} pairs")]
+            yield Mismatch({"table": name}, expected, f"{len(owners[name])} pairs")
+            return
         models = {model for model, _ in owners[name]}
         problem = None if protocol is None else protocol.draws_problem(len(models), len(owners[name]))
         if problem is not None:
             expected = "no more models and seeds than the protocol's draws leave room for"
-            return [PredictionProblem("owners", name, {}, expected, problem)]
+            yield Mismatch({"table": name}, expected, problem)
+            return
     for owner in sorted(owners["predictions"] | owners["predicted_trajectories"]):
         partitions = {part for name in TABLES for part in places[name].partitions(owner)}
         partitions |= _wanted(owner, data, protocol)
         for name in TABLES:
-            found += _row_problems(places[name], owner)
+            yield from _row_mismatches(places[name], owner)
             for partition in sorted(partitions):
                 if protocol is not None and partition == protocol.partitions.fit:
-                    found += _fitted_on(places[name], owner, partition)
+                    yield from _fitted_on(places[name], owner, partition)
                 else:
-                    found += _incomplete(places[name], owner, partition)
+                    yield from _incomplete(places[name], owner, partition)
     if protocol is not None:
-        found += _seed_problems(owners["predictions"], protocol)
-    return found
+        yield from _seed_mismatches(owners["predictions"], protocol)
 
 
 def _wanted(owner: Owner, data: BenchmarkData, protocol: BenchmarkProtocol | None) -> set[str]:
@@ -89,59 +77,52 @@ def _wanted(owner: Owner, data: BenchmarkData, protocol: BenchmarkProtocol | Non
     return {name for name in names if name in data.parts}
 
 
-def _seed_problems(owners: set[Owner], protocol: BenchmarkProtocol) -> Iterator[PredictionProblem]:
+def _seed_mismatches(owners: set[Owner], protocol: BenchmarkProtocol) -> Iterator[Mismatch]:
     for model in protocol.models:
         seeds = {seed for name, seed in owners if name == model.id}
         if seeds != set(model.seeds):
-            yield PredictionProblem(
-                "seed", "predictions", {"model": model.id}, f"seeds {sorted(model.seeds)}", f"seeds {sorted(seeds)}"
-            )
+            at: Location = {"table": "predictions", "model": model.id}
+            yield Mismatch(at, f"seeds {sorted(model.seeds)}", f"seeds {sorted(seeds)}")
 
 
-def _row_problems(table: PredictionRows, owner: Owner) -> Iterator[PredictionProblem]:
+def _row_mismatches(table: PredictionRows, owner: Owner) -> Iterator[Mismatch]:
     """Rows of no group, of no candidate or step, and without a number; the first of each kind."""
     rows = table.of(owner)
     for row in rows[table.part[rows] < 0][:1].tolist():
-        at = _place(table, owner, row)
-        yield PredictionProblem("group", table.name, at, "a group of the model layer", "none of its groups")
+        yield Mismatch(_place(table, owner, row), "a group of the model layer", "none of its groups")
     for row in rows[~table.is_known[rows]][:1].tolist():
-        at = _place(table, owner, row)
-        yield PredictionProblem("candidate", table.name, at, "a candidate and step of the bank", "neither")
+        yield Mismatch(_place(table, owner, row), "a candidate and step of the bank", "neither")
     for column in COLUMNS[table.name]:
         values = np.ma.filled(np.ma.asarray(table.frame[column], np.float64), np.nan)[rows]
         for row in rows[~(np.abs(values) <= MAX_MAGNITUDE)][:1].tolist():
             at, found = _place(table, owner, row), str(table.frame[column][row])
-            yield PredictionProblem("number", table.name, at, f"a finite `{column}`", found)
+            yield Mismatch({**at, "column": column}, f"a finite `{column}`", found)
 
 
-def _fitted_on(table: PredictionRows, owner: Owner, partition: str) -> Iterator[PredictionProblem]:
+def _fitted_on(table: PredictionRows, owner: Owner, partition: str) -> Iterator[Mismatch]:
     """The first row of a partition that is not predicted."""
     for row in table.of(owner, partition)[:1].tolist():
-        at, expected = _place(table, owner, row), f"a group outside of {partition!r}"
-        yield PredictionProblem("partition", table.name, at, expected, f"one of {partition!r}")
+        yield Mismatch(_place(table, owner, row), f"a group outside of {partition!r}", f"one of {partition!r}")
 
 
-def _incomplete(table: PredictionRows, owner: Owner, partition: str) -> Iterator[PredictionProblem]:
+def _incomplete(table: PredictionRows, owner: Owner, partition: str) -> Iterator[Mismatch]:
     """The first place of a partition without a row, and the first with several."""
     groups, keys = table.data.part(partition).groups, table.data.candidates
     counts = np.bincount(table.flat(owner, partition)[1], minlength=len(groups) * len(keys) * table.num_steps)
-    for wrong, kind, words in (
-        (counts == 0, "missing", "no row"),
-        (counts > 1, "repeated", "several rows"),
-    ):
+    for wrong, words in ((counts == 0, "no row"), (counts > 1, "several rows")):
         for place in np.flatnonzero(wrong)[:1].tolist():
             bank, step = divmod(place, table.num_steps)
             group, key = divmod(bank, len(keys))
-            at: dict[str, str | int] = {"model": owner[0], "seed": owner[1], "group_id": groups[group]}
+            at: Location = {"table": table.name, "model": owner[0], "seed": owner[1], "group_id": groups[group]}
             at["action_key"] = keys[key]
             if table.num_steps > 1:
                 at["step"] = step + 1
-            yield PredictionProblem(kind, table.name, at, "one row of this candidate", words)
+            yield Mismatch(at, "one row of this candidate", words)
 
 
-def _place(table: PredictionRows, owner: Owner, row: int) -> dict[str, str | int]:
-    """Key of a row."""
-    place: dict[str, str | int] = {"model": owner[0], "seed": owner[1]}
+def _place(table: PredictionRows, owner: Owner, row: int) -> Location:
+    """Table and key of a row."""
+    place: Location = {"table": table.name, "model": owner[0], "seed": owner[1]}
     place |= {name: str(table.frame[name][row]) for name in ("group_id", "action_key")}
     if "step" in table.frame:
         place["step"] = int(table.frame["step"][row])

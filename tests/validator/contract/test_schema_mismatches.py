@@ -1,4 +1,4 @@
-"""`schema_violations`: where a document breaks its schema, what the schema demands, what is there."""
+"""`schema_mismatches`: where a document breaks its schema, what the schema demands, what is there."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests import strategies
 from tests.each import each
+from tests.mismatch import pointers
 from tests.validator.contract.mutation import mutated
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.contract.document import Violation, schema_violations
+from branchdrive.contract.document import schema_mismatches
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.resources import load_resource, schema_dir
 
 DESCRIPTOR_SCHEMA = "descriptor.schema.json"
@@ -49,6 +51,10 @@ def descriptor(**changes: Any) -> dict[str, Any]:
     }
 
 
+def wrong(pointer: str, expected: str, found: str) -> Mismatch:
+    return Mismatch({"pointer": pointer}, expected, found)
+
+
 IDENTIFIER = "pattern '^[a-z0-9][a-z0-9._-]{0,127}$'"
 MAPS = ["ego_route_state", "controls", "route_result", "semantic_bev"]
 CAMERA = {
@@ -63,24 +69,24 @@ CAMERA = {
 }
 TWICE = ["controls", "controls", "ego_route_state", "route_result"]
 
-DEFECTS: dict[str, tuple[str, Any, list[Violation]]] = {
-    "not an object": (POLICY_SCHEMA, [], [Violation("", "type 'object'", "[]")]),
+DEFECTS: dict[str, tuple[str, Any, list[Mismatch]]] = {
+    "not an object": (POLICY_SCHEMA, [], [wrong("/", "type 'object'", "[]")]),
     "one property lacks": (
         "action-encoding.schema.json",
         {"name": "own", "width": 3},
-        [Violation("", "properties ['sha256']", "{'name': 'own', 'width': 3}")],
+        [wrong("/", "properties ['sha256']", "{'name': 'own', 'width': 3}")],
     ),
     "several properties lack": (
         "action-encoding.schema.json",
         {},
-        [Violation("", "properties ['name', 'width', 'sha256']", "{}")],
+        [wrong("/", "properties ['name', 'width', 'sha256']", "{}")],
     ),
     "undeclared property": (
         "action-encoding.schema.json",
         {"name": "own", "width": 3, "sha256": "0" * 64, "x": 1},
         [
-            Violation(
-                "",
+            wrong(
+                "/",
                 "no undeclared property; Additional properties are not allowed ('x' was unexpected)",
                 f"{{'name': 'own', 'width': 3, 'sha256': '{'0' * 64}', 'x': 1}}",
             )
@@ -89,133 +95,131 @@ DEFECTS: dict[str, tuple[str, Any, list[Violation]]] = {
     "bd29 of another width": (
         "action-encoding.schema.json",
         {"name": "bd29", "width": 30, "sha256": "0" * 64},
-        [Violation("/width", "const 29", "30")],
+        [wrong("/width", "const 29", "30")],
     ),
     "wrong type": (
         POLICY_SCHEMA,
         {**brake(), "magnitude": "0.3"},
-        [Violation("/magnitude", "type 'number'", "'0.3'")],
+        [wrong("/magnitude", "type 'number'", "'0.3'")],
     ),
     "bool for a number": (
         POLICY_SCHEMA,
         {**brake(), "magnitude": True},
-        [Violation("/magnitude", "type 'number'", "True")],
+        [wrong("/magnitude", "type 'number'", "True")],
     ),
     "fraction for an integer": (
         POLICY_SCHEMA,
         {**brake(), "duration_ticks": 0.5},
-        [Violation("/duration_ticks", "type 'integer'", "0.5")],
+        [wrong("/duration_ticks", "type 'integer'", "0.5")],
     ),
-    "too large": (POLICY_SCHEMA, {**brake(), "magnitude": 2}, [Violation("/magnitude", "maximum 1", "2")]),
+    "too large": (POLICY_SCHEMA, {**brake(), "magnitude": 2}, [wrong("/magnitude", "maximum 1", "2")]),
     "not in the list": (
         POLICY_SCHEMA,
         {**brake(), "recovery": "coast"},
-        [Violation("/recovery", "enum ['none', 'online_expert', 'stored_nominal', 'hold']", "'coast'")],
+        [wrong("/recovery", "enum ['none', 'online_expert', 'stored_nominal', 'hold']", "'coast'")],
     ),
-    "pattern": (POLICY_SCHEMA, {**brake(), "key": "Brake"}, [Violation("/key", IDENTIFIER, "'Brake'")]),
+    "pattern": (POLICY_SCHEMA, {**brake(), "key": "Brake"}, [wrong("/key", IDENTIFIER, "'Brake'")]),
     "final line break": (
         POLICY_SCHEMA,
         {**brake(), "key": "brake\n"},
-        [Violation("/key", IDENTIFIER, "'brake\\n'")],
+        [wrong("/key", IDENTIFIER, "'brake\\n'")],
     ),
     "final line break, in another file": (
         DESCRIPTOR_SCHEMA,
         descriptor(action_bank={"name": "own", "policies": [brake(), {**brake(), "key": "x\n"}]}),
-        [Violation("/action_bank/policies/1/key", IDENTIFIER, "'x\\n'")],
+        [wrong("/action_bank/policies/1/key", IDENTIFIER, "'x\\n'")],
     ),
     "rule without its value": (
         POLICY_SCHEMA,
         {**brake(), "brake": {"rule": "floor"}},
-        [Violation("/brake", "properties ['value']", "{'rule': 'floor'}")],
+        [wrong("/brake", "properties ['value']", "{'rule': 'floor'}")],
     ),
     "rule with a value of another": (
         POLICY_SCHEMA,
         {**brake(), "steer": {"rule": "zero", "value": 0}},
-        [Violation("/steer/value", "type 'null'", "0")],
+        [wrong("/steer/value", "type 'null'", "0")],
     ),
     "value of no kind": (
         POLICY_SCHEMA,
         {**brake(), "brake": {"rule": "floor", "value": 3}},
-        [Violation("/brake/value", "a number from -1 to 1, or null", "3")],
+        [wrong("/brake/value", "a number from -1 to 1, or null", "3")],
     ),
     "too few policies": (
         BANK_SCHEMA,
         {"name": "own", "policies": []},
-        [Violation("/policies", "minItems 2", "[]")],
+        [wrong("/policies", "minItems 2", "[]")],
     ),
     "other version": (
         DESCRIPTOR_SCHEMA,
         descriptor(spec_version="9"),
-        [Violation("/spec_version", "const '0.1'", "'9'")],
+        [wrong("/spec_version", "const '0.1'", "'9'")],
     ),
     "encoding of no kind": (
         DESCRIPTOR_SCHEMA,
         descriptor(action_encoding="bd29"),
-        [Violation("/action_encoding", "an action encoding or null", "'bd29'")],
+        [wrong("/action_encoding", "an action encoding or null", "'bd29'")],
     ),
     "required stream": (
         DESCRIPTOR_SCHEMA,
         descriptor(streams=["ego_route_state", "controls"]),
-        [Violation("/streams", "the stream route_result is required", "['ego_route_state', 'controls']")],
+        [wrong("/streams", "the stream route_result is required", "['ego_route_state', 'controls']")],
     ),
     "repeated stream": (
         DESCRIPTOR_SCHEMA,
         descriptor(streams=TWICE),
-        [Violation("/streams", "uniqueItems True", str(TWICE))],
+        [wrong("/streams", "uniqueItems True", str(TWICE))],
     ),
     "streams are no list": (
         DESCRIPTOR_SCHEMA,
         descriptor(streams="controls"),
-        [Violation("/streams", "type 'array'", "'controls'")],
+        [wrong("/streams", "type 'array'", "'controls'")],
     ),
     "no camera of a stream": (
         DESCRIPTOR_SCHEMA,
         descriptor(streams=MAPS, cameras=[]),
-        [Violation("/cameras", "the stream semantic_bev needs the camera bev", "[]")],
+        [wrong("/cameras", "the stream semantic_bev needs the camera bev", "[]")],
     ),
     "fault of an impossible name": (
         DESCRIPTOR_SCHEMA,
         descriptor(collection={"seed": 1, "faults": {"Late": 0.5}}),
-        [Violation("/collection/faults", IDENTIFIER, "'Late'")],
+        [wrong("/collection/faults", IDENTIFIER, "'Late'")],
     ),
     "pointer of a key with a slash": (
         DESCRIPTOR_SCHEMA,
         descriptor(collection={"seed": 1, "faults": {"a/b~c": 2}}),
         [
-            Violation("/collection/faults", IDENTIFIER, "'a/b~c'"),
-            Violation("/collection/faults/a~1b~0c", "maximum 1", "2"),
+            wrong("/collection/faults", IDENTIFIER, "'a/b~c'"),
+            wrong("/collection/faults/a~1b~0c", "maximum 1", "2"),
         ],
     ),
 }
 
 
 @each(("schema_name", "document", "expected"), DEFECTS.values(), ids=DEFECTS)
-def test_violation_says_where_what_and_what_is_there(
-    schema_name: str, document: Any, expected: list[Violation]
-) -> None:
-    assert schema_violations(document, schema_name) == expected
+def test_violation_says_where_what_and_what_is_there(schema_name: str, document: Any, expected: list[Mismatch]) -> None:
+    assert schema_mismatches(document, schema_name) == expected
 
 
-def test_missing_camera_list_is_a_violation_of_the_whole() -> None:
-    (violation,) = schema_violations(descriptor(streams=MAPS), DESCRIPTOR_SCHEMA)
-    assert (violation.pointer, violation.expected) == ("", "properties ['cameras']")
+def test_missing_camera_list_is_a_mismatch_of_the_whole() -> None:
+    (found,) = schema_mismatches(descriptor(streams=MAPS), DESCRIPTOR_SCHEMA)
+    assert (found.location["pointer"], found.expected) == ("/", "properties ['cameras']")
 
 
-def test_conforming_document_has_no_violation() -> None:
-    assert schema_violations(descriptor(), DESCRIPTOR_SCHEMA) == []
+def test_conforming_document_has_no_mismatch() -> None:
+    assert schema_mismatches(descriptor(), DESCRIPTOR_SCHEMA) == []
 
 
-def test_violations_are_in_the_order_of_the_document() -> None:
+def test_mismatches_are_in_the_order_of_the_document() -> None:
     policies = [{**brake(), "magnitude": 2} for _ in range(12)]
-    found = schema_violations({"name": "A", "policies": policies}, BANK_SCHEMA)
-    assert [v.pointer for v in found] == ["/name", *(f"/policies/{index}/magnitude" for index in range(12))]
+    found = schema_mismatches({"name": "A", "policies": policies}, BANK_SCHEMA)
+    assert pointers(found) == ["/name", *(f"/policies/{index}/magnitude" for index in range(12))]
 
 
 @given(mutated(strategies.bank_documents(max_policies=3)))
-def test_violations_are_reproducible_and_say_each_thing_once(document: Any) -> None:
-    found = schema_violations(document, BANK_SCHEMA)
-    assert schema_violations(copy.deepcopy(document), BANK_SCHEMA) == found
-    assert len(set(found)) == len(found)
+def test_mismatches_are_reproducible_and_say_each_thing_once(document: Any) -> None:
+    found = schema_mismatches(document, BANK_SCHEMA)
+    assert schema_mismatches(copy.deepcopy(document), BANK_SCHEMA) == found
+    assert all(found.count(mismatch) == 1 for mismatch in found)
 
 
 def _reversed_keys(document: Any) -> Any:
@@ -229,8 +233,8 @@ def _reversed_keys(document: Any) -> Any:
 
 @given(mutated(strategies.policy_documents()))
 def test_order_of_keys_changes_no_place_and_no_demand(document: Any) -> None:
-    one, other = (schema_violations(it, POLICY_SCHEMA) for it in (document, _reversed_keys(document)))
-    assert [(v.pointer, v.expected) for v in other] == [(v.pointer, v.expected) for v in one]
+    one, other = (schema_mismatches(it, POLICY_SCHEMA) for it in (document, _reversed_keys(document)))
+    assert [(m.location, m.expected) for m in other] == [(m.location, m.expected) for m in one]
 
 
 NASTY = "\x1b[31m\x00\r\n\x7f\x9b\u202e\u2028\ud800"
@@ -248,10 +252,10 @@ LEAKY: dict[str, Any] = {
 
 @pytest.mark.parametrize("document", LEAKY.values(), ids=LEAKY)
 def test_control_characters_never_leak(document: Any) -> None:
-    found = schema_violations(document, DESCRIPTOR_SCHEMA)
+    found = schema_mismatches(document, DESCRIPTOR_SCHEMA)
     assert found
-    for violation in found:
-        assert f"{violation.pointer}{violation.expected}{violation.found}".isprintable()
+    for mismatch in found:
+        assert f"{mismatch.location['pointer']}{mismatch.expected}{mismatch.found}".isprintable()
 
 
 LONG = "x" * 1_000_000
@@ -272,43 +276,43 @@ LONG = "x" * 1_000_000
     ids=["text", "undeclared key", "free key", "no kind", "item", "items", "many keys", "whole"],
 )
 def test_long_values_are_shortened(document: Any) -> None:
-    found = schema_violations(document, DESCRIPTOR_SCHEMA)
+    found = schema_mismatches(document, DESCRIPTOR_SCHEMA)
     assert found
-    for violation in found:
-        assert len(violation.found) <= 160
-        assert len(violation.expected) <= 200
-        assert len(violation.pointer) <= 400
-    assert any("…" in f"{v.pointer}{v.expected}{v.found}" for v in found)
+    for mismatch in found:
+        assert len(mismatch.found) <= 160
+        assert len(mismatch.expected) <= 200
+        assert len(str(mismatch.location["pointer"])) <= 400
+    assert any("…" in f"{m.location['pointer']}{m.expected}{m.found}" for m in found)
 
 
 def beginning(document: Any) -> str:
     return str(document)[:159] + "…"
 
 
-OVERSIZED: dict[str, tuple[Any, Violation]] = {
+OVERSIZED: dict[str, tuple[Any, Mismatch]] = {
     "policies": (
         descriptor(action_bank={"name": "own", "policies": [{}] * 500_000}),
-        Violation("/action_bank/policies", "maxItems 256", beginning([{}] * 100)),
+        wrong("/action_bank/policies", "maxItems 256", beginning([{}] * 100)),
     ),
     "streams": (
         descriptor(streams=[[0], {}] * 300_000),
-        Violation("/streams", "maxItems 7", beginning([[0], {}] * 100)),
+        wrong("/streams", "maxItems 7", beginning([[0], {}] * 100)),
     ),
     "cameras": (
         descriptor(cameras=[0] * 500_000),
-        Violation("/cameras", "maxItems 64", beginning([0] * 100)),
+        wrong("/cameras", "maxItems 64", beginning([0] * 100)),
     ),
     "faults": (
         descriptor(collection={"seed": 1, "faults": {f"f{index}": 9 for index in range(200_000)}}),
-        Violation("/collection/faults", "maxProperties 64", beginning({f"f{i}": 9 for i in range(100)})),
+        wrong("/collection/faults", "maxProperties 64", beginning({f"f{i}": 9 for i in range(100)})),
     ),
 }
 
 
 @pytest.mark.parametrize(("document", "expected"), OVERSIZED.values(), ids=OVERSIZED)
-def test_oversized_collections_are_refused_unexamined(document: Any, expected: Violation) -> None:
+def test_oversized_collections_are_refused_unexamined(document: Any, expected: Mismatch) -> None:
     begin_s = time.process_time()
-    assert schema_violations(document, DESCRIPTOR_SCHEMA) == [expected]
+    assert schema_mismatches(document, DESCRIPTOR_SCHEMA) == [expected]
     assert time.process_time() - begin_s < 2
 
 
@@ -333,4 +337,4 @@ def test_dollar_of_a_pattern_is_only_its_end(path: Any) -> None:
     st.none() | st.booleans(),
 )
 def test_every_schema_can_be_asked(schema_name: str, document: Any) -> None:
-    assert schema_violations(document, schema_name)
+    assert schema_mismatches(document, schema_name)
