@@ -8,6 +8,7 @@ it is equal. Source: spec/10-layers.md#derivation.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -135,13 +136,13 @@ def shown(value: Any) -> str:
 
 def problems_found(path: str, examined: int, problems: Iterable[tuple[str, object, object]]) -> Check:
     """Check of a document: one problem is a JSON pointer, what was expected and what was found."""
-    return Check.of(
-        examined,
-        (
-            Mismatch({"file": path, "pointer": pointer or "/"}, _words(expected), _words(found))
-            for pointer, expected, found in problems
-        ),
-    )
+    mismatches = (Mismatch({"pointer": place or "/"}, _words(wanted), _words(said)) for place, wanted, said in problems)
+    return in_file(path, examined, mismatches)
+
+
+def in_file(path: str, examined: int, mismatches: Iterable[Mismatch]) -> Check:
+    """Check of a file, whose mismatches say where in it they are."""
+    return Check.of(examined, (replace(found, location={"file": path, **found.location}) for found in mismatches))
 
 
 def _words(value: object) -> str:
