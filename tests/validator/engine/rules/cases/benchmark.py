@@ -308,13 +308,6 @@ def access_that_is_not_recorded(d: BenchmarkDraft) -> None:
     d.documents[BENCHMARK_LEDGER]["entries"].pop()
 
 
-@boundary("BD-BMK-011", base="benchmark")
-def lock_that_was_gone_back_to(d: BenchmarkDraft) -> None:
-    d.documents[BENCHMARK_LEDGER] = with_benchmark_access(d.documents[BENCHMARK_LEDGER], PREDICTION_ACCESS, NOTHING)
-    d.warnings = warnings(d.documents[BENCHMARK_LEDGER])
-    d.follow("results")
-
-
 # BD-BMK-014
 
 
@@ -323,6 +316,13 @@ def test_accessed_twice(d: BenchmarkDraft) -> None:
     document = with_benchmark_access(None, PREDICTION_ACCESS, NOTHING)
     document = with_benchmark_access(document, PREDICTION_ACCESS, d.digest(LOCK))
     d.documents[BENCHMARK_LEDGER] = with_benchmark_access(document, SELECTION_ACCESS, d.digest(RANKING_LOCK))
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER])
+    d.follow("results")
+
+
+@mutant("BD-BMK-014", at={"file": BENCHMARK_LEDGER})
+def lock_that_was_gone_back_to(d: BenchmarkDraft) -> None:
+    d.documents[BENCHMARK_LEDGER] = with_benchmark_access(d.documents[BENCHMARK_LEDGER], PREDICTION_ACCESS, NOTHING)
     d.warnings = warnings(d.documents[BENCHMARK_LEDGER])
     d.follow("results")
 
