@@ -27,7 +27,7 @@ from branchdrive.leakage.inputs import gate_features
 from branchdrive.leakage.protocol import Protocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.text import leakage_sentences
-from branchdrive.quality.text import opening_sentence, target_sentences
+from branchdrive.quality.text import access_sentence, target_sentences
 from branchdrive.release.layers import BuiltLayers, load_layers
 from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
@@ -117,8 +117,8 @@ def _population(layers: BuiltLayers) -> Iterator[Row]:
     valid = np.asarray(groups["core_valid"], bool)
     types = len(set(groups["scenario_type"][valid].tolist()))
     yield Row("core-valid groups", f"{valid.sum():,} from {types} scenario types", ">= 606 from 9 types")
-    opened = opening_sentence(layers.documents["quality/ledger.json"])
-    yield Row("test partition", "\n".join([*target_sentences(layers.documents["quality/retention.json"]), opened]))
+    accesses = access_sentence(layers.documents["quality/ledger.json"])
+    yield Row("test partition", "\n".join([*target_sentences(layers.documents["quality/retention.json"]), accesses]))
 
 
 def _stage(stage: Mapping[str, Any], partitions: Sequence[str]) -> str:

@@ -73,7 +73,7 @@ def texts(node: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
         yield from texts(value, f"{place}/{key}")
 
 
-@pytest.mark.parametrize("name", ["protocol", "lock", "openings", "results"])
+@pytest.mark.parametrize("name", ["protocol", "lock", "ledger", "results"])
 def test_texts_of_a_benchmark_are_one_printable_line(name: str) -> None:
     """They are rendered as Markdown and printed on terminals."""
     for place, text in texts(load_resource(f"{name}.schema.json")):

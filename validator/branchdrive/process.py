@@ -1,4 +1,4 @@
-"""The one way in which child processes are started: they import nothing from the current folder.
+"""The one way in which child processes start and end: they import nothing from the current folder, and outlive nobody.
 
 `multiprocessing` starts its workers and its resource tracker by ``python -c``, and Python puts the current folder
 first on the path of such a process: a ``re.py`` in a dataset would run before any code of ours. So children start
@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -21,7 +21,7 @@ from typing import Any
 
 from branchdrive.errors import PlatformError
 
-__all__ = ["child_environment", "python_command", "spawn_context"]
+__all__ = ["child_environment", "exit_after", "python_command", "spawn_context"]
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 
@@ -52,6 +52,20 @@ def spawn_context() -> SpawnContext:
     with _safe_start():
         resource_tracker.ensure_running()
     return _Context()
+
+
+def exit_after(wait: Callable[[], object]) -> None:
+    """End this process once `wait` returns, whatever it is doing: a killed parent cannot tell its children to stop.
+
+    Args:
+        wait: Called in a thread of its own; returns when nobody is left to take a result.
+    """
+
+    def watch() -> None:
+        wait()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 class _Process(SpawnProcess):

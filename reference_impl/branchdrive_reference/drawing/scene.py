@@ -20,11 +20,12 @@ from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.policy import Policy
-from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
+from branchdrive.contract.timing import ACTIVE_TICKS, PREDECESSOR_OFFSET, TICK_S
 from branchdrive.errors import UsageError
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.rollout import Rollout
-from branchdrive_reference.study.bank import good_bank
+from branchdrive.raw.window import EVIDENCE_OFFSETS
+from branchdrive_reference.study.bank import canonical_bank
 from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label
 
 __all__ = [
@@ -45,6 +46,9 @@ _MOST_ACTORS = 1000
 
 HISTORY_TICKS = 80
 """A picture begins this long before the branch."""
+
+_WINDOW = (PREDECESSOR_OFFSET, *EVIDENCE_OFFSETS)
+"""Ticks since the branch without which there is no picture."""
 
 HORIZON_TICKS = ACTIVE_TICKS + 80
 """A picture ends this long after the branch, or with the rollout."""
@@ -184,12 +188,12 @@ def read_scene(group: BranchGroup, descriptor: Descriptor) -> Scene:
     """What a picture of the group shows.
 
     Raises:
-        UsageError: The dataset has no actors, some policy has no good attempt, or what is recorded of the group
-            cannot be drawn.
+        UsageError: The dataset has no actors, some policy has no complete attempt, or what is recorded of the
+            group cannot be drawn.
     """
     require_actors(descriptor)
     bank = descriptor.action_bank
-    rollouts = dict(zip(bank.keys, good_bank(group, descriptor), strict=True))
+    rollouts = dict(zip(bank.keys, canonical_bank(group, descriptor), strict=True))
     nominal = rollouts[bank.nominal.key]
     candidates = tuple(_candidate(rollouts[policy.key], policy) for policy in (bank.nominal, *bank.interventions))
     lane_id, traffic_light = (_evidence_text(nominal, name) for name in ("lane_id", "traffic_light"))
@@ -221,6 +225,8 @@ def _since_branch(rollout: Rollout, table: str) -> NDArray[np.int64]:
 
 def _candidate(rollout: Rollout, policy: Policy) -> Candidate:
     tick = _since_branch(rollout, "observations")
+    if rollout.branch_tick is None or not np.isin(_WINDOW, tick).all():
+        raise _refused(rollout, "has no observations around a branch; run `branchdrive-validate`")
     if not np.array_equal(tick, _since_branch(rollout, "evidence")) or (np.diff(tick) <= 0).any():
         raise _refused(rollout, "has no evidence for each observation, or a tick twice; run `branchdrive-validate`")
     shown = (tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS)

@@ -57,9 +57,9 @@ def _population(facts: Facts) -> Population:
     groups: Groups = facts.groups
     return Population(
         len(groups.town),
-        int(groups.is_good.sum()),
+        int(groups.is_complete.sum()),
         int((~groups.has_complete).sum()),
-        int((groups.has_complete & ~groups.is_good).sum()),
+        int((groups.has_complete & ~groups.is_complete).sum()),
         int((~groups.has_nominal).sum()),
         _counts(groups.scenario_type.tolist()),
         _counts(groups.town.tolist()),

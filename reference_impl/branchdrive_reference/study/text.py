@@ -28,7 +28,6 @@ _NUM_GROUPS: Callable[[Scenario], int] = attrgetter("num_groups")
 _NUM_RANKED: Callable[[Scenario], int] = attrgetter("num_ranked")
 
 _WINDOW = f"{ACTIVE_TICKS * TICK_S:g} s"
-_GOOD = "a good attempt of every policy"
 _RANKING = (
     f"Utility profile {{}}: a third each of separation, displacement and comfort over {_WINDOW}, scaled by this "
     "dataset's quantiles. It knows a collision only by what that does to these, and is no judgement of safety. Ranked "
@@ -75,22 +74,22 @@ def _counted(count: int, noun: str) -> str:
 
 def _skipped(population: Population) -> str:
     """How many groups the tables leave out, and why; empty if none."""
-    skipped = population.num_groups - population.num_good_banks
+    skipped = population.num_groups - population.num_integrity_complete
     if not skipped:
         return ""
     reasons = []
     if count := population.num_without_complete:
         reasons.append(f"{count:,} {'lacks' if count == 1 else 'lack'} a complete attempt")
-    if count := population.num_without_good:
-        ones = "ones" if reasons else "attempts"
-        reasons.append(f"{count:,} {'has' if count == 1 else 'have'} only deviating or truncated {ones}")
+    if count := population.num_noncompliant:
+        reasons.append(f"{count:,} {'breaks' if count == 1 else 'break'} a rule")
     return f"; {skipped:,} skipped: {', '.join(reasons)}"
 
 
 def _print_population(console: Console, population: Population) -> None:
     hours = population.num_ticks * TICK_S / 3600
+    complete = f"{population.num_integrity_complete:,} integrity-complete{_skipped(population)}"
     facts = {
-        "branch groups": f"{population.num_groups:,}, {population.num_good_banks:,} with {_GOOD}{_skipped(population)}",
+        "branch groups": f"{population.num_groups:,}, {complete}",
         "scenario types": f"{len(population.scenario_types):,}: {_listed(population.scenario_types)}",
         "towns": f"{len(population.towns):,}: {_listed(population.towns)}",
         "route clusters": f"{population.num_route_clusters:,}",
@@ -124,12 +123,12 @@ def _are_whole(rates: Iterable[Rate]) -> bool:
 
 def _print_outcomes(console: Console, study: Study) -> None:
     if not study.overall.num_groups:
-        _title(console, f"No outcomes: no group has {_GOOD}")
+        _title(console, "No outcomes: no group is integrity-complete")
         return
     unseen = f"; not always monitored: {', '.join(study.not_monitored)}" if study.not_monitored else ""
     rows = [*study.scenarios, study.overall]
     families = list(study.overall.best)
-    _title(console, f"Nominal drives, % of groups with {_GOOD}", f"clean: no collision, no infraction{unseen}")
+    _title(console, "Nominal drives, % of integrity-complete groups", f"clean: no collision, no infraction{unseen}")
     _print_rows(console, rows, ["completed", "clean"], lambda s: [s.completed, s.clean], _NUM_GROUPS)
     if not study.has_evidence:
         _title(console, "Collisions and ranks are unknown: the dataset claims no risk evidence")
@@ -140,7 +139,7 @@ def _print_outcomes(console: Console, study: Study) -> None:
         _title(console, title, note)
         _print_rows(console, rows, headings, lambda s: [shares(s)[family] for family in families], num_groups)
 
-    print_families("Drives with a collision, % of each family", f"groups with {_GOOD}", _COLLIDED, _NUM_GROUPS)
+    print_families("Drives with a collision, % of each family", "integrity-complete groups", _COLLIDED, _NUM_GROUPS)
     title = f"Drives with a collision within {_WINDOW} of the branch, % of each family"
     print_families(title, "", _IN_WINDOW, _NUM_GROUPS)
     if not study.overall.num_ranked:

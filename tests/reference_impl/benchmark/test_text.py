@@ -13,8 +13,8 @@ import pytest
 from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
 from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
-from branchdrive.benchmark.openings import CALIBRATION_READ
 from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.warning import CALIBRATION_READ
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive_reference.benchmark.text import render_results
 

@@ -26,7 +26,7 @@ from branchdrive.card.card import render_card, render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import LAYERS
 from branchdrive.quality.fidelity import with_passes
-from branchdrive.quality.ledger import opened
+from branchdrive.quality.ledger import with_round
 from branchdrive.quality.variants import declared_variants, variants_document
 
 DISPOSITIONS = next(c.values for c in LAYER_TABLES["attempts"].columns if c.name == "disposition")
@@ -133,9 +133,9 @@ def test_leakage_is_told_or_said_to_be_unknown(release: Release) -> None:
 
 def test_warnings_stand_on_top(release: Release) -> None:
     assert "Warning" not in card(release, leakage())
-    again = opened(release.ledger, split_digest="0" * 64, thresholds_digest=DIGEST)
+    again = with_round(release.ledger, split_digest="0" * 64, thresholds_digest=DIGEST)
     top = card(release._replace(ledger=again), leakage("fail")).split("\n\n")[1:3]
-    assert top[0].startswith("> **Warning.** The test partition was opened 2 times")
+    assert top[0].startswith("> **Warning.** The test partition was accessed 2 times")
     assert top[1].startswith("> **Warning.** The leakage gate fails")
 
 

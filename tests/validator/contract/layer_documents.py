@@ -139,11 +139,11 @@ def _variants() -> dict[str, Any]:
 
 
 def _ledger() -> dict[str, Any]:
-    events = (("thresholds_fixed", "train"), ("validation_evaluated", "val"), ("test_opened", "test"))
+    events = ("thresholds_fixed", "validation_evaluated", "test_accessed")
     return {
         "entries": [
-            {"number": i, "event": event, "partition": partition, "split_digest": SHA, "thresholds_digest": SHA}
-            for i, (event, partition) in enumerate(events, start=1)
+            {"number": i, "event": event, "split_digest": SHA, "thresholds_digest": SHA}
+            for i, event in enumerate(events, start=1)
         ]
     }
 

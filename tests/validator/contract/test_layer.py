@@ -232,7 +232,7 @@ def test_documents_have_schemas_whose_description_names_a_clause(layer: Any) -> 
 
 
 OWN_SCHEMAS = ("source", "split", "thresholds", "retention", "population", "variants", "ledger", "features",
-               "normalisation", "layers", "protocol", "lock", "openings", "results")  # fmt: skip
+               "normalisation", "layers", "protocol", "lock", "results")  # fmt: skip
 
 
 @each("stem", OWN_SCHEMAS)

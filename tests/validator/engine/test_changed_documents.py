@@ -38,7 +38,7 @@ NUM_CHANGES = {
     "benchmark/lock.json": 40,
     "benchmark/protocol.json": 15,
     "benchmark/ranking_lock.json": 20,
-    "benchmark/openings.json": 40,
+    "benchmark/ledger.json": 40,
 }
 """Changes of documents that are large or costly to judge; of the others `MOST`."""
 MOST = 100
@@ -97,7 +97,7 @@ def test_no_schema_of_a_document_is_left_out(release: ChangedRelease) -> None:
 
 
 SMALL = ("canonical/source.json", "quality/thresholds.json", "quality/retention.json", "quality/population.json",
-         "quality/variants.json", "quality/ledger.json", "benchmark/openings.json")  # fmt: skip
+         "quality/variants.json", "quality/ledger.json", "benchmark/ledger.json")  # fmt: skip
 """Documents of a size that Hypothesis can draw as a whole; of the others it draws some values again."""
 
 

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.validator.contract.mutation import mutated
 from tests.validator.engine.rules.benchmark_release import (
+    BENCHMARK_LEDGER,
     LOCK,
-    OPENINGS,
     PROTOCOL,
     RANKING_LOCK,
     RESULTS,
@@ -28,7 +28,7 @@ from branchdrive.contract.layout import LEDGER_FILE
 from branchdrive.engine.report import Report
 from branchdrive.formats.manifest import build_manifest, write_manifest
 
-DOCUMENTS = (PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS, LEDGER_FILE)
+DOCUMENTS = (PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS, LEDGER_FILE)
 RULES = ("BD-LAY-002", "BD-LYR", "BD-BMK", "BD-FID-010", "BD-FID-012")
 
 

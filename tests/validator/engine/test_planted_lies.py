@@ -26,7 +26,7 @@ LIES = {
     "failing pairs are waved through": "BD-FID-007 failing_pairs_waved_through",
     "a noisy group is called valid": "BD-FID-008 noisy_group_called_valid",
     "retention is rounded up": "BD-FID-009 retention_rounded_up",
-    "the opening of the test partition is not recorded": "BD-FID-010 ledger_without_the_opening_of_test",
+    "the access of the test partition is not recorded": "BD-FID-010 ledger_without_the_access_of_test",
     "a test group is left out of the model layer": "BD-MOD-001 group_of_the_test_partition_left_out",
     "a group that fails replay is taken into the model layer": "BD-MOD-001 group_that_fails_replay_taken_in",
     "a history has a row of the future": "BD-LYR-007 state_of_the_future",

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from branchdrive.quality.fidelity import retention_document, threshold_document, with_passes
-from branchdrive.quality.ledger import opened
+from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, clusters_of, split_document
 from branchdrive.quality.population import population_document
 from branchdrive.quality.threshold import VARIABLES, Thresholds
@@ -119,7 +119,7 @@ def documents(groups: Table, pairs: Table, *, seed: int = 7) -> Release:
         split,
         threshold_document(pairs, groups),
         retention_document(pairs, groups, seed=seed, **digests),
-        opened(None, **digests),
+        with_round(None, **digests),
         variants_document(groups),
     )
 

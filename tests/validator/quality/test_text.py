@@ -1,4 +1,4 @@
-"""Sentences about documents: shares that never round to all or nothing, openings, targets and leakage."""
+"""Sentences about documents: shares that never round to all or nothing, test-set accesses, targets and leakage."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from tests.validator.quality.release import DIGEST, documents, leakage, paper_gr
 
 from branchdrive.contract.text import percent
 from branchdrive.leakage.text import leakage_sentences
-from branchdrive.quality.benchmark_openings import with_benchmark
-from branchdrive.quality.ledger import opened
-from branchdrive.quality.text import benchmark_sentences, opening_sentence, population_sentences, target_sentences
+from branchdrive.quality.ledger import merged, with_round
+from branchdrive.quality.text import access_sentence, benchmark_sentences, population_sentences, target_sentences
 
 OTHER = "e" * 64
-LOCKS = {"entries": [{"event": "prediction_test_opened", "lock_digest": digest} for digest in (DIGEST, OTHER)]}
+LOCKS = {"entries": [{"event": "test_accessed_for_predictions", "lock_digest": digest} for digest in (DIGEST, OTHER)]}
 
 
 @pytest.mark.parametrize(
@@ -23,23 +22,23 @@ def test_a_share_is_never_rounded_to_all_or_nothing(share: float, text: str) -> 
     assert percent(share) == text
 
 
-def test_one_opening_is_said_and_more_are_warned_of() -> None:
-    once = opened(None, split_digest=DIGEST, thresholds_digest=DIGEST)
-    assert opening_sentence({"entries": []}) == "The test partition has not been opened."
-    assert "opened once" in opening_sentence(once)
-    twice = opened(once, split_digest=OTHER, thresholds_digest=DIGEST)
-    assert "opened 2 times" in opening_sentence(twice)
-    assert "no longer an untouched test set" in opening_sentence(twice)
+def test_one_access_is_said_and_more_are_warned_of() -> None:
+    once = with_round(None, split_digest=DIGEST, thresholds_digest=DIGEST)
+    assert access_sentence({"entries": []}) == "The test partition has not been accessed."
+    assert "accessed once" in access_sentence(once)
+    twice = with_round(once, split_digest=OTHER, thresholds_digest=DIGEST)
+    assert "accessed 2 times" in access_sentence(twice)
+    assert "no longer an untouched test set" in access_sentence(twice)
 
 
-def test_openings_for_benchmarks_that_are_gone_are_said() -> None:
-    once = opened(None, split_digest=DIGEST, thresholds_digest=DIGEST)
+def test_accesses_for_benchmarks_that_are_gone_are_said() -> None:
+    once = with_round(None, split_digest=DIGEST, thresholds_digest=DIGEST)
     assert benchmark_sentences(once) == []
-    ledger = with_benchmark(once, LOCKS)
+    ledger = merged(once, LOCKS)
     assert ledger is not None
     (sentence,) = benchmark_sentences(ledger)
-    assert "opened the test partition 2 times for predictions and 0 times for selections" in sentence
-    assert opening_sentence(ledger) == opening_sentence(once)
+    assert "accessed the test partition 2 times for predictions and 0 times for selections" in sentence
+    assert access_sentence(ledger) == access_sentence(once)
 
 
 def test_a_missed_target_is_said_plainly() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,8 @@ import numpy as np
 import pytest
 from tests.hostile_folder import infest, marks
 from tests.reference_impl.collect.running import session_of, wait_for
+from tests.repo.checkout import ROOT
+from tests.validator.engine.tasks import sleep_and_tell
 from tests.validator.release.running import QUICK
 
 from branchdrive.engine.worker import in_process
@@ -141,6 +144,32 @@ def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.Monk
     with pytest.raises(KeyboardInterrupt):
         audit_apart(task_of(NOBODY), Parts(), interrupt)
     (pid,) = started
+    wait_for(lambda: not session_of(pid), timeout_s=5.0)
+
+
+@dataclass(frozen=True)
+class Endless:
+    """Inputs that are never read to their end: the process that reads them tells its number, and sleeps."""
+
+    told: Path
+
+    def __reduce__(self) -> tuple[Callable[[str], None], tuple[str]]:
+        return sleep_and_tell, (str(self.told),)
+
+
+def test_it_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    told = tmp_path / "pid"
+    script = (
+        "from pathlib import Path\n"
+        "from tests.validator.release.test_apart import NOBODY, AuditTask, Endless, Parts, audit_apart\n"
+        f"audit_apart(AuditTask(Endless(Path({str(told)!r})), 3, None, NOBODY), Parts())\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    wait_for(lambda: told.exists() and told.read_text() != "")
+    pid = int(told.read_text())
+    assert session_of(pid) == [pid]
+    parent.kill()
+    parent.wait()
     wait_for(lambda: not session_of(pid), timeout_s=5.0)
 
 

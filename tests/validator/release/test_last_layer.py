@@ -11,7 +11,7 @@ from tests.validator.release.running import build, contents
 
 from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layout import OPENINGS_FILE
+from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import check_against_manifest
 from branchdrive.release.publish import benchmark_area, held, publish_layer
@@ -50,18 +50,18 @@ def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:
 
 @pytest.fixture
 def benchmarked(release: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A release with a benchmark layer that needs its protocol and openings, and nothing else."""
+    """A release with a benchmark layer that needs its protocol and ledger, and nothing else."""
     from branchdrive.release import layers as module
     from branchdrive.release import publish as other
 
     whole = module.LAYERS["benchmark"]
-    documents = {name: whole.documents[name] for name in ("protocol.json", "openings.json")}
+    documents = {name: whole.documents[name] for name in ("protocol.json", "ledger.json")}
     small = {**module.LAYERS, "benchmark": replace(whole, documents=documents, tables={})}
     monkeypatch.setattr(module, "LAYERS", small)
     monkeypatch.setattr(other, "LAYERS", small)
     with held(release):
         protocol = {"benchmark/protocol.json": dump_json(default_protocol().document)}
-        publish_layer(release, "benchmark", {**FILES, **protocol, OPENINGS_FILE: dump_json({"entries": []})})
+        publish_layer(release, "benchmark", {**FILES, **protocol, BENCHMARK_LEDGER_FILE: dump_json({"entries": []})})
     return release
 
 

@@ -1,4 +1,4 @@
-"""Stages alone and in order make the same release; one that lacks its predecessor is refused; openings are kept."""
+"""Stages alone and in order make the same release; one that lacks its predecessor is refused; accesses are kept."""
 
 from __future__ import annotations
 
@@ -126,13 +126,13 @@ def test_another_seed_drops_what_follows_and_adds_to_the_ledger(audited: Path, t
 
 
 def test_a_test_partition_that_was_opened_twice_is_told(release: Path) -> None:
-    once = "The test partition was opened once"
+    once = "The test partition was accessed once"
     assert once in (release / "CARD.md").read_text()
     code, out, _ = call("build", release, "--seed", "1", "--no-leakage")
     assert code == 0
     for text in (out, (release / "CARD.md").read_text()):
         assert once not in text
-        assert "The test partition was opened 2 times" in text
+        assert "The test partition was accessed 2 times" in text
 
 
 def test_a_rebuild_with_the_same_options_opens_nothing_and_keeps_the_audit(audited: Path, tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from branchdrive.benchmark.guard.calibration import CONDITIONAL
-from branchdrive.benchmark.openings import CALIBRATION_READ
 from branchdrive.benchmark.ranking.ranking import SEPARATION
+from branchdrive.benchmark.warning import CALIBRATION_READ
 
 __all__ = ["UNGUARDED", "noise_floor", "promises"]
 

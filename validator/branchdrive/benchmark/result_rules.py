@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from branchdrive.benchmark.lock import changed_checkpoints, ranking_lock_mismatches, risk_fit_of, unlocked_models
-from branchdrive.benchmark.openings import warnings
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.benchmark.results import noise_of, results_document
@@ -25,12 +24,13 @@ from branchdrive.benchmark.view import (
     protocol_of,
     ranking_lock_of,
 )
+from branchdrive.benchmark.warning import warnings
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import (
+    BENCHMARK_LEDGER_FILE,
     LEDGER_FILE,
     LOCK_FILE,
-    OPENINGS_FILE,
     RANKING_LOCK_FILE,
     RESULTS_FILE,
     TABLES_FILE,
@@ -130,10 +130,10 @@ def _warnings(view: ReleaseView) -> list[str]:
     changed = changed_checkpoints(lock_of(view), layer_files(view)) if view.digests else ()
     has_calibration = view.once(protocol_of).partitions.calibrate in view.once(data_of).parts
     return warnings(
-        view.document(OPENINGS_FILE),
+        view.document(BENCHMARK_LEDGER_FILE),
         unlocked=_unlocked(view),
         changed=changed,
-        ledger=view.document(LEDGER_FILE),
+        of_release=view.document(LEDGER_FILE),
         has_calibration=has_calibration,
     )
 

@@ -46,7 +46,7 @@ def results_document(
         predictions: Of declared models and of others; models that do not predict the reported partition are left out.
         risk_fit: Learned risk of the guard, from training; the guard is not judged without it.
         noise: How far outcomes move between nominal replays, from training.
-        warnings: Sentences that every table carries, see `openings.warnings`.
+        warnings: Sentences that every table carries, see `warning.warnings`.
 
     Raises:
         DatasetError: The model layer has no group in the partition that is fitted on or reported.

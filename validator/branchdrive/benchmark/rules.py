@@ -1,4 +1,4 @@
-"""Benchmark rules on what is fixed: protocol, locks, checkpoints and openings.
+"""Benchmark rules on what is fixed: protocol, locks, checkpoints and test-set accesses.
 
 Source: paper IV; spec/14-benchmark.md.
 """
@@ -10,14 +10,13 @@ from collections.abc import Iterator
 from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.benchmark.data import groups_digest
 from branchdrive.benchmark.lock import LockFacts, checkpoint_mismatches, lock_mismatches
-from branchdrive.benchmark.openings import EVENTS, num_openings, openings_problems
 from branchdrive.benchmark.protocol import protocol_problem
 from branchdrive.benchmark.view import CHECKPOINTS, data_of, digest_of, layer_files, lock_of, other_kind, protocol_of
 from branchdrive.contract.layout import (
     BENCHMARK,
+    BENCHMARK_LEDGER_FILE,
     LEDGER_FILE,
     LOCK_FILE,
-    OPENINGS_FILE,
     PROTOCOL_FILE,
     RANKING_LOCK_FILE,
     RESULTS_FILE,
@@ -28,6 +27,8 @@ from branchdrive.formats.manifest import derived_identity
 from branchdrive.layers.compare import document_check, text_mismatches
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.rules import FEATURES, NORMALISATION
+from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses
+from branchdrive.quality.ledger_check import benchmark_mismatches
 from branchdrive.quality.split_rules import SPLIT
 
 
@@ -134,26 +135,26 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
 
 
 @rule("BD-BMK-011")
-def openings_are_under_the_locks(view: ReleaseView) -> Iterator[Check]:
-    """Openings count up, predictions before selections, the last of each kind under the lock of the layer."""
-    document = view.document(OPENINGS_FILE)
-    problems = openings_problems(
-        document,
+def accesses_are_under_the_locks(view: ReleaseView) -> Iterator[Check]:
+    """Entries count up, predictions before selections, and those of each kind name the lock of the layer."""
+    ledger = view.document(BENCHMARK_LEDGER_FILE)
+    mismatches = benchmark_mismatches(
+        ledger,
         lock_digest=digest_of(view, LOCK_FILE),
         ranking_lock_digest=digest_of(view, RANKING_LOCK_FILE) if RANKING_LOCK_FILE in view.files else None,
         has_results=RESULTS_FILE in view.files,
     )
-    yield document_check(OPENINGS_FILE, max(1, len(document["entries"])), problems)
+    yield document_check(BENCHMARK_LEDGER_FILE, max(1, len(ledger["entries"])), mismatches)
 
 
 @rule("BD-BMK-014")
-def test_was_opened_once_for_the_benchmark(view: ReleaseView) -> Iterator[Check]:
-    """One opening for predictions and one for selections, those on the ledger of the release among them."""
-    document, ledger = view.document(OPENINGS_FILE), view.document(LEDGER_FILE)
-    counts = {event: num_openings(document, event, ledger) for event in EVENTS}
+def test_was_accessed_once_for_the_benchmark(view: ReleaseView) -> Iterator[Check]:
+    """One access for predictions and one for selections, those on the ledger of the release among them."""
+    ledgers = view.document(BENCHMARK_LEDGER_FILE), view.document(LEDGER_FILE)
+    counts = {event: len(accesses(event, *ledgers)) for event in BENCHMARK_ACCESSES}
     mismatches = [
         Mismatch({"pointer": "/entries"}, f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
         for event, count in counts.items()
         if count > 1
     ]
-    yield document_check(OPENINGS_FILE, len(counts), mismatches)
+    yield document_check(BENCHMARK_LEDGER_FILE, len(counts), mismatches)

@@ -18,12 +18,12 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.text import percent
 from branchdrive.leakage.text import leakage_sentences
-from branchdrive.quality.ledger import num_test_openings
+from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
 from branchdrive.quality.text import (
     PARTITION_TITLES,
     UNITS,
+    access_sentence,
     benchmark_sentences,
-    opening_sentence,
     population_sentences,
     target_sentences,
 )
@@ -76,8 +76,8 @@ def render_card(
 
 def _head(descriptor: Descriptor, population: Document, ledger: Document, leakage: Document | None) -> list[str]:
     lines = [f"# {_plain(descriptor.title)}"]
-    if num_test_openings(ledger) > 1:
-        lines += ["", f"> **Warning.** {opening_sentence(ledger)}"]
+    if len(accesses(RELEASE_ACCESS, ledger)) > 1:
+        lines += ["", f"> **Warning.** {access_sentence(ledger)}"]
     for sentence in benchmark_sentences(ledger):
         lines += ["", f"> **Warning.** {sentence}"]
     for sentence in population_sentences(population):
@@ -218,7 +218,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
         ),
         "",
         *(f"On the test partition {sentence}" for sentence in target_sentences(retention)),
-        opening_sentence(ledger),
+        access_sentence(ledger),
         *benchmark_sentences(ledger),
     ]
 

@@ -16,10 +16,10 @@ from rich.text import Text
 
 from branchdrive.contract.text import percent, printable
 from branchdrive.leakage.text import leakage_sentences
-from branchdrive.quality.ledger import num_test_openings
-from branchdrive.quality.text import UNITS, benchmark_sentences, opening_sentence, population_sentences
+from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
+from branchdrive.quality.text import UNITS, access_sentence, benchmark_sentences, population_sentences
 
-__all__ = ["print_leakage", "print_openings", "print_population", "print_retention"]
+__all__ = ["print_accesses", "print_leakage", "print_population", "print_retention"]
 
 Document = Mapping[str, Any]
 
@@ -95,9 +95,10 @@ def print_leakage(console: Console, leakage: Document | None) -> None:
         console.print(Padding(Text(printable(sentence)), (0, 0, 0, 2)))
 
 
-def print_openings(console: Console, ledger: Document) -> None:
-    """How often the test partition was opened, for this release and for benchmarks before it."""
-    console.print(Text(opening_sentence(ledger), style="bold yellow" if num_test_openings(ledger) > 1 else ""))
+def print_accesses(console: Console, ledger: Document) -> None:
+    """How often the test partition was accessed, for this release and for benchmarks before it."""
+    is_untouched = len(accesses(RELEASE_ACCESS, ledger)) <= 1
+    console.print(Text(access_sentence(ledger), style="" if is_untouched else "bold yellow"))
     for sentence in benchmark_sentences(ledger):
         console.print(Text(sentence, style="bold yellow"))
 

@@ -14,7 +14,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
+from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import location_text
@@ -103,7 +103,7 @@ def render_build(report: BuildReport, stdout: TextIO) -> str:
         console.print()
         print_retention(console, documents["quality/retention.json"])
         console.print()
-        print_openings(console, documents["quality/ledger.json"])
+        print_accesses(console, documents["quality/ledger.json"])
         print_leakage(console, documents.get("quality/leakage.json"))
     return _lines(buffer)
 

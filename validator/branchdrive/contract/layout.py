@@ -15,6 +15,7 @@ from branchdrive.errors import UsageError
 
 __all__ = [
     "BENCHMARK",
+    "BENCHMARK_LEDGER_FILE",
     "CARD_FILE",
     "DESCRIPTOR_FILE",
     "IDENTITY_LAYERS",
@@ -25,7 +26,6 @@ __all__ = [
     "LOCK_FILE",
     "MANIFEST_FILE",
     "MAX_SHARD_INDEX",
-    "OPENINGS_FILE",
     "PROTOCOL_FILE",
     "RANKING_LOCK_FILE",
     "RAW_DIR",
@@ -51,15 +51,15 @@ CARD_FILE = "CARD.md"
 """Dataset card of a release."""
 
 LEDGER_FILE = "quality/ledger.json"
-"""Every opening of a partition for evaluation."""
+"""Test-set accesses for the release, and for benchmarks that it no longer has."""
 
 BENCHMARK = "benchmark"
 """The layer that comes last, with its folder."""
 
-PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, OPENINGS_FILE, RESULTS_FILE = (
-    f"{BENCHMARK}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
+PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, BENCHMARK_LEDGER_FILE, RESULTS_FILE = (
+    f"{BENCHMARK}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results")
 )
-"""What is compared and how, what is fixed before predictions and before selections, openings, results."""
+"""What is compared and how, what is fixed before predictions and before selections, test-set accesses, results."""
 
 TABLES_FILE = f"{BENCHMARK}/TABLES.md"
 """Results of the benchmark to read."""

@@ -18,8 +18,8 @@ from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.inputs import inputs_of
 from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
-from branchdrive.quality.replay import Pairs, pair_columns
-from branchdrive.quality.standing import attempt_quality, group_standing, nominal_replays
+from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
+from branchdrive.quality.standing import attempt_quality, group_standing
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Frame
 
@@ -45,19 +45,12 @@ def extract_shard(view: ShardView, examination: Examination) -> dict[str, Frame]
         of the town), and `REPLAYS` with what a leakage audit may see of it.
     """
     selection = examination.selection
-    complete = np.flatnonzero([s.is_integrity_complete for s in examination.standings]).astype(np.int64)
+    complete = examination.complete_groups
     nominals = selection.nominal[complete]
     candidates = selection.chosen[complete]  # [groups, policies], all there
     bank = view.descriptor.action_bank
-    replays = nominal_replays(view, examination)
-    replays = replays[np.isin(view.group[replays], complete)]
-    others = np.delete(candidates, bank.nominal_index, axis=1).ravel()
-    pairs = Pairs(
-        np.concatenate([others, replays]).astype(np.int64),
-        np.concatenate([np.repeat(nominals, len(bank.policies) - 1), selection.nominal[view.group[replays]]]).astype(
-            np.int64
-        ),
-    )
+    interventions, replays = canonical_pairs(view, examination)
+    pairs = Pairs(*(np.concatenate(sides) for sides in zip(interventions, replays, strict=True)))
     paired = pair_columns(view, pairs)
     executed = candidates.ravel()
     route_x, route_y = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
@@ -79,5 +72,5 @@ def extract_shard(view: ShardView, examination: Examination) -> dict[str, Frame]
             "town": view.rollouts["town"][nominals],
             "points": np.array(points).reshape(len(points), CLUSTER_POINTS, 2),
         },
-        REPLAYS: replay_facts(view, complete, candidates, replays, pairs, paired),
+        REPLAYS: replay_facts(view, complete, candidates, replays.replay, pairs, paired),
     }

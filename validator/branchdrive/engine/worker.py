@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +23,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.tally import failure_text
 from branchdrive.environment import import_fault, leave_out_pandas
 from branchdrive.errors import PlatformError
-from branchdrive.process import spawn_context
+from branchdrive.process import exit_after, spawn_context
 
 __all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
 
@@ -86,7 +85,8 @@ def in_process(
 def _prepare_process(max_bytes: int) -> None:
     """Let an interrupt end the process at once and in silence, let it end with its parent, and bound its memory."""
     leave_out_pandas()
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    if (parent := multiprocessing.parent_process()) is not None:
+        exit_after(parent.join)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:
@@ -97,14 +97,6 @@ def _prepare_process(max_bytes: int) -> None:
     soft = max_bytes if hard == resource.RLIM_INFINITY else min(max_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
-
-
-def _exit_with_parent() -> None:
-    """End where nobody is left to take a result: a process that was killed cannot tell its workers to stop."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 @contextmanager

@@ -36,7 +36,8 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
-from branchdrive.quality.ledger import ledger_problems, num_test_openings
+from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
+from branchdrive.quality.ledger_check import release_mismatches
 from branchdrive.quality.split_rules import SPLIT
 from branchdrive.quality.threshold import VARIABLES, Thresholds
 from branchdrive.tables.frame import Frame, num_rows, take
@@ -175,12 +176,12 @@ def retention_recomputes(view: ReleaseView) -> Iterator[Check]:
 
 
 @rule("BD-FID-010")
-def ledger_records_openings(view: ReleaseView) -> Iterator[Check]:
-    """Thresholds are fixed, then validation is evaluated, then test is opened, under the digests of the release."""
-    document = view.document(LEDGER_FILE)
+def ledger_records_accesses(view: ReleaseView) -> Iterator[Check]:
+    """Thresholds are fixed, then validation is evaluated, then test is accessed, under the digests of the release."""
+    ledger = view.document(LEDGER_FILE)
     digest = view.document(SPLIT)["digest"]
-    problems = ledger_problems(document, split_digest=digest, thresholds_digest=thresholds_digest(view))
-    yield document_check(LEDGER_FILE, max(1, len(document["entries"])), problems)
+    mismatches = release_mismatches(ledger, split_digest=digest, thresholds_digest=thresholds_digest(view))
+    yield document_check(LEDGER_FILE, max(1, len(ledger["entries"])), mismatches)
 
 
 @rule("BD-FID-011")
@@ -200,8 +201,8 @@ def retention_reaches_its_targets(view: ReleaseView) -> Iterator[Check]:
 
 
 @rule("BD-FID-012")
-def test_was_opened_once(view: ReleaseView) -> Iterator[Check]:
-    """The ledger holds one opening of the test partition."""
-    openings = num_test_openings(view.document(LEDGER_FILE))
-    many = Mismatch({"pointer": "/entries"}, "one opening of the test partition", f"{openings} openings")
-    yield document_check(LEDGER_FILE, 1, [many] if openings > 1 else [])
+def test_was_accessed_once(view: ReleaseView) -> Iterator[Check]:
+    """The ledger holds one access of the test partition for the release."""
+    count = len(accesses(RELEASE_ACCESS, view.document(LEDGER_FILE)))
+    many = Mismatch({"pointer": "/entries"}, "one test-set access", f"{count} accesses")
+    yield document_check(LEDGER_FILE, 1, [many] if count > 1 else [])

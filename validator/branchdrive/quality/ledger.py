@@ -1,132 +1,124 @@
-"""The ledger: every time that a partition was opened for evaluation, in order.
+"""The ledgers of a release: its test-set accesses in order, and the digests of what was fixed at each.
 
-A round fixes thresholds on training groups, evaluates validation and only then opens the test partition, all
-under one split and one document of thresholds. Building the same release again opens nothing new; other
-digests after a look at the test partition are another opening, which a reader is told. Openings for a benchmark
-that is gone stand between the rounds, or after them, and are no part of one.
+Ledgers only grow. An access is one event under one set of digests: to look again under them gives the same results
+and is no other access, under other digests it is, because what was seen may have decided what was fixed.
 
-Source: paper V-B (sealed test evaluation); spec/11-fidelity.md#ledger.
+The ledger of the quality layer is part of the identity that a benchmark locks, so an evaluation cannot write there
+without breaking its own lock. Its accesses stand in a ledger of the same form in the benchmark layer, and a build that
+leaves the benchmark out merges them into that of the release. A ledger records what writers tell it and proves nothing.
+
+Source: paper IV-C, V-B (sealed test evaluation); spec/11-fidelity.md#ledger.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
-from branchdrive.contract.comparison import Problem
-from branchdrive.quality.benchmark_openings import BENCHMARK_EVENTS
+__all__ = [
+    "BENCHMARK_ACCESSES",
+    "PREDICTION_ACCESS",
+    "RELEASE_ACCESS",
+    "ROUND",
+    "SELECTION_ACCESS",
+    "Ledger",
+    "accesses",
+    "digests_of",
+    "merged",
+    "with_benchmark_access",
+    "with_round",
+]
 
-__all__ = ["EVENTS", "ledger_problems", "num_test_openings", "opened", "recorded"]
+Ledger: TypeAlias = Mapping[str, Any]
+"""A document that conforms to ``ledger.schema.json``."""
 
-EVENTS: Mapping[str, str] = MappingProxyType(
-    {"thresholds_fixed": "train", "validation_evaluated": "val", "test_opened": "test"}
+ROUND = ("thresholds_fixed", "validation_evaluated", "test_accessed")
+"""Events of a round in order: of training, validation and test groups, under one split and one set of thresholds."""
+
+RELEASE_ACCESS = ROUND[-1]
+"""Replay fidelity of the test partition was evaluated."""
+
+BENCHMARK_ACCESSES = PREDICTION_ACCESS, SELECTION_ACCESS = (
+    "test_accessed_for_predictions",
+    "test_accessed_for_selections",
 )
-"""Events of a round in order, and the partition that each is about."""
+"""Outcomes of the test partition were compared with predictions, and later with selections, of a benchmark."""
 
-_ORDER = list(EVENTS)
-_LAST = _ORDER[-1]
+_DIGESTS = ("split_digest", "thresholds_digest", "lock_digest")
 
 
-def opened(ledger: Mapping[str, Any] | None, *, split_digest: str, thresholds_digest: str) -> dict[str, Any]:
-    """The ledger after a whole round; the same ledger where the test partition was opened under these digests before.
+def with_round(ledger: Ledger | None, *, split_digest: str, thresholds_digest: str) -> dict[str, Any]:
+    """The ledger with a whole round; the same ledger where the test access under these digests is on record.
 
     Args:
-        ledger: Document ``ledger.json`` so far; None if there is none.
+        ledger: The ledger so far; None if there is none.
         split_digest: Digest of ``split.json``.
         thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
     """
-    after = dict(ledger or {"entries": []})
-    if (split_digest, thresholds_digest) in _openings(after):
-        return after
-    for event in EVENTS:
-        after = recorded(after, event, split_digest=split_digest, thresholds_digest=thresholds_digest)
-    return after
-
-
-def recorded(
-    ledger: Mapping[str, Any] | None, event: str, *, split_digest: str, thresholds_digest: str
-) -> dict[str, Any]:
-    """The ledger after one event; the same ledger where the round of these digests has it already.
-
-    Args:
-        ledger: Document ``ledger.json`` so far; None if there is none.
-        event: One of `EVENTS`.
-        split_digest: Digest of ``split.json``.
-        thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
-
-    Raises:
-        ValueError: No such event, or the events before it in its round have not happened.
-    """
-    if event not in EVENTS:
-        raise ValueError(f"event {event!r}, not one of {_ORDER}")
-    entries = list((ledger or {"entries": []})["entries"])
-    digests = {"split_digest": split_digest, "thresholds_digest": thresholds_digest}
-    last = next((entry for entry in reversed(entries) if entry["event"] in EVENTS), None)
-    step = _ORDER.index(last["event"]) if last is not None and _digests(last) == digests else -1
-    place = _ORDER.index(event)
-    if place <= step:
-        return {"entries": entries}
-    if place != step + 1:
-        raise ValueError(f"{event!r} comes after {_ORDER[place - 1]!r}, which has not happened under these digests")
-    entries.append({"number": len(entries) + 1, "event": event, "partition": EVENTS[event], **digests})
+    entries, digests = _entries(ledger), (split_digest, thresholds_digest)
+    if digests not in accesses(RELEASE_ACCESS, ledger):
+        rounds = [entry for entry in entries if entry["event"] in ROUND]
+        num_done = ROUND.index(rounds[-1]["event"]) + 1 if rounds and digests_of(rounds[-1]) == digests else 0
+        for event in ROUND[num_done:]:
+            _append(entries, event, split_digest=split_digest, thresholds_digest=thresholds_digest)
     return {"entries": entries}
 
 
-def num_test_openings(ledger: Mapping[str, Any]) -> int:
-    """How often the test partition was opened: under how many pairs of split and thresholds."""
-    return len(_openings(ledger))
-
-
-def _openings(ledger: Mapping[str, Any]) -> set[tuple[str, str]]:
-    """Digests of split and thresholds under which the test partition was opened."""
-    return {(e["split_digest"], e["thresholds_digest"]) for e in ledger["entries"] if e["event"] == _LAST}
-
-
-def ledger_problems(document: Mapping[str, Any], *, split_digest: str, thresholds_digest: str) -> list[Problem]:
-    """What is wrong with a ledger of a release with these digests.
+def with_benchmark_access(ledger: Ledger | None, event: str, lock_digest: str) -> dict[str, Any]:
+    """The ledger with an access for a benchmark; the same ledger where that under this lock is on record.
 
     Args:
-        document: ``ledger.json``, which conforms to its schema.
-        split_digest: Digest of the release's ``split.json``.
-        thresholds_digest: SHA-256 of the bytes of the release's ``thresholds.json``.
+        ledger: The ledger so far; None if there is none.
+        event: One of `BENCHMARK_ACCESSES`.
+        lock_digest: SHA-256 of the stored lock: of ``lock.json`` for predictions, ``ranking_lock.json`` for selections.
+
+    Raises:
+        ValueError: No such event, or selections before predictions.
     """
-    return [*_sequence_problems(document), *_current_problems(document, split_digest, thresholds_digest)]
+    if event not in BENCHMARK_ACCESSES:
+        raise ValueError(f"event {event!r}, not one of {list(BENCHMARK_ACCESSES)}")
+    if event == SELECTION_ACCESS and not accesses(PREDICTION_ACCESS, ledger):
+        raise ValueError(f"{event!r} comes after {PREDICTION_ACCESS!r}, which has not happened")
+    entries = _entries(ledger)
+    if (lock_digest,) not in accesses(event, ledger):
+        _append(entries, event, lock_digest=lock_digest)
+    return {"entries": entries}
 
 
-def _sequence_problems(document: Mapping[str, Any]) -> list[Problem]:
-    """Numbers count up, rounds go in order under one pair of digests, and no round repeats the one before."""
-    found: list[Problem] = []
-    before: Mapping[str, Any] | None = None
-    for i, entry in enumerate(document["entries"]):
-        place = f"/entries/{i}"
-        if entry["number"] != i + 1:
-            found.append(Problem(f"{place}/number", str(i + 1), str(entry["number"])))
-        if entry["event"] in BENCHMARK_EVENTS:
-            continue
-        if entry["partition"] != EVENTS[entry["event"]]:
-            found.append(Problem(f"{place}/partition", EVENTS[entry["event"]], str(entry["partition"])))
-        allowed = _next_events(before, entry)
-        if entry["event"] not in allowed:
-            found.append(Problem(f"{place}/event", " or ".join(allowed) or "no further entry", entry["event"]))
-        before = entry
-    return found
+def merged(ledger: Ledger | None, other: Ledger | None, *, beside: Ledger | None = None) -> dict[str, Any] | None:
+    """The ledger, followed by the accesses of another one that it does not have.
+
+    Args:
+        ledger: The ledger that is continued; None if there is none.
+        other: A ledger in order; None if there is none.
+        beside: A ledger whose accesses are on record already; None if there is none.
+
+    Returns:
+        The ledger; None where nothing is on record.
+    """
+    found = {"entries": _entries(ledger)}
+    for entry in _entries(other):
+        event, digests = entry["event"], digests_of(entry)
+        if event == RELEASE_ACCESS:
+            found = with_round(found, split_digest=digests[0], thresholds_digest=digests[1])
+        elif event in BENCHMARK_ACCESSES and digests not in accesses(event, found, beside):
+            _append(found["entries"], event, lock_digest=digests[0])
+    return found if found["entries"] else None
 
 
-def _next_events(before: Mapping[str, Any] | None, entry: Mapping[str, Any]) -> list[str]:
-    """Events that may follow: the next of the round under equal digests, else a new round."""
-    if before is None or _digests(before) != _digests(entry):
-        return _ORDER[:1]
-    return _ORDER[_ORDER.index(before["event"]) + 1 :][:1]
+def accesses(event: str, *ledgers: Ledger | None) -> set[tuple[str, ...]]:
+    """The accesses of one kind that ledgers have on record together, each by the digests that it was under."""
+    return {digests_of(entry) for ledger in ledgers for entry in _entries(ledger) if entry["event"] == event}
 
 
-def _current_problems(document: Mapping[str, Any], split_digest: str, thresholds_digest: str) -> list[Problem]:
-    """The test partition was opened under the release's own digests."""
-    if (split_digest, thresholds_digest) in _openings(document):
-        return []
-    wanted = f"{_LAST} under split {split_digest} and thresholds {thresholds_digest}"
-    return [Problem("/entries", wanted, "no such entry")]
+def digests_of(entry: Mapping[str, Any]) -> tuple[str, ...]:
+    """Digests under which an entry was written: of split and thresholds, or of a lock."""
+    return tuple(entry[name] for name in _DIGESTS if name in entry)
 
 
-def _digests(entry: Mapping[str, Any]) -> dict[str, str]:
-    return {name: entry[name] for name in ("split_digest", "thresholds_digest")}
+def _entries(ledger: Ledger | None) -> list[dict[str, Any]]:
+    return list(ledger["entries"]) if ledger else []
+
+
+def _append(entries: list[dict[str, Any]], event: str, **digests: str) -> None:
+    entries.append({"number": len(entries) + 1, "event": event, **digests})

@@ -5,7 +5,7 @@ Source: paper V-B, VI-A; spec/11-fidelity.md#pairs.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,15 @@ from branchdrive.driving.discrepancy import (
     core_discrepancy,
     extended_discrepancy,
 )
+from branchdrive.quality.standing import nominal_replays
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.frame import Values
 
-__all__ = ["Pairs", "discrepancies", "history_of", "pair_columns"]
+if TYPE_CHECKING:
+    from branchdrive.raw.examination import Examination
+
+__all__ = ["Pairs", "canonical_pairs", "discrepancies", "history_of", "pair_columns"]
 
 Index = NDArray[np.int64]
 
@@ -34,6 +38,18 @@ class Pairs(NamedTuple):
 
     replay: Index
     nominal: Index
+
+
+def canonical_pairs(view: ShardView, examination: Examination) -> tuple[Pairs, Pairs]:
+    """Canonical interventions, and compliant nominal replays, of integrity-complete groups with their nominals."""
+    selection, groups = examination.selection, examination.complete_groups
+    others = np.delete(selection.chosen[groups], view.descriptor.action_bank.nominal_index, axis=1)
+    replays = nominal_replays(view, examination)
+    replays = replays[np.isin(view.group[replays], groups)]
+    return (
+        Pairs(others.ravel(), np.repeat(selection.nominal[groups], others.shape[1])),
+        Pairs(replays, selection.nominal[view.group[replays]]),
+    )
 
 
 def history_of(view: ShardView, rollouts: Index) -> History:

@@ -27,7 +27,7 @@ from branchdrive.tables.view import StreamView
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
 
-__all__ = ["attempt_quality", "group_standing", "nominal_replays"]
+__all__ = ["attempt_quality", "first_attempts", "group_standing", "nominal_replays"]
 
 Mask = NDArray[np.bool_]
 
@@ -99,7 +99,7 @@ def group_standing(view: ShardView, examination: Examination) -> dict[str, Value
     )
     words = [" ".join(rule for rule in CATALOGUE if rule in s.rules) for s in examination.standings]
     lost = reached < len(stages)
-    first = _first_attempts(view, examination)
+    first = first_attempts(view, examination)
     replays = view.group[nominal_replays(view, examination)]
     return {
         "group_id": np.array(view.group_ids, object),
@@ -111,8 +111,8 @@ def group_standing(view: ShardView, examination: Examination) -> dict[str, Value
     }
 
 
-def _first_attempts(view: ShardView, examination: Examination) -> NDArray[np.int64]:
-    """The chosen nominal of each group, else its attempt of the first identity."""
+def first_attempts(view: ShardView, examination: Examination) -> NDArray[np.int64]:
+    """The attempt that describes each group ``[groups]``: its chosen nominal, else the one of the first identity."""
     by_id = sorted(range(view.num_rollouts), key=lambda i: view.rollout_ids[i], reverse=True)
     first = np.zeros(len(view.group_ids), np.int64)
     for i in by_id:

@@ -10,14 +10,13 @@ from types import MappingProxyType
 from typing import Any
 
 from branchdrive.contract.text import percent
-from branchdrive.quality.benchmark_openings import PREDICTION, RANKING, locks_of
-from branchdrive.quality.ledger import num_test_openings
+from branchdrive.quality.ledger import BENCHMARK_ACCESSES, RELEASE_ACCESS, Ledger, accesses
 
 __all__ = [
     "PARTITION_TITLES",
     "UNITS",
+    "access_sentence",
     "benchmark_sentences",
-    "opening_sentence",
     "population_sentences",
     "target_sentences",
 ]
@@ -56,26 +55,26 @@ def population_sentences(population: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def opening_sentence(ledger: Mapping[str, Any]) -> str:
-    """How often the test partition was opened."""
-    openings = num_test_openings(ledger)
-    if openings == 0:
-        return "The test partition has not been opened."
-    if openings == 1:
-        return "The test partition was opened once, after everything that it judges was fixed."
+def access_sentence(ledger: Ledger) -> str:
+    """How often the test partition was accessed."""
+    count = len(accesses(RELEASE_ACCESS, ledger))
+    if count == 0:
+        return "The test partition has not been accessed."
+    if count == 1:
+        return "The test partition was accessed once, after everything that it judges was fixed."
     return (
-        f"The test partition was opened {openings} times, under different splits or thresholds: "
+        f"The test partition was accessed {count} times, under different splits or thresholds: "
         "it is no longer an untouched test set, and results on it are optimistic."
     )
 
 
-def benchmark_sentences(ledger: Mapping[str, Any]) -> list[str]:
-    """How often benchmarks of earlier builds opened the test partition; nothing where none did."""
-    counts = [len(locks_of(ledger, event)) for event in (PREDICTION, RANKING)]
+def benchmark_sentences(ledger: Ledger) -> list[str]:
+    """How often benchmarks of earlier builds accessed the test partition; nothing where none did."""
+    counts = [len(accesses(event, ledger)) for event in BENCHMARK_ACCESSES]
     if not any(counts):
         return []
     predictions, selections = (f"{count} {'time' if count == 1 else 'times'}" for count in counts)
     return [
-        f"Benchmarks of earlier builds opened the test partition {predictions} for predictions and {selections} for "
+        f"Benchmarks of earlier builds accessed the test partition {predictions} for predictions and {selections} for "
         "selections: it is no longer an untouched test set for another benchmark."
     ]

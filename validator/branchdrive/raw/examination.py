@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
 from branchdrive.raw.funnel import Funnel, Standing, funnel_of
@@ -33,6 +34,11 @@ class Examination:
     standings: list[Standing] = field(default_factory=list)
     failed: dict[str, Mask] = field(default_factory=dict)
     failed_groups: dict[str, Mask] = field(default_factory=dict)
+
+    @property
+    def complete_groups(self) -> NDArray[np.int64]:
+        """Groups that are integrity-complete, ascending."""
+        return np.flatnonzero([standing.is_integrity_complete for standing in self.standings]).astype(np.int64)
 
     @property
     def funnel(self) -> Funnel:

@@ -2,13 +2,14 @@
 
 Sums of a linear algebra library depend on its number of threads in their last bits, and it reads that number
 when it is loaded. So the audit has a fresh process; parts that are known and progress go through a pipe, and
-files are the parent's alone.
+files are the parent's alone. It is no worker of an executor, because workers import the script that starts them.
 
 Source: spec/10-layers.md#layers.
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from branchdrive.leakage.audit import Progress, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
-from branchdrive.process import child_environment, python_command
+from branchdrive.process import child_environment, exit_after, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
 
@@ -98,7 +99,7 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
                 python_command("-m", __name__, str(there.fileno())),
                 env={**child_environment(), **_ONE_THREAD},
                 pass_fds=(there.fileno(),),
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,  # closes with this process, however that ends
                 start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of
             )
         try:
@@ -110,7 +111,7 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
             ) from error
         finally:
             process.kill()
-            process.wait()
+            process.communicate()
 
 
 def _serve(connection: Connection, parts: KnownParts, progress: Progress | None) -> dict[str, Any]:
@@ -163,5 +164,6 @@ def _work(connection: Connection) -> None:
 
 
 if __name__ == "__main__":
+    exit_after(lambda: os.read(sys.stdin.fileno(), 1))  # nothing is ever written
     with Connection(int(sys.argv[1])) as _connection:
         _work(_connection)

@@ -15,12 +15,12 @@ from branchdrive.card.card import render_card, render_licence
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import (
     BENCHMARK,
+    BENCHMARK_LEDGER_FILE,
     CARD_FILE,
     DESCRIPTOR_FILE,
     LEAKAGE_FILE,
     LEDGER_FILE,
     LICENCE_FILE,
-    OPENINGS_FILE,
     RAW_DIR,
     SOURCE_FILE,
     STAGING_DIR,
@@ -30,10 +30,9 @@ from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import Manifest
 from branchdrive.leakage.protocol import AuditProtocol
-from branchdrive.quality.benchmark_openings import with_benchmark
-from branchdrive.release.layers import RECORDS, BuiltLayers, load_layers
+from branchdrive.quality.ledger import merged
+from branchdrive.release.layers import LEDGERS, BuiltLayers, load_layers, load_ledger
 from branchdrive.release.leakage import build_leakage
-from branchdrive.release.openings import ledger_of, merged_ledger, openings_of
 from branchdrive.release.publish import publish, staging, stated_identity
 from branchdrive.release.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality, check_encoding
@@ -198,18 +197,19 @@ class _Job:
         build_canonical(self.scan, layers)
         if layers.changed_since(before):
             layers.drop_after("canonical")
-        if layers.contents.keys() & {*RECORDS} and "quality" not in (*layers.names, *self.stages):
+        if layers.contents.keys() & {*LEDGERS} and "quality" not in (*layers.names, *self.stages):
             raise UsageError(
-                f"{self.scan.root}: the ledger of openings has no layer to lie in; build 'quality' together with "
-                "'canonical'"
+                f"{self.scan.root}: the ledger of test-set accesses has no layer to lie in; build 'quality' "
+                "together with 'canonical'"
             )
 
     def _quality(self) -> None:
         layers, before = self.layers, dict(self.layers.contents)
         ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
-            ledger = merged_ledger(ledger_of(self.scan.root), ledger)
-            ledger = with_benchmark(ledger, openings_of(self.scan.root), beside=layers.documents.get(OPENINGS_FILE))
+            for path in LEDGERS:
+                theirs = load_ledger(self.scan.root, path)
+                ledger = merged(ledger, theirs, beside=layers.documents.get(BENCHMARK_LEDGER_FILE))
         build_quality(self.scan, layers, self.options, ledger)
         if layers.changed_since(before):
             layers.drop_after("quality")
@@ -235,7 +235,7 @@ class _Job:
         if BENCHMARK in layers.names and _identity(kept_files, layers) != stated_identity(self.target):
             layers.drop_after("model")  # it belongs to another release
         if BENCHMARK not in layers.names:
-            self._record_openings()
+            self._keep_accesses()
         claimed = (("raw",) if self.is_in_place else ()) + layers.names
         descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
         # The ledger stays in its place while the layer around it is built again.
@@ -252,10 +252,10 @@ class _Job:
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)
 
-    def _record_openings(self) -> None:
-        """Put on the ledger what a benchmark that goes has opened."""
+    def _keep_accesses(self) -> None:
+        """Put the accesses of a benchmark that goes on the ledger of the release."""
         before = self.layers.documents.get(LEDGER_FILE)
-        ledger = with_benchmark(before, self.layers.documents.get(OPENINGS_FILE))
+        ledger = merged(before, self.layers.documents.get(BENCHMARK_LEDGER_FILE))
         if ledger != before:
             self.layers.put_document(LEDGER_FILE, ledger)
 

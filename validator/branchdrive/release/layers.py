@@ -12,20 +12,22 @@ from typing import Any
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
-from branchdrive.contract.layout import LEDGER_FILE, MANIFEST_FILE, OPENINGS_FILE
+from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE, MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.manifest import parse_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import read_table
 from branchdrive.formats.untrusted import read_file
+from branchdrive.quality.ledger import Ledger
+from branchdrive.quality.ledger_check import order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, Values, sort_rows
 
-__all__ = ["RECORDS", "BuiltLayers", "load_document", "load_layers"]
+__all__ = ["LEDGERS", "BuiltLayers", "load_layers", "load_ledger"]
 
-RECORDS = (LEDGER_FILE, OPENINGS_FILE)
-"""Documents that stay whatever becomes of the layers around them: they are what nobody can compute again."""
+LEDGERS = (LEDGER_FILE, BENCHMARK_LEDGER_FILE)
+"""Documents that stay whatever becomes of the layers around them: nobody can compute them again."""
 
 
 @dataclass
@@ -82,11 +84,11 @@ class BuiltLayers:
         self.documents.pop(path, None)
 
     def drop_after(self, layer: str) -> None:
-        """Forget every layer that is derived from `layer`, but not the records of openings."""
+        """Forget every layer that is derived from `layer`, but not the ledgers."""
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
             free = {path for path in self.contents if LAYERS[name].admits_free(path)}
-            for path in {*LAYERS[name].files, *free} - {*RECORDS}:
+            for path in {*LAYERS[name].files, *free} - {*LEDGERS}:
                 self.drop(path)
             for table in LAYERS[name].tables:
                 self.frames.pop(table, None)
@@ -95,7 +97,7 @@ class BuiltLayers:
 def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
     """Layers that the folder `root` holds whole, sound and as its manifest has them, up to the first that it does not.
 
-    Records of openings are kept whatever became of the files beside them.
+    Ledgers are kept whatever became of the files beside them.
     """
     found, stated = BuiltLayers(keys), _stated_digests(root)
     for layer in LAYERS.values():
@@ -113,7 +115,7 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
                 read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
             _check_digests(read, root, stated)
         except DatasetError:
-            for path in RECORDS:
+            for path in LEDGERS:
                 with suppress(DatasetError):
                     _load_document(found, root, path, _schema_of(path))
             break
@@ -148,10 +150,27 @@ def _schema_of(path: str) -> str:
 
 
 def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> None:
-    found.contents[path], found.documents[path] = load_document(root, path, schema)
+    found.contents[path], found.documents[path] = _document(root, path, schema)
 
 
-def load_document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
+def load_ledger(root: Path, path: str) -> Ledger | None:
+    """One of `LEDGERS` of the folder `root`; None if there is none.
+
+    Raises:
+        DatasetError: It cannot be read, or its entries are out of order.
+    """
+    if not (root / path).exists():
+        return None
+    ledger: Ledger = _document(root, path, _schema_of(path))[1]
+    for found in order_mismatches(ledger):
+        raise DatasetError(
+            f"{root}: {path!r} at {found.location['pointer']}: expected {found.expected}, found {found.found}; "
+            "restore the file"
+        )
+    return ledger
+
+
+def _document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
     """Bytes and content of a document that conforms to its schema.
 
     Raises:

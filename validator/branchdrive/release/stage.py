@@ -28,7 +28,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
-from branchdrive.quality.ledger import opened
+from branchdrive.quality.ledger import Ledger, with_round
 from branchdrive.quality.partition import (
     assignment_of,
     cluster_of_groups,
@@ -77,7 +77,7 @@ def build_canonical(scan: RawScan, layers: BuiltLayers) -> None:
     layers.put_document(SOURCE_FILE, document)
 
 
-def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, ledger: Any | None) -> None:
+def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, ledger: Ledger | None) -> None:
     """Compliance, split, discrepancies, thresholds, then validation and test, and what is left.
 
     The split is drawn before any threshold is fitted, and thresholds are fixed before any other partition is
@@ -87,7 +87,7 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
         scan: The raw layer.
         layers: The canonical layer.
         options: What the builder decides.
-        ledger: The ledger of an earlier build of this release, if there is one.
+        ledger: The accesses of earlier builds, if there are any.
 
     Raises:
         DatasetError: There are too few groups for a split or for thresholds.
@@ -105,7 +105,7 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     layers.put_document(_SPLIT, split)
     layers.put_document(_THRESHOLDS, thresholds)
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
-    layers.put_document(LEDGER_FILE, opened(ledger, **digests))
+    layers.put_document(LEDGER_FILE, with_round(ledger, **digests))
 
     pairs = with_passes(extract["pairs"], thresholds_of(thresholds))
     groups = with_validity(groups, pairs)

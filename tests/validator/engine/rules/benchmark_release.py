@@ -20,7 +20,6 @@ from branchdrive.benchmark.checkpoint import CheckpointFacts
 from branchdrive.benchmark.data import TABLES, BenchmarkData, groups_digest
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
 from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.benchmark.openings import EVENTS, opened
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
@@ -30,10 +29,11 @@ from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.layout import layer_of
 from branchdrive.formats.manifest import Manifest
+from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with_benchmark_access
 
 FOLDER = "benchmark"
-PROTOCOL, LOCK, RANKING_LOCK, OPENINGS, RESULTS = (
-    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "openings", "results")
+PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS = (
+    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results")
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
 
@@ -106,8 +106,9 @@ def _ranking(d: BenchmarkDraft) -> None:
     lock["utility_scale"].update(q05=scale.q05.tolist(), q95=scale.q95.tolist())
 
 
-def _openings(d: BenchmarkDraft) -> None:
-    d.documents[OPENINGS] = opened(opened(None, EVENTS[0], d.digest(LOCK)), EVENTS[1], d.digest(RANKING_LOCK))
+def _accesses(d: BenchmarkDraft) -> None:
+    ledger = with_benchmark_access(None, PREDICTION_ACCESS, d.digest(LOCK))
+    d.documents[BENCHMARK_LEDGER] = with_benchmark_access(ledger, SELECTION_ACCESS, d.digest(RANKING_LOCK))
 
 
 def _results(d: BenchmarkDraft) -> None:
@@ -121,7 +122,7 @@ def _tables(d: BenchmarkDraft) -> None:
 
 
 FOLLOWING: dict[str, Callable[[BenchmarkDraft], None]] = {
-    "lock": _lock, "ranking": _ranking, "openings": _openings, "results": _results, "tables": _tables,
+    "lock": _lock, "ranking": _ranking, "accesses": _accesses, "results": _results, "tables": _tables,
 }  # fmt: skip
 """What follows from what."""
 
@@ -179,7 +180,8 @@ class _Made:
             noise=noise(),
         )
         d.documents[RANKING_LOCK] = self.documents[RANKING_LOCK] = ranking
-        self.documents[OPENINGS] = opened(opened(None, EVENTS[0], d.digest(LOCK)), EVENTS[1], d.digest(RANKING_LOCK))
+        _accesses(d)
+        self.documents[BENCHMARK_LEDGER] = d.documents[BENCHMARK_LEDGER]
         results = results_document(self.protocol, self.data, self.predictions, risk_fit(), noise())
         self.documents[RESULTS] = results
         self.text = render_tables(results)

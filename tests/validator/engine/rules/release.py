@@ -38,7 +38,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
-from branchdrive.quality.ledger import opened
+from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.quality.population import population_document
 from branchdrive.quality.variants import declared_of, variants_document
@@ -224,7 +224,7 @@ def _variants(d: ReleaseDraft) -> None:
 
 
 def _ledger(d: ReleaseDraft) -> None:
-    d.documents[LEDGER] = opened(None, **_digests(d))
+    d.documents[LEDGER] = with_round(None, **_digests(d))
 
 
 def _leakage(d: ReleaseDraft) -> None:

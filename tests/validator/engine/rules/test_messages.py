@@ -111,8 +111,8 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-SPL-007", "near_duplicate_let_through", "a near duplicate", "no near duplicate"),
         ("BD-FID-006", "thresholds_of_another_split", SPLIT_DIGEST, "0" * 64),
         (
-            "BD-FID-012", "test_opened_under_other_thresholds_before",
-            "one opening of the test partition", "2 openings",
+            "BD-FID-012", "test_accessed_under_other_thresholds_before",
+            "one test-set access", "2 accesses",
         ),
     ],
 )  # fmt: skip

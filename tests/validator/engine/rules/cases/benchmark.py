@@ -1,4 +1,4 @@
-"""Defects and limits of the benchmark layer: protocol, locks, checkpoints, openings."""
+"""Defects and limits of the benchmark layer: protocol, locks, checkpoints, test-set accesses."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.validator.engine.rules.benchmark_release import (
+    BENCHMARK_LEDGER,
     LOCK,
-    OPENINGS,
     PROTOCOL,
     RANKING_LOCK,
     RESULTS,
@@ -22,8 +22,8 @@ from tests.validator.engine.rules.release import LEDGER
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
 from branchdrive.benchmark.data import groups_digest
-from branchdrive.benchmark.openings import EVENTS, opened, warnings
-from branchdrive.quality.benchmark_openings import with_benchmark
+from branchdrive.benchmark.warning import warnings
+from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, merged, with_benchmark_access
 
 CHECKPOINT = "checkpoints/M3-seed11.safetensors"
 ENTRY = 7
@@ -58,7 +58,7 @@ def benchmark_that_is_not_evaluated_yet(d: BenchmarkDraft) -> None:
     for path in (RESULTS, RANKING_LOCK):
         del d.documents[path]
     del d.texts[TABLES_FILE]
-    d.documents[OPENINGS]["entries"] = []
+    d.documents[BENCHMARK_LEDGER]["entries"] = []
 
 
 @boundary("BD-BMK-001")
@@ -72,7 +72,7 @@ def learned_risk_of_which_a_weight_is_zero(d: BenchmarkDraft) -> None:
     d.documents[RANKING_LOCK]["risk_fit"]["logistic"][0] = 0.0
     scale = d.documents[RANKING_LOCK]["utility_scale"]
     scale["q05"][0] *= 1 + 1e-12
-    d.follow("openings")
+    d.follow("accesses")
 
 
 @boundary("BD-LAY-009", "BD-BMK-004", base="benchmark")
@@ -182,7 +182,7 @@ def lock_of_another_kind(d: BenchmarkDraft) -> None:
 
 
 @mutant("BD-BMK-002", at={"file": LOCK, "pointer": "/release_identity"})
-def opening_taken_off_the_ledger_after_the_lock(d: BenchmarkDraft) -> None:
+def access_taken_off_the_ledger_after_the_lock(d: BenchmarkDraft) -> None:
     put_on_the_ledger(d)
     d.follow("lock")
     del d.documents[LEDGER]["entries"][-2:]
@@ -210,14 +210,14 @@ def checkpoint_of_a_seed_that_is_not_declared(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-004", at={"file": f"benchmark/{CHECKPOINT}"})
 def checkpoint_swapped_after_the_lock(d: BenchmarkDraft) -> None:
     d.checkpoints[CHECKPOINT] = checkpoint(facts_of(d.checkpoints[CHECKPOINT]), b"other weights")
-    d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER], changed=[CHECKPOINT])
     d.follow("results")
 
 
 @mutant("BD-BMK-004", at={"file": f"benchmark/{CHECKPOINT}"})
 def checkpoint_that_is_gone(d: BenchmarkDraft) -> None:
     del d.checkpoints[CHECKPOINT]
-    d.warnings = warnings(d.documents[OPENINGS], changed=[CHECKPOINT])
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER], changed=[CHECKPOINT])
     d.follow("results")
 
 
@@ -270,56 +270,77 @@ def checkpoint_with_a_rest_behind_its_tensors(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-010", at={"file": RANKING_LOCK})
 def risk_that_rises_with_separation(d: BenchmarkDraft) -> None:
     d.documents[RANKING_LOCK]["risk_fit"]["logistic"][0] = 1.0
-    d.follow("openings", keep={"results", "tables"})
+    d.follow("accesses", keep={"results", "tables"})
 
 
 @mutant("BD-BMK-010", at={"file": RANKING_LOCK, "pointer": "/risk_fit/tolerance_m"})
 def risk_of_another_tolerance(d: BenchmarkDraft) -> None:
     d.documents[RANKING_LOCK]["risk_fit"]["tolerance_m"] = 1000.0
-    d.follow("openings")
+    d.follow("accesses")
 
 
 # BD-BMK-011
 
 
-@mutant("BD-BMK-011", at={"file": OPENINGS, "pointer": "/entries/1/number"})
-def opening_out_of_count(d: BenchmarkDraft) -> None:
-    d.documents[OPENINGS]["entries"][1]["number"] = 5
+@mutant("BD-BMK-011", at={"file": BENCHMARK_LEDGER, "pointer": "/entries/1/number"})
+def access_out_of_count(d: BenchmarkDraft) -> None:
+    d.documents[BENCHMARK_LEDGER]["entries"][1]["number"] = 5
 
 
-@mutant("BD-BMK-011", at={"file": OPENINGS, "pointer": "/entries/0/lock_digest"})
-def opening_under_another_lock(d: BenchmarkDraft) -> None:
-    d.documents[OPENINGS]["entries"][0]["lock_digest"] = NOTHING
+@mutant("BD-BMK-011", at={"file": BENCHMARK_LEDGER, "pointer": "/entries/0/lock_digest"})
+def access_under_another_lock(d: BenchmarkDraft) -> None:
+    d.documents[BENCHMARK_LEDGER]["entries"][0]["lock_digest"] = NOTHING
 
 
-@mutant("BD-BMK-011", at={"file": OPENINGS, "pointer": "/entries"})
-def opening_that_is_not_recorded(d: BenchmarkDraft) -> None:
-    d.documents[OPENINGS]["entries"].pop()
+@mutant("BD-BMK-011", at={"file": BENCHMARK_LEDGER, "pointer": "/entries/2/lock_digest"})
+def access_recorded_again(d: BenchmarkDraft) -> None:
+    entries = d.documents[BENCHMARK_LEDGER]["entries"]
+    entries.append({**entries[0], "number": 3})
+
+
+@mutant("BD-BMK-011", at={"file": BENCHMARK_LEDGER, "pointer": "/entries/2/event"})
+def event_of_the_release_in_the_ledger_of_the_benchmark(d: BenchmarkDraft) -> None:
+    d.documents[BENCHMARK_LEDGER]["entries"].append({**d.documents[LEDGER]["entries"][0], "number": 3})
+
+
+@mutant("BD-BMK-011", at={"file": BENCHMARK_LEDGER, "pointer": "/entries"})
+def access_that_is_not_recorded(d: BenchmarkDraft) -> None:
+    d.documents[BENCHMARK_LEDGER]["entries"].pop()
 
 
 # BD-BMK-014
 
 
-@mutant("BD-BMK-014", at={"file": OPENINGS})
-def test_opened_twice(d: BenchmarkDraft) -> None:
-    document = opened(opened(None, EVENTS[0], NOTHING), EVENTS[0], d.digest(LOCK))
-    d.documents[OPENINGS] = opened(document, EVENTS[1], d.digest(RANKING_LOCK))
-    d.warnings = warnings(d.documents[OPENINGS])
+@mutant("BD-BMK-014", at={"file": BENCHMARK_LEDGER})
+def test_accessed_twice(d: BenchmarkDraft) -> None:
+    document = with_benchmark_access(None, PREDICTION_ACCESS, NOTHING)
+    document = with_benchmark_access(document, PREDICTION_ACCESS, d.digest(LOCK))
+    d.documents[BENCHMARK_LEDGER] = with_benchmark_access(document, SELECTION_ACCESS, d.digest(RANKING_LOCK))
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER])
+    d.follow("results")
+
+
+@mutant("BD-BMK-014", at={"file": BENCHMARK_LEDGER})
+def lock_that_was_gone_back_to(d: BenchmarkDraft) -> None:
+    d.documents[BENCHMARK_LEDGER] = with_benchmark_access(d.documents[BENCHMARK_LEDGER], PREDICTION_ACCESS, NOTHING)
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER])
     d.follow("results")
 
 
 def put_on_the_ledger(d: BenchmarkDraft) -> None:
-    """Openings of a benchmark that is gone, in a release that was locked after it."""
-    gone = opened(opened(None, EVENTS[0], NOTHING), EVENTS[1], NOTHING)
-    d.documents[LEDGER] = with_benchmark(d.documents[LEDGER], gone)
+    """Accesses of a benchmark that is gone, in a release that was locked after it."""
+    gone = with_benchmark_access(with_benchmark_access(None, PREDICTION_ACCESS, NOTHING), SELECTION_ACCESS, NOTHING)
+    d.documents[LEDGER] = merged(d.documents[LEDGER], gone)
     d.reseal("card")
     d.documents[LOCK]["release_identity"] = identity(d)
     has_calibration = "calibration" in d.data.parts
-    d.warnings = warnings(d.documents[OPENINGS], ledger=d.documents[LEDGER], has_calibration=has_calibration)
+    d.warnings = warnings(
+        d.documents[BENCHMARK_LEDGER], of_release=d.documents[LEDGER], has_calibration=has_calibration
+    )
 
 
-@mutant("BD-BMK-014", at={"file": OPENINGS}, findings=2)
-def test_opened_by_a_benchmark_that_is_gone(d: BenchmarkDraft) -> None:
+@mutant("BD-BMK-014", at={"file": BENCHMARK_LEDGER}, findings=2)
+def test_accessed_by_a_benchmark_that_is_gone(d: BenchmarkDraft) -> None:
     put_on_the_ledger(d)
     d.follow("lock")
 

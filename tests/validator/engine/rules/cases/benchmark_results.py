@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from tests.validator.engine.rules.benchmark_release import (
+    BENCHMARK_LEDGER,
     LOCK,
-    OPENINGS,
     RANKING_LOCK,
     RESULTS,
     SCALARS,
@@ -16,8 +16,8 @@ from tests.validator.engine.rules.benchmark_release import (
 from tests.validator.engine.rules.case import boundary, mutant
 
 from branchdrive.benchmark.guard.calibration import GUARANTEE
-from branchdrive.benchmark.openings import warnings
 from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.warning import warnings
 from branchdrive.tables.frame import concat, take
 
 # Limits
@@ -78,13 +78,13 @@ def declared_seed_that_does_not_predict(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/kind"})
 def ranking_lock_of_another_kind(d: BenchmarkDraft) -> None:
     d.documents[RANKING_LOCK] = dict(d.documents[LOCK])
-    d.follow("openings", keep={"results", "tables"})
+    d.follow("accesses", keep={"results", "tables"})
 
 
 @mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/utility_scale/q05/0"})
 def utility_scaled_by_other_quantiles(d: BenchmarkDraft) -> None:
     d.documents[RANKING_LOCK]["utility_scale"]["q05"][0] -= 1
-    d.follow("openings", keep={"results", "tables"})
+    d.follow("accesses", keep={"results", "tables"})
 
 
 @mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/predictions_digest"})
@@ -159,5 +159,5 @@ def predictions_that_nobody_locked(d: BenchmarkDraft) -> None:
         more = take(rows, is_test & (rows["model"] == "M3") & (rows["seed"] == 11))
         more["model"] = np.full(len(more["model"]), "theirs", object)
         d.put(name, concat([rows, more]))
-    d.warnings = warnings(d.documents[OPENINGS], unlocked=["theirs"])
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER], unlocked=["theirs"])
     d.follow("ranking")

@@ -8,7 +8,7 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import LEDGER, RETENTION, SPLIT, THRESHOLDS, ReleaseDraft
 
 from branchdrive.quality.fidelity import retention_document, threshold_document
-from branchdrive.quality.ledger import opened
+from branchdrive.quality.ledger import with_round
 from branchdrive.tables.frame import Frame, take
 
 REPLAY = {"rollout_id": "g13.nominal_replay.a1"}
@@ -277,28 +277,33 @@ def _digests(d: ReleaseDraft) -> dict[str, str]:
 
 
 @mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
-def ledger_without_the_opening_of_test(d: ReleaseDraft) -> None:
+def ledger_without_the_access_of_test(d: ReleaseDraft) -> None:
     d.documents[LEDGER]["entries"].pop()
     d.reseal("card")
 
 
 @mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
+def ledger_without_an_entry(d: ReleaseDraft) -> None:
+    d.documents[LEDGER]["entries"].clear()
+    d.reseal("card")
+
+
+@mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
 def ledger_of_other_thresholds(d: ReleaseDraft) -> None:
-    d.documents[LEDGER] = opened(None, **{**_digests(d), "thresholds_digest": "0" * 64})
+    d.documents[LEDGER] = with_round(None, **{**_digests(d), "thresholds_digest": "0" * 64})
     d.reseal("card")
 
 
 @mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries"})
 def ledger_of_another_split(d: ReleaseDraft) -> None:
-    d.documents[LEDGER] = opened(None, **{**_digests(d), "split_digest": "0" * 64})
+    d.documents[LEDGER] = with_round(None, **{**_digests(d), "split_digest": "0" * 64})
     d.reseal("card")
 
 
 @mutant("BD-FID-010", at={"file": LEDGER, "pointer": "/entries/0/event"}, findings=3)
 def thresholds_fixed_after_validation(d: ReleaseDraft) -> None:
     entries = d.documents[LEDGER]["entries"]
-    for name in ("event", "partition"):
-        entries[0][name], entries[1][name] = entries[1][name], entries[0][name]
+    entries[0]["event"], entries[1]["event"] = entries[1]["event"], entries[0]["event"]
     d.reseal("card")
 
 
@@ -321,14 +326,14 @@ def validation_partition_that_misses_its_targets(d: ReleaseDraft) -> None:
 
 
 @mutant("BD-FID-012", at={"file": LEDGER, "pointer": "/entries"})
-def test_opened_under_other_thresholds_before(d: ReleaseDraft) -> None:
-    before = opened(None, **{**_digests(d), "thresholds_digest": "0" * 64})
-    d.documents[LEDGER] = opened(before, **_digests(d))
+def test_accessed_under_other_thresholds_before(d: ReleaseDraft) -> None:
+    before = with_round(None, **{**_digests(d), "thresholds_digest": "0" * 64})
+    d.documents[LEDGER] = with_round(before, **_digests(d))
     d.reseal("card")
 
 
 @boundary("BD-FID-010", "BD-FID-012")
-def thresholds_fixed_twice_before_test_was_opened(d: ReleaseDraft) -> None:
-    before = opened(None, **{**_digests(d), "thresholds_digest": "0" * 64})["entries"][:2]
-    d.documents[LEDGER] = opened({"entries": before}, **_digests(d))
+def thresholds_fixed_twice_before_test_was_accessed(d: ReleaseDraft) -> None:
+    before = with_round(None, **{**_digests(d), "thresholds_digest": "0" * 64})["entries"][:2]
+    d.documents[LEDGER] = with_round({"entries": before}, **_digests(d))
     d.reseal("card")

@@ -191,11 +191,6 @@ def key_of_a_document_twice(d: ReleaseDraft) -> None:
     _rewrite(d, LEDGER, lambda content: content.replace(b'"entries"', b'"entries": [],\n  "entries"', 1))
 
 
-@mutant("BD-LYR-005", at={"file": "quality/ledger.json", "pointer": "/entries"})
-def ledger_without_an_entry(d: ReleaseDraft) -> None:
-    d.documents[LEDGER]["entries"].clear()
-
-
 @mutant("BD-LYR-005", at={"file": "canonical/source.json", "pointer": "/num_groups"})
 def count_below_zero(d: ReleaseDraft) -> None:
     d.documents["canonical/source.json"]["num_groups"] = -21
