@@ -242,7 +242,7 @@ def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterato
             continue
         files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
         claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
-        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.extraction))
+        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.extracts))
         yield index, _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
 
 
