@@ -12,6 +12,7 @@ from tests.reference_impl.study import samples
 from tests.synthetic import group_name
 
 from branchdrive.driving.utility import PROFILES
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study.study import Equality, Study
 from branchdrive_reference.study.text import render_study
 
@@ -57,7 +58,7 @@ def test_long_names_and_many_of_them_keep_the_width(study: Study) -> None:
     population = replace(study.population, scenario_types=dict.fromkeys(names, 1))
     rows = tuple(replace(study.scenarios[0], scenario_type=name) for name in names)
     text = render_study(replace(study, population=population, scenarios=rows), io.StringIO())
-    assert max(map(len, text.splitlines())) <= 100
+    assert max(map(len, text.splitlines())) <= PLAIN_WIDTH
     assert text.replace("\n", "").replace(" ", "").count(names[-1]) >= 1
 
 
