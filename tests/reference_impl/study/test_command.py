@@ -13,6 +13,7 @@ from tests.synthetic import bare_descriptor, group_name
 
 from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.errors import UsageError
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study import command
 
 Result = tuple[int, str, str]
@@ -47,7 +48,7 @@ def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
     assert "6 nominal replays" in out
     assert "6 of 6 compared nominal replays differ from their nominals: controls 6, observations 6" in out
     lines = out.splitlines()
-    assert max(map(len, lines)) <= 100
+    assert max(map(len, lines)) <= PLAIN_WIDTH
     assert all(line == line.rstrip() for line in lines)
     assert "\x1b" not in out
     tables = [line.split()[0] for line in lines if line.startswith(("CutIn", "all"))]

@@ -14,6 +14,7 @@ from tests.reference_impl.study.samples import replaced
 
 from branchdrive import UsageError, open_dataset
 from branchdrive.cli.main import run
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label, labels, sentence
 from branchdrive_reference.study.text import render_study
 
@@ -32,7 +33,7 @@ def test_text_of_a_dataset_is_escaped_and_short(tmp_path: Path, column: str) -> 
     code, out, err = study(tmp_path / "d")
     assert (code, err) == (0, "")
     assert all(line.isprintable() and line.isascii() for line in out.splitlines())
-    assert max(map(len, out.splitlines())) <= 100
+    assert max(map(len, out.splitlines())) <= PLAIN_WIDTH
     assert ("\\x1b]0;mine\\x07" in out) == (column != "group_id")
     assert "x" * 61 not in out.replace("\n", "").replace(" ", "")
     code, out, _ = study(tmp_path / "d", "--format", "json")

@@ -10,6 +10,7 @@ from tests.each import each
 from tests.reference_impl.study import samples
 
 from branchdrive.driving.utility import PROFILES
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study.study import Equality, Study
 from branchdrive_reference.study.text import render_study
 
@@ -55,7 +56,7 @@ def test_long_names_and_many_of_them_keep_the_width(study: Study) -> None:
     population = replace(study.population, scenario_types=dict.fromkeys(names, 1))
     rows = tuple(replace(study.scenarios[0], scenario_type=name) for name in names)
     text = render_study(replace(study, population=population, scenarios=rows), io.StringIO())
-    assert max(map(len, text.splitlines())) <= 100
+    assert max(map(len, text.splitlines())) <= PLAIN_WIDTH
     assert text.replace("\n", "").replace(" ", "").count(names[-1]) >= 1
 
 

@@ -1,19 +1,36 @@
-"""Results as Markdown, `TABLES.md`: a pure function of the document `results.json`, in the layout of the paper.
+"""Tables of results: values made once, printed in full as Markdown, `TABLES.md`, and as headlines on a terminal.
 
-Every table carries the warnings of the results below its title, so that none can be quoted without them. Tables
-print the number of groups, never of trajectories.
+They are a pure function of the document `results.json`, in the layout of the paper. Whatever prints them puts the
+warnings of the results below each title, so that none can be quoted without them. Tables print the number of groups,
+never of trajectories.
 
 Source: paper, tables of V and VI; spec/14-benchmark.md#tables.
 """
 
 from __future__ import annotations
 
-from branchdrive.benchmark.table.guard import guard_tables, noise_tables
-from branchdrive.benchmark.table.markdown import Document
+from branchdrive.benchmark.table.cell import Document
+from branchdrive.benchmark.table.guard import guard_sections, noise_tables
 from branchdrive.benchmark.table.prediction import prediction_tables
-from branchdrive.benchmark.table.ranking import ranking_tables
+from branchdrive.benchmark.table.ranking import ranking_sections
+from branchdrive.text.markdown import section_lines
+from branchdrive.text.table import Passage, Table
 
-__all__ = ["render_tables"]
+__all__ = ["render_tables", "result_sections"]
+
+
+def result_sections(results: Document) -> list[Table | Passage]:
+    """All tables, with what stands between them.
+
+    Args:
+        results: Document ``results.json``, which conforms to its schema.
+    """
+    return [
+        *prediction_tables(results),
+        *ranking_sections(results),
+        *guard_sections(results),
+        *noise_tables(results),
+    ]
 
 
 def render_tables(results: Document) -> str:
@@ -32,5 +49,5 @@ def render_tables(results: Document) -> str:
         "Of errors and regret less is better, of correlations, utility and what selectors capture more. "
         "What is not defined is -.",
     ]
-    sections = (head, *prediction_tables(results), *ranking_tables(results), *guard_tables(results))
-    return "\n\n".join("\n".join(section) for section in (*sections, *noise_tables(results))) + "\n"
+    sections = [head, *(section_lines(section, results["warnings"]) for section in result_sections(results))]
+    return "\n\n".join("\n".join(section) for section in sections) + "\n"

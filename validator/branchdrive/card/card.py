@@ -9,14 +9,14 @@ Source: paper V-B, VI (limitations and intended use); spec/10-layers.md#card.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.text import percent
+from branchdrive.contract.text import count_text, counted, percent
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
 from branchdrive.quality.text import (
@@ -27,6 +27,8 @@ from branchdrive.quality.text import (
     population_sentences,
     target_sentences,
 )
+from branchdrive.text.markdown import grid
+from branchdrive.text.table import Column
 
 __all__ = ["render_card", "render_licence"]
 
@@ -107,7 +109,7 @@ def _about(descriptor: Descriptor) -> list[str]:
         f"expert, and {interventions} futures in which an intervention was executed from that moment on.",
         "The complete branch group is the recommended unit of access.",
         "",
-        *_table(["Item", "Value"], [[name, text] for name, text in facts.items()], "ll"),
+        *grid(_texts("Item", "Value"), facts.items()),
     ]
 
 
@@ -123,18 +125,18 @@ def _population(population: Document) -> list[str]:
         groups = stage["groups"]
         cells = [
             stage["title"],
-            *(_count(None if groups is None else groups.get(name)) for name in names),
-            _count(stage["total"]),
-            _count(stage["trajectories"]),
+            *(count_text(None if groups is None else groups.get(name)) for name in names),
+            count_text(stage["total"]),
+            count_text(stage["trajectories"]),
         ]
         rows.append([f"**{cell}**" for cell in cells] if stage["stage"] == "frozen" else cells)
-    heads = ["Stage or population", *(PARTITION_TITLES[name] for name in names), "Total groups", "Traj."]
+    heads = [*(PARTITION_TITLES[name] for name in names), "Total groups", "Traj."]
     drops = [(before["total"] - after["total"], before, after) for before, after in pairwise(stages[:-2])]
     lost, before, after = max(drops, key=lambda drop: drop[0])
     lines = [
         "## Population",
         "",
-        *_table(heads, rows, "l" + "r" * (len(heads) - 1)),
+        *grid([*_texts("Stage or population"), *map(Column, heads)], rows),
         "",
         "The frozen population is what benchmark results refer to: core replay-valid groups without near duplicates of "
         "another partition.",
@@ -142,7 +144,8 @@ def _population(population: Document) -> list[str]:
     ]
     if lost:
         lines.append(
-            f"The largest loss is of {_groups(lost)}, from *{_lower(before['title'])}* to *{_lower(after['title'])}*."
+            f"The largest loss is of {counted(lost, 'group')}, from *{_lower(before['title'])}* to "
+            f"*{_lower(after['title'])}*."
         )
     return lines
 
@@ -150,18 +153,18 @@ def _population(population: Document) -> list[str]:
 def _attempts(source: Document) -> list[str]:
     records, states = source["records"], source["states"]
     told = [
-        [f"`{name}`", _count(source["dispositions"][name]), text]
+        [f"`{name}`", count_text(source["dispositions"][name]), text]
         for name, text in _DISPOSITIONS.items()
         if name in source["dispositions"]
     ]
     return [
         "## Attempts",
         "",
-        f"{source['num_attempts']:,} attempts of {_groups(source['num_groups'])} were audited, and the raw layer was "
-        "left as it was.",
+        f"{source['num_attempts']:,} attempts of {counted(source['num_groups'], 'group')} were audited, and the raw "
+        "layer was left as it was.",
         "Every attempt has one disposition:",
         "",
-        *_table(["Disposition", "Attempts", "Meaning"], told, "lrl"),
+        *grid([*_texts("Disposition"), Column("Attempts"), *_texts("Meaning")], told),
         "",
         f"They give {sum(records.values()):,} canonical records, one for each group and action: "
         f"{records['physical']:,} physical, {records['nominal_link']:,} links to the nominal and "
@@ -174,8 +177,8 @@ def _split(split: Document) -> list[str]:
     rows = [
         [
             PARTITION_TITLES[name],
-            _count(split["partitions"][name]["groups"]),
-            _count(split["partitions"][name]["clusters"]),
+            count_text(split["partitions"][name]["groups"]),
+            count_text(split["partitions"][name]["clusters"]),
         ]
         for name in PARTITION_TITLES
         if name in split["partitions"]
@@ -188,7 +191,7 @@ def _split(split: Document) -> list[str]:
         "scenario types are balanced.",
         "Keep this split, or draw one that keeps whole groups and clusters together.",
         "",
-        *_table(["Partition", "Groups", "Route clusters"], rows, "lrr"),
+        *grid([*_texts("Partition"), Column("Groups"), Column("Route clusters")], rows),
         "",
         f"Digest of the assignment: `{split['digest']}`.",
     ]
@@ -202,19 +205,21 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
         f"within a threshold: the {percent(thresholds['quantile'], 0)} quantile (higher order statistic) over "
         f"{thresholds['num_groups']:,} structurally eligible training groups.",
         "",
-        *_table(
-            ["Variable", "Criterion", "Threshold"],
+        *grid(
+            [*_texts("Variable", "Criterion"), Column("Threshold")],
             [[f"`{v['name']}`", v["criterion"], _threshold(v, thresholds)] for v in thresholds["variables"]],
-            "llr",
         ),
         "",
         f"Retention over all integrity-complete groups, with {percent(retention['level'], 0)} intervals over "
         f"{retention['num_resamples']:,} resamples of whole groups:",
         "",
-        *_table(
-            ["Criterion", "Partition", "Unit", "Passed", "Share", "Interval", "Target"],
+        *grid(
+            [
+                *_texts("Criterion", "Partition", "Unit"),
+                *map(Column, ("Passed", "Share", "Interval")),
+                *_texts("Target"),
+            ],
             [_retained(row) for row in retention["rows"]],
-            "lllrrrl",
         ),
         "",
         *(f"On the test partition {sentence}" for sentence in target_sentences(retention)),
@@ -225,7 +230,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
 
 def _threshold(variable: Document, thresholds: Document) -> str:
     if not variable["judged"]:
-        return f"not judged: support of {_groups(thresholds['pedestrian_support'])}"
+        return f"not judged: support of {counted(thresholds['pedestrian_support'], 'group')}"
     if variable["value"] is None:
         return "any finite value"
     return f"{variable['value']:.4g} {variable['unit'] or ''}".rstrip()
@@ -242,17 +247,17 @@ def _retained(row: Document) -> list[str]:
 
 def _variants(variants: Document) -> list[str]:
     rows = [
-        [f"`{v['name']}`", _plain(v["title"]), _where(v["where"]), _count(v["num_groups"])]
+        [f"`{v['name']}`", _plain(v["title"]), _where(v["where"]), count_text(v["num_groups"])]
         for v in variants["variants"]
     ]
     return [
         "## Other populations",
         "",
-        f"The frozen population has {_groups(variants['frozen']['num_groups'])}, digest "
+        f"The frozen population has {counted(variants['frozen']['num_groups'], 'group')}, digest "
         f"`{variants['frozen']['digest']}`.",
         "The following are other populations: report results on them apart, and never pool them with it.",
         "",
-        *_table(["Name", "Title", "Flags", "Groups"], rows, "lllr"),
+        *grid([*_texts("Name", "Title", "Flags"), Column("Groups")], rows),
     ]
 
 
@@ -278,7 +283,7 @@ def _structure(descriptor: Descriptor, source: Document, *, has_leakage: bool) -
             [f"`{name}/{table.file_name}`", f"{table.title} One row {table.rate}."] for table in layer.tables.values()
         ]
     files.append(["`MANIFEST.sha256`", "Digest of every file."])
-    lines = ["## Files", "", *_table(["File", "Content"], files, "ll")]
+    lines = ["## Files", "", *grid(_texts("File", "Content"), files)]
     if "raw" not in descriptor.layers:
         lines += ["", f"This release is detached from its raw layer, whose digest is `{source['raw_layer']}`."]
     return lines
@@ -354,24 +359,14 @@ def render_licence(spdx: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], sides: str) -> list[str]:
-    """A Markdown table; a side is ``l`` or ``r``."""
-    rules = ["---:" if side == "r" else "---" for side in sides]
-    return [f"| {' | '.join(cells)} |" for cells in (heads, rules, *rows)]
+def _texts(*titles: str) -> list[Column]:
+    return [Column(title, is_text=True) for title in titles]
 
 
 def _plain(text: str) -> str:
     """Free text on one line that Markdown shows as it is."""
     line = "".join(char if char.isprintable() else " " for char in text)
     return re.sub(r"([\\`*_{}\[\]<>#|~&!])", r"\\\1", line)
-
-
-def _count(count: int | None) -> str:
-    return "-" if count is None else f"{count:,}"
-
-
-def _groups(count: int) -> str:
-    return f"{count:,} group" if count == 1 else f"{count:,} groups"
 
 
 def _lower(title: str) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask, Mismatch
 
-__all__ = ["TOLERANCE", "Problem", "agree", "document_mismatches"]
+__all__ = ["TOLERANCE", "agree", "document_mismatches"]
 
 TOLERANCE = 1e-9
 """Largest distance between a stored and a recomputed real number ``x``, in units of ``1 + |x|``."""
@@ -95,15 +95,3 @@ def _is_number(value: Any) -> bool:
 def _shown(value: Any) -> str:
     text = ascii(value)
     return text if len(text) <= _SHOWN_CHARACTERS else f"{text[: _SHOWN_CHARACTERS - 3]}..."
-
-
-class Problem(Mismatch):
-    """Mismatch at a place of a ledger."""
-
-    def __init__(self, place: str, expected: str, found: str) -> None:
-        super().__init__({"pointer": place}, expected, found)
-
-    @property
-    def place(self) -> str:
-        """JSON pointer."""
-        return str(self.location["pointer"])

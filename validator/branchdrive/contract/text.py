@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["percent", "printable", "quote"]
+__all__ = ["NONE", "count_text", "counted", "percent", "printable", "quote"]
+
+NONE = "-"
+"""Stands where a value is not defined."""
 
 MAX_QUOTED = 160
 """Characters of a quoted value in a finding."""
@@ -24,3 +27,13 @@ def percent(share: float, digits: int = 2) -> str:
     least = 0.51 * 10.0 ** -(digits + 2)
     shown = min(max(share, least), 1 - least) if 0 < share < 1 else share
     return f"{100 * shown:.{digits}f}%"
+
+
+def count_text(count: int | None) -> str:
+    """A count with its thousands apart."""
+    return NONE if count is None else f"{count:,}"
+
+
+def counted(count: int, noun: str) -> str:
+    """A count of things, `noun` in the singular."""
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"

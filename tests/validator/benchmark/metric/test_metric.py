@@ -58,7 +58,7 @@ def test_perfect_predictions_are_perfect() -> None:
     truth = outcomes(gaps=0.3)
     found = values(truth, perfect(truth))
     for metric in METRICS:
-        assert found[metric.name] == pytest.approx(0.0 if metric.lower_is_better else 1.0, abs=1e-12)
+        assert found[metric.name] == pytest.approx(metric.best, abs=1e-12)
 
 
 def test_a_metric_is_the_mean_of_its_values_by_group() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from branchdrive.benchmark.table.markdown import BCA, BY_CLUSTERS, NONE, Document, Rows, ends_of, number
+from branchdrive.benchmark.table.cell import BCA, BY_CLUSTERS, Document, ends_of, number
+from branchdrive.contract.text import NONE
 from branchdrive.statistics.sign_flip import p_text
+from branchdrive.text.table import Column, Table
 
-__all__ = ["JUDGED_BY_CLUSTERS", "UNADJUSTED", "comparison_notes", "comparisons"]
+__all__ = ["JUDGED_BY_CLUSTERS", "UNADJUSTED", "comparison_table"]
 
 JUDGED_BY_CLUSTERS = (
     "Claims are judged by route clusters: groups of one cluster are alike, so that tests and intervals by groups are "
@@ -18,21 +20,14 @@ UNADJUSTED = (
 )
 
 
-def comparison_notes(section: Document) -> list[str]:
-    """What stands below a table of comparisons; nothing below an empty one."""
-    names = {found["name"] for found in section["comparisons"]}
-    declared = {member["name"] for family in section["families"] for member in family["members"]}
-    return [*([JUDGED_BY_CLUSTERS] if names else []), *([UNADJUSTED] if names - declared else [])]
-
-
-def comparisons(section: Document) -> tuple[list[str], Rows, list[str], int]:
-    """Header, rows, notes and the number of columns of text, of a section of results with comparisons and families."""
+def comparison_table(title: str, section: Document) -> Table:
+    """Comparisons of a section of results with its families."""
     families = section["families"]
     adjusted = {family["name"]: {m["name"]: m for m in family["members"]} for family in families}
     rows = []
     for found in section["comparisons"]:
         members = [adjusted[family["name"]].get(found["name"]) for family in families]
-        about = [f"`{found['name']}`", number(found["difference"], 4)]
+        about = [found["name"], number(found["difference"], 4)]
         rows += [
             [
                 *about,
@@ -57,13 +52,32 @@ def comparisons(section: Document) -> tuple[list[str], Rows, list[str], int]:
                 NONE,
             ],
         ]
-    header = ["Comparison", "Difference", "By", "N", "Percentile", "BCa", "p"]
-    header += [*(f"p Holm, {f['name']}" for f in families), "p studentised", "Correlation within clusters"]
-    notes = comparison_notes(section)
-    notes += [
-        f"Family `{family['name']}`: {family['num_evaluated']} of {family['num_declared']} declared tests were "
-        "evaluated; the others count with p = 1, so that adjusted p-values are upper bounds."
-        for family in families
-        if family["num_evaluated"] < family["num_declared"]
+    columns = [
+        Column.name("Comparison", is_code=True),
+        Column("Difference", is_text=True),
+        Column.name("By"),
+        Column("N"),
+        Column("Percentile"),
+        Column("BCa", is_detail=True),
+        Column("p"),
+        *(Column(f"p Holm, {family['name']}") for family in families),
+        Column("p studentised", is_detail=True),
+        Column("Correlation within clusters", is_detail=True),
     ]
-    return header, rows, notes, 3
+    return Table(title, columns, rows, _notes(section))
+
+
+def _notes(section: Document) -> list[str]:
+    """What stands below a table of comparisons."""
+    names = {found["name"] for found in section["comparisons"]}
+    declared = {member["name"] for family in section["families"] for member in family["members"]}
+    return [
+        *([JUDGED_BY_CLUSTERS] if names else []),
+        *([UNADJUSTED] if names - declared else []),
+        *(
+            f"Family `{family['name']}`: {family['num_evaluated']} of {family['num_declared']} declared tests were "
+            "evaluated; the others count with p = 1, so that adjusted p-values are upper bounds."
+            for family in section["families"]
+            if family["num_evaluated"] < family["num_declared"]
+        ),
+    ]

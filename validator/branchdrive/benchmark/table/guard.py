@@ -4,43 +4,39 @@ from __future__ import annotations
 
 from branchdrive.benchmark.promise import UNGUARDED, noise_floor, promises
 from branchdrive.benchmark.ranking.ranking import SEPARATION
-from branchdrive.benchmark.table.markdown import NONE, Document, Rows, ends_of, number, plain, table
+from branchdrive.benchmark.table.cell import Document, number, with_ends
 from branchdrive.driving.target import TARGETS
+from branchdrive.text.table import Column, Passage, Table
 
-__all__ = ["guard_tables", "noise_tables"]
+__all__ = ["guard_sections", "noise_tables"]
 
-_FIGURES = (
-    ("coverage", "Coverage"),
-    ("violation", "Violation"),
-    ("violation_of_clusters", "Violation, clusters"),
-    ("violation_of_interventions", "Violation, interventions"),
-    ("intervention", "Intervention"),
-    ("gain", "Gain"),
-    ("retained_gain", "Retained gain"),
-    ("separation_difference_m", "Separation, m"),
-)
+_FIGURES = {
+    "coverage": Column("Coverage", is_detail=True),
+    "violation": Column("Violation"),
+    "violation_of_clusters": Column("Violation, clusters"),
+    "violation_of_interventions": Column("Violation, interventions", is_detail=True),
+    "intervention": Column("Intervention"),
+    "gain": Column("Gain"),
+    "retained_gain": Column("Retained gain"),
+    "separation_difference_m": Column("Separation, m", is_detail=True),
+}
+"""Columns of a selection's figures."""
 
 
-def guard_tables(results: Document) -> list[list[str]]:
-    """Sections of lines; a guard that was not judged has its reason."""
+def guard_sections(results: Document) -> list[Table | Passage]:
+    """A table for each profile and what the guards promise, or why the guard was not judged."""
     guard = results["guard"]
     if not guard["profiles"]:
-        return [["## Guard", "", f"Not judged: {plain(guard['reason'])}"]]
-    sections = [
-        table(f"Guard, profile {p['profile']}", results, *_guard_profile(p, results)) for p in guard["profiles"]
-    ]
-    promise = ["## What the guards promise", *(line for text in promises(results) for line in ("", text))]
-    return [*sections, promise]
+        return [Passage("Guard", [f"Not judged: {guard['reason']}"])]
+    tables = [_profile_table(profile, results) for profile in guard["profiles"]]
+    return [*tables, Passage("What the guards promise", promises(results))]
 
 
-def _guard_profile(profile: Document, results: Document) -> tuple[list[str], Rows, list[str]]:
+def _profile_table(profile: Document, results: Document) -> Table:
     rows = []
     for selection in profile["selections"]:
-        figures = [selection["figures"][name] for name, _ in _FIGURES]
-        cells = [
-            NONE if found["value"] is None else f"{number(found['value'])} {ends_of(found)}".removesuffix(f" {NONE}")
-            for found in figures
-        ]
+        figures = [selection["figures"][name] for name in _FIGURES]
+        cells = [with_ends(number(found["value"]), found) for found in figures]
         rows.append([selection["selection"], *cells, str(selection["num_actions"])])
     margin = profile["global_margin"]
     test = margin["test"]
@@ -54,17 +50,18 @@ def _guard_profile(profile: Document, results: Document) -> tuple[list[str], Row
     for name, title in (("conformal", "Selection-path conformal"), ("learn_then_test", "Learn then test")):
         found = profile[name]
         price = "nominal alone" if found["price"] is None else f"price {found['price']:.4g}"
-        refused = "" if found["refusal"] is None else f" Not judged: {plain(found['refusal'])}."
+        refused = "" if found["refusal"] is None else f" Not judged: {found['refusal']}."
         size = f"{found['num_groups']} groups in {found['num_clusters']} clusters"
         notes.append(f"{title}: {price}, calibrated on {size}.{refused}")
     notes.append(UNGUARDED)
     if (floor := noise_floor(results)) is not None:
         notes.append(floor)
-    return ["Selection", *(title for _, title in _FIGURES), "Actions"], rows, notes
+    columns = [Column.name("Selection"), *_FIGURES.values(), Column("Actions", is_detail=True)]
+    return Table(f"Guard, profile {profile['profile']}", columns, rows, notes)
 
 
-def noise_tables(results: Document) -> list[list[str]]:
-    """Sections of lines; none where no nominal was repeated."""
+def noise_tables(results: Document) -> list[Table]:
+    """How far repetition moves outcomes, and selections beyond it; none where no nominal was repeated."""
     noise = results["noise"]
     if noise is None:
         return []
@@ -73,28 +70,29 @@ def noise_tables(results: Document) -> list[list[str]]:
          str(noise["num_groups"][i])]
         for i, t in enumerate(TARGETS)
     ]  # fmt: skip
-    header = ["Target", "Tolerance", "Root mean square", "N groups, training"]
     floor = noise_floor(results)
-    sections = [table("Noise of outcomes", results, header, rows, [] if floor is None else [floor])]
-    selections = [
-        (profile["profile"], selection)
+    columns = [Column.name("Target"), *map(Column, ("Tolerance", "Root mean square", "N groups, training"))]
+    tables = [Table("Noise of outcomes", columns, rows, [] if floor is None else [floor])]
+    counted = [
+        [profile["profile"], selection["selection"], *_beyond(selection["beyond_noise"]), _separation(selection)]
         for profile in results["guard"]["profiles"]
         for selection in profile["selections"]
         if selection["beyond_noise"] is not None
     ]
-    if selections:
-        counted = [
-            [profile, found["selection"], *_beyond(found["beyond_noise"]), _separation(found)]
-            for profile, found in selections
-        ]
-        header = ["Profile", "Selection", *(target.symbol for target in TARGETS), "Mean D_min, m"]
+    if counted:
         note = (
             "Groups whose selected difference to nominal exceeds the tolerance, for the worse and for the better, of "
             "those that have one. The tolerance is that of one group; the mean difference of separation stands beside "
             "the standard error that repetition alone gives it."
         )
-        sections.append(table("Selected differences beyond noise", results, header, counted, [note], 2))
-    return sections
+        columns = [
+            Column.name("Profile"),
+            Column.name("Selection"),
+            *(Column(target.symbol) for target in TARGETS),
+            Column("Mean D_min, m"),
+        ]
+        tables.append(Table("Selected differences beyond noise", columns, counted, [note], is_detail=True))
+    return tables
 
 
 def _beyond(found: Document) -> list[str]:

@@ -2,41 +2,56 @@
 
 from __future__ import annotations
 
-from branchdrive.benchmark.table.comparison import comparisons
-from branchdrive.benchmark.table.markdown import (
+from branchdrive.benchmark.table.cell import (
     BY_CLUSTERS,
     Document,
-    Rows,
     ends_of,
     number,
-    plain,
+    signed,
     spread_over_seeds,
-    table,
+    with_ends,
+)
+from branchdrive.benchmark.table.comparison import comparison_table
+from branchdrive.text.table import Column, Passage, Table
+
+__all__ = ["ranking_sections"]
+
+_COLUMNS = (
+    Column.name("Selector"),
+    Column("Value"),
+    Column("95 %, clusters", is_detail=True),
+    Column("To nominal"),
+    Column("Regret"),
+    Column("Concordance"),
+    Column("NDCG"),
+    Column("Top-1"),
+    Column("Seed agreement", is_detail=True),
+    Column("Captured"),
+    Column("Actions", is_detail=True),
+    Column("Non-worsening"),
 )
 
-__all__ = ["ranking_tables"]
 
-
-def ranking_tables(results: Document) -> list[list[str]]:
-    """Sections of lines."""
+def ranking_sections(results: Document) -> list[Table | Passage]:
+    """A table for each ranked profile, why the others are not ranked, and the comparisons."""
     ranking = results["ranking"]
-    sections = [
-        table(f"Ranking, profile {profile['profile']}", results, *_profile(profile)) for profile in ranking["profiles"]
+    return [
+        *(_profile_table(profile) for profile in ranking["profiles"]),
+        *(
+            Passage(f"Ranking, profile {out['profile']}", [f"Not judged: {out['reason']}."])
+            for out in ranking["left_out"]
+        ),
+        comparison_table("Comparisons of selectors", ranking),
     ]
-    sections += [
-        [f"## Ranking, profile {out['profile']}", "", f"Not judged: {plain(out['reason'])}."]
-        for out in ranking["left_out"]
-    ]
-    return [*sections, table("Comparisons of selectors", results, *comparisons(ranking))]
 
 
-def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
+def _profile_table(profile: Document) -> Table:
     rows = [
         [
             entry["selector"],
             spread_over_seeds(entry["value"], entry["seed_sd"]["value"]),
             ends_of(entry["intervals"]["value"], *BY_CLUSTERS),
-            _signed(entry["difference"]),
+            signed(entry["difference"]),
             spread_over_seeds(entry["regret"], entry["seed_sd"]["regret"]),
             number(entry["concordance"]),
             number(entry["ndcg"]),
@@ -48,10 +63,6 @@ def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
         ]
         for entry in profile["entries"]
     ]
-    header = [
-        "Selector", "Value", "95 %, clusters", "To nominal", "Regret", "Concordance", "NDCG", "Top-1", "Seed agreement",
-        "Captured", "Actions", "Non-worsening",
-    ]  # fmt: skip
     fixed = "there is no fixed brake" if profile["fixed_brake"] is None else f"fixed brake `{profile['fixed_brake']}`"
     note = (
         f"N = {profile['num_ranked']} groups; {profile['num_without_separation']} left for want of a separation, "
@@ -59,13 +70,9 @@ def _profile(profile: Document) -> tuple[list[str], Rows, list[str]]:
         f"ActionPrior takes `{profile['action_prior']}`, {fixed}. The interval of the non-worsening gate resamples "
         "route clusters."
     )
-    return header, rows, [note]
+    return Table(f"Ranking, profile {profile['profile']}", _COLUMNS, rows, [note])
 
 
 def _gate(gate: Document) -> str:
-    ends = "" if gate["low"] is None else f" {ends_of(gate)}"
-    return f"{'pass' if gate['passed'] else 'fail'} ({_signed(gate['mean_m'])} m{ends})"
-
-
-def _signed(value: float) -> str:
-    return f"{round(value, 3) + 0.0:+.3f}"
+    mean = with_ends(f"{signed(gate['mean_m'])} m", gate)
+    return f"{'pass' if gate['passed'] else 'fail'} ({mean})"

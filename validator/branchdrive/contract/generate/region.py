@@ -16,6 +16,7 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES, PATTERNS, STREAMS, TABLES, declared_table
 from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_digest
 from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.metric import DECLARED_METRICS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.errors import UsageError
 
@@ -173,6 +174,21 @@ def _limits_region() -> str:
     return grid(["limit", "value", "unit", "what it bounds"], rows)
 
 
+def _metrics_region() -> str:
+    rows = [
+        [
+            f"`{metric.name}`" + (" and the target" if metric.per_target else ""),
+            metric.title,
+            "that of the target" if metric.unit == "target" else metric.unit,
+            str(metric.best),
+            "yes" if metric.paired else "no",
+            metric.description,
+        ]
+        for metric in DECLARED_METRICS
+    ]
+    return grid(["metric", "title", "unit", "best", "tested", "what it is"], rows)
+
+
 REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
     {
         "streams": _streams_region,
@@ -184,6 +200,7 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
         "encoding": _encoding_region,
         "rules": _rules_region,
         "limits": _limits_region,
+        "metrics": _metrics_region,
         **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
     }
 )
