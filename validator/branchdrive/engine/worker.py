@@ -121,7 +121,9 @@ def _quiet_start() -> Iterator[None]:
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(jobs, spawn_context(), _prepare_process, (spec_limits().max_worker_bytes,))
+    return ProcessPoolExecutor(
+        jobs, spawn_context(is_single_threaded=True), _prepare_process, (spec_limits().max_worker_bytes,)
+    )
 
 
 def _import(module: str) -> None:

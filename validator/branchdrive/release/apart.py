@@ -1,8 +1,8 @@
 """A leakage audit in a process of its own, whose linear algebra runs in one thread.
 
-Sums of a linear algebra library depend on its number of threads in their last bits, and it reads that number
-when it is loaded. So the audit has a fresh process; parts that are known and progress go through a pipe, and
-files are the parent's alone. It is no worker of an executor, because workers import the script that starts them.
+Sums of a linear algebra library depend on its number of threads in their last bits, so the audit has a fresh
+process. Parts that are known and progress go through a pipe, and files are the parent's alone. It is no worker of
+an executor, because workers import the script that starts them.
 
 Source: spec/10-layers.md#layers.
 """
@@ -22,21 +22,9 @@ from branchdrive.leakage.audit import Progress, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
-from branchdrive.process import child_environment, exit_after, python_command
+from branchdrive.process import ONE_THREAD, child_environment, exit_after, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
-
-_ONE_THREAD = dict.fromkeys(
-    (
-        "BLIS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-    ),
-    "1",
-)
 
 
 class KnownParts(Protocol):
@@ -97,7 +85,7 @@ def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = 
         with there:
             process = subprocess.Popen(  # noqa: S603  (this interpreter and this module)
                 python_command("-m", __name__, str(there.fileno())),
-                env={**child_environment(), **_ONE_THREAD},
+                env={**child_environment(), **ONE_THREAD},
                 pass_fds=(there.fileno(),),
                 stdin=subprocess.PIPE,  # closes with this process, however that ends
                 start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of
