@@ -18,7 +18,7 @@ def remembered_runs() -> Iterator[None]:
     That equal rollouts have equal bytes is shown by the tests of the simulation.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("branchdrive_reference.collect.fault.run", remembered(run))
+        patch.setattr("branchdrive_reference.collect.effect.run", remembered(run))
         yield
 
 

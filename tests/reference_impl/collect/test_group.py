@@ -163,7 +163,7 @@ def test_replays_get_noise_of_their_own_and_nominal_passes_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, noise: float
 ) -> None:
     spy = Run()
-    monkeypatch.setattr("branchdrive_reference.collect.fault.run", spy)
+    monkeypatch.setattr("branchdrive_reference.collect.effect.run", spy)
     collect_one(tmp_path / "d", plan_group(SEED, 1), descriptor=collection_descriptor(SEED, replay_noise=noise))
     nominal, *replays = spy.specs
     assert (nominal.replay, nominal.replay_noise) == (0, 0.0)

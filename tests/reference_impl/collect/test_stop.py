@@ -61,7 +61,7 @@ def test_a_rollout_in_which_a_stop_arrives_is_kept(
 
     arguments = ["collect", str(root), "--groups", str(GROUPS), "--seed", str(SEED)]
     with monkeypatch.context() as patch:
-        patch.setattr("branchdrive_reference.collect.fault.run", stopped_in_the_third)
+        patch.setattr("branchdrive_reference.collect.effect.run", stopped_in_the_third)
         stdout, stderr = io.StringIO(), io.StringIO()
         assert run(arguments, stdout, stderr) == STOPS[stop]
     assert "identity" not in stdout.getvalue()

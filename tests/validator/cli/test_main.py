@@ -311,7 +311,7 @@ def test_a_bug_is_no_verdict_on_the_dataset(entry: Run, valid_root: Path, monkey
 
 SLOW = """
 import os, sys, time
-from branchdrive.engine import validate as engine
+from branchdrive.engine import reading
 from branchdrive.cli.main import validate_run
 
 from branchdrive.engine.shard import audit_shard
@@ -323,7 +323,7 @@ def sleep(task):
     os.write(1, b"one worker is busy, the other has nothing left to do\\n")
     time.sleep(60)
 
-engine.audit_shard = sleep
+reading.audit_shard = sleep
 
 if __name__ == "__main__":
     sys.exit(validate_run(sys.argv[1:], sys.stdout, sys.stderr))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tests.repo.checkout import ROOT
 from tests.validator.statistics import random_words as reference
 
 from branchdrive.contract.resources import load_resource
@@ -78,13 +76,3 @@ def test_variates_are_nearly_normal() -> None:
     assert drawn.var() == pytest.approx(1, abs=0.01)
     assert (drawn**4).mean() == pytest.approx(2.9, abs=0.05)
     assert np.abs(drawn).max() <= 6
-
-
-def test_the_specification_lists_every_stream_that_is_drawn() -> None:
-    """Training of recurrent tests apart, which a validator does not repeat."""
-    table = (ROOT / "spec" / "15-random-words.md").read_text("utf-8").split('<a id="streams">')[1]
-    listed = set(re.findall(r"^\| `([a-z/-]+)", table, re.MULTILINE))
-    derive = ROOT / "validator" / "branchdrive" / "derive"
-    literal = re.compile(r'"((?:fidelity|leakage|metric|guard)/[a-z/-]+)')
-    drawn = {name for path in derive.rglob("*.py") for name in literal.findall(path.read_text("utf-8"))}
-    assert drawn - {"leakage/training/"} == listed

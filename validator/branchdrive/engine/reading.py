@@ -13,7 +13,7 @@ from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_laye
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
-from branchdrive.engine.worker import Died, Executor, Failed
+from branchdrive.engine.worker import Executor, Failed
 from branchdrive.files.survey import Survey
 
 __all__ = ["Progress", "Reading", "read_dataset"]
@@ -95,11 +95,11 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
     result = _unjudged(task)
     for path in task.files:
         part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed)
-        for _, outcome in executor(audit_shard, [part]):
-            if isinstance(outcome, Died):
-                result.over_limit[path] = "killed the process that decoded it within the memory limit, twice"
-            elif isinstance(outcome, Failed):
+        for _, outcome in executor(_read, [part]):
+            if isinstance(outcome, Failed):
                 errors.append(f"{path}: {outcome.message}")
+            elif not isinstance(outcome, ShardResult):
+                result.over_limit[path] = "killed the process that decoded it within the memory limit, twice"
             else:
                 result.digests.update(outcome.digests)
                 result.unreadable.update(outcome.unreadable)
