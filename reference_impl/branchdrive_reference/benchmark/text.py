@@ -1,4 +1,4 @@
-"""Results of a benchmark on a terminal: the warnings of the results, and the headline tables."""
+"""Results of a benchmark on a terminal: the headline tables, each with the warnings of the results."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.text import Text
 
 from branchdrive.benchmark.tables import result_sections
-from branchdrive.contract.text import printable
 from branchdrive.text.table import Table
 from branchdrive.text.terminal import print_section, render
 
@@ -23,16 +22,12 @@ def render_results(results: Mapping[str, Any], stdout: TextIO) -> str:
 
 
 def _print_results(console: Console, results: Mapping[str, Any]) -> None:
-    for warning in results["warnings"]:
-        console.print(Text(f"Warning: {printable(warning)}", style="yellow"))
-    if results["warnings"]:
-        console.print()
     for section in result_sections(results):
         if isinstance(section, Table):
             if section.is_detail or not section.rows:
                 continue
             section = section.without_details()
-        print_section(console, section)
+        print_section(console, section, results["warnings"])
         console.print()
     if results["noise"] is None:
         console.print(

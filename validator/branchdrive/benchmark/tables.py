@@ -1,7 +1,7 @@
 """Tables of results: values made once, printed in full as Markdown, `TABLES.md`, and as headlines on a terminal.
 
-They are a pure function of the document `results.json`, in the layout of the paper. In the file the warnings
-of the results stand below each title, so that none can be quoted without them. Tables print the number of groups,
+They are a pure function of the document `results.json`, in the layout of the paper. Whatever prints them puts the
+warnings of the results below each title, so that none can be quoted without them. Tables print the number of groups,
 never of trajectories.
 
 Source: paper, tables of V and VI; spec/14-benchmark.md#tables.

@@ -60,12 +60,14 @@ def _shown(text: str) -> str:
     return "±".join(map(printable, text.split("±")))
 
 
-def print_section(console: Console, section: Table | Passage) -> None:
-    """Print a table or a passage."""
+def print_section(console: Console, section: Table | Passage, warnings: Iterable[str] = ()) -> None:
+    """Print a table, with `warnings` below its title, or a passage."""
     console.print(Text(_shown(section.title), style="bold"))
     if isinstance(section, Passage):
         console.print(Text("\n\n".join(map(_shown, section.paragraphs))))
         return
+    for warning in warnings:
+        console.print(Text(f"Warning: {_shown(warning)}", style="yellow"))
     columns = [column._replace(title=_shown(column.title)) for column in section.columns]
     _print_rows(console, replace(section, columns=columns, rows=[[*map(_shown, row)] for row in section.rows]))
     for note in section.notes:
