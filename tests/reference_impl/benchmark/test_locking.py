@@ -9,8 +9,10 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, make_release
 
 from branchdrive import DatasetError, UsageError
+from branchdrive.benchmark.tables import result_sections
 from branchdrive.contract.layout import layer_of
 from branchdrive.formats.manifest import Manifest, build_manifest, write_manifest
+from branchdrive.text.table import Table
 
 
 def _finish(root: Path) -> None:
