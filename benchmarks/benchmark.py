@@ -10,8 +10,8 @@ from pathlib import Path
 from benchmarks.command import memory, minutes, run_branchdrive
 from benchmarks.memory import Measured
 from benchmarks.row import Row
-from branchdrive.derive.benchmark.prediction_result import prediction_results, training_scale
-from branchdrive.derive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.prediction_result import prediction_results, training_scale
+from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.document import read_protocol_file
 from branchdrive_reference.benchmark.fold import fold_tasks

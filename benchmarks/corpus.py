@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, RAW_DIR, shard_name
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.dataset.parquet import encode_table
+from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR, shard_name
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.formats.parquet import encode_table
 
 __all__ = ["repeat_dataset"]
 

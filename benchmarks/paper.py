@@ -13,7 +13,7 @@ from pathlib import Path
 from benchmarks.command import minutes, run_branchdrive, size
 from benchmarks.memory import Measured
 from benchmarks.row import Row
-from branchdrive.audit.verdict import EXIT_CODES
+from branchdrive.engine.verdict import EXIT_CODES
 from branchdrive.errors import BranchDriveError
 
 __all__ = ["rows"]

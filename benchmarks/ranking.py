@@ -18,11 +18,11 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.row import Row
-from branchdrive.build.build import build_release
-from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.derive.benchmark.protocol import default_protocol
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import PROFILES, Scale, fit_scale, utility
+from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import PROFILES, Scale, fit_scale, utility
+from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.release.builder import build_release
 from branchdrive_reference.benchmark.selector import (
     INPUTS,
     OUTPUT,

@@ -19,16 +19,17 @@ from benchmarks.command import memory, minutes, run_branchdrive, run_module, siz
 from benchmarks.row import Row
 from benchmarks.staged import StageCost
 from benchmarks.validation import time_validation
-from branchdrive.audit.extract.replay_input import replay_inputs
-from branchdrive.audit.worker import isolated
-from branchdrive.build.layers import BuiltLayers, load_layers
-from branchdrive.build.scan import RawScan, scan_raw
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.layout import LEAKAGE_FILE
-from branchdrive.derive.layer.wording import leakage_sentences, opening_sentence, target_sentences
-from branchdrive.derive.leakage.gate_input import gate_features
-from branchdrive.derive.leakage.protocol import Protocol
+from branchdrive.contract.layout import LEAKAGE_FILE
+from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
+from branchdrive.leakage.inputs import gate_features
+from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.replays import replay_inputs
+from branchdrive.leakage.text import leakage_sentences
+from branchdrive.quality.text import access_sentence, target_sentences
+from branchdrive.release.layers import BuiltLayers, load_layers
+from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 
 __all__ = ["FOLDER", "ReleaseBench", "rows"]
@@ -116,8 +117,8 @@ def _population(layers: BuiltLayers) -> Iterator[Row]:
     valid = np.asarray(groups["core_valid"], bool)
     types = len(set(groups["scenario_type"][valid].tolist()))
     yield Row("core-valid groups", f"{valid.sum():,} from {types} scenario types", ">= 606 from 9 types")
-    opened = opening_sentence(layers.documents["quality/ledger.json"])
-    yield Row("test partition", "\n".join([*target_sentences(layers.documents["quality/retention.json"]), opened]))
+    accesses = access_sentence(layers.documents["quality/ledger.json"])
+    yield Row("test partition", "\n".join([*target_sentences(layers.documents["quality/retention.json"]), accesses]))
 
 
 def _stage(stage: Mapping[str, Any], partitions: Sequence[str]) -> str:
@@ -143,7 +144,7 @@ def _validated(root: Path, bench: ReleaseBench) -> Iterator[Row]:
 def _leakage(root: Path, layers: BuiltLayers, bench: ReleaseBench) -> Iterator[Row]:
     yield Row("leakage audit", "\n".join(leakage_sentences(layers.documents[LEAKAGE_FILE])))
     scan: RawScan = scan_raw(root, isolated(bench.jobs))
-    inputs = replay_inputs(scan.extract.replays, layers.frames["group_quality"], scan.descriptor.action_bank)
+    inputs = replay_inputs(scan.extract["replays"], layers.frames["group_quality"], scan.descriptor.action_bank)
     gate = gate_size(gate_features(inputs)[0], seeds=range(bench.num_seeds), protocol=_SIZE_PROTOCOL)
     shuffled = f"{inputs.num_groups:,} groups, rows shuffled within groups, {bench.num_seeds:,} seeds"
     for name, p_values in gate.p_values.items():

@@ -15,12 +15,12 @@ from pathlib import Path
 from threading import Event, Thread
 
 from benchmarks.memory import peak_bytes, process_tree, reset_peak
-from branchdrive.audit.worker import isolated
-from branchdrive.build.build import build_release
-from branchdrive.build.stage import BuildOptions
 from branchdrive.cli.build import calibration
-from branchdrive.derive.split import Calibration
+from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
+from branchdrive.release.builder import build_release
+from branchdrive.release.stage import BuildOptions
+from branchdrive.statistics.split import Calibration
 
 __all__ = ["StageCost", "main"]
 

@@ -12,15 +12,15 @@ from pathlib import Path
 
 from benchmarks.corpus import repeat_dataset
 from benchmarks.row import Row
-from branchdrive.audit.engine import validate
-from branchdrive.audit.shard import ShardTask, audit_shard
-from branchdrive.audit.survey import take_survey
-from branchdrive.audit.worker import isolated
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.layer import LAYERS
-from branchdrive.dataset.layout import RAW_DIR
-from branchdrive.dataset.parquet import decode_table
+from branchdrive.contract.layout import RAW_DIR
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.shard import ShardTask, audit_shard
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
+from branchdrive.files.survey import take_survey
+from branchdrive.formats.parquet import decode_table
 from branchdrive_reference.collect.campaign import collect
 
 __all__ = ["ValidationTiming", "rows", "time_validation", "worker_peak_bytes"]

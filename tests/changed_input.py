@@ -11,8 +11,8 @@ from pathlib import Path
 from tests.validator.contract.changing import changed, sample
 
 from branchdrive.cli.main import run
-from branchdrive.dataset.layout import MANIFEST_FILE
-from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.formats.manifest import build_manifest, write_manifest
 
 __all__ = ["changed_contents", "poor_end", "poor_ends"]
 

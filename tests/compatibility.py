@@ -47,7 +47,13 @@ LOWEST_PYTHONS = ("3.11", "3.12")
 CORE_TESTS = ("tests/validator",)
 """Tests that need nothing but the light core and the tools of the extra `test`."""
 
-QUICK_CORE_TESTS = ("tests/validator/dataset", "tests/validator/contract", "tests/validator/derive/test_stream.py")
+QUICK_CORE_TESTS = (
+    "tests/validator/formats",
+    "tests/validator/raw",
+    "tests/validator/writer",
+    "tests/validator/contract",
+    "tests/validator/statistics/test_stream.py",
+)
 
 EXTRA_TESTS = (
     "tests/reference_impl/guard",
@@ -59,8 +65,13 @@ EXTRA_TESTS = (
 """Tests of the extras that have lowest versions to try."""
 
 NUMERIC_TESTS = (
-    "tests/validator/derive",
-    "tests/validator/audit/test_mutated_benchmark.py",
+    "tests/validator/driving",
+    "tests/validator/statistics",
+    "tests/validator/quality",
+    "tests/validator/leakage",
+    "tests/validator/model",
+    "tests/validator/benchmark",
+    "tests/validator/engine/test_mutated_benchmark.py",
     "tests/reference_impl/guard",
     "tests/reference_impl/learning",
     "tests/reference_impl/leakage",
@@ -69,9 +80,10 @@ NUMERIC_TESTS = (
     "tests/reference_impl/simulation",
 )
 QUICK_NUMERIC_TESTS = (
-    "tests/validator/derive/guard",
-    "tests/validator/derive/metric",
-    "tests/validator/derive/ranking",
+    "tests/validator/benchmark/guard",
+    "tests/validator/benchmark/metric",
+    "tests/validator/benchmark/ranking",
+    "tests/validator/statistics",
     "tests/reference_impl/guard",
     "tests/reference_impl/geometry",
 )
@@ -251,7 +263,7 @@ def under_kernel(variables: dict[str, str]) -> str:
     """All rules on a synthetic release with a benchmark, which is built once, as this processor calculates."""
     if not RELEASE.is_dir():
         FOLDER.mkdir(parents=True, exist_ok=True)
-        build = "import sys; from tests.validator.audit.rules.benchmark_release import BenchmarkDraft as Draft; "
+        build = "import sys; from tests.validator.engine.rules.benchmark_release import BenchmarkDraft as Draft; "
         run([sys.executable, "-c", f"{build}Draft().write(__import__('pathlib').Path(sys.argv[1]))", str(RELEASE)])
     printed = run([str(Path(sys.executable).with_name("branchdrive-validate")), str(RELEASE)], environment=variables)
     return printed.stdout.splitlines()[-1]

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib.metadata import distributions
+from inspect import isgeneratorfunction
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -95,14 +96,18 @@ def kept_folder(name: str, build: Callable[[Path], object], copy: Path) -> Path:
 
 @cache
 def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function, whose results are kept by the content of its arguments; each caller gets a copy."""
+    """The same function, whose results are kept by the content of its arguments; each caller gets a copy.
+
+    What a generator yields comes as a list.
+    """
     known: dict[bytes, bytes] = {}
 
     @wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
         key = hashlib.sha256(pickle.dumps((arguments, options))).digest()
         if key not in known:
-            known[key] = pickle.dumps(function(*arguments, **options))
+            result = function(*arguments, **options)
+            known[key] = pickle.dumps(list(result) if isgeneratorfunction(function) else result)
         return pickle.loads(known[key])
 
     return call

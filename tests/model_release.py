@@ -17,13 +17,13 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.encoding import encode_bank
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.frame import to_arrow
-from branchdrive.dataset.parquet import encode_table
-from branchdrive.derive.layer.arrays import ModelArrays, pack_arrays
-from branchdrive.derive.layer.features import HISTORIES, features_document
-from branchdrive.derive.layer.frame import Values, num_rows, take
-from branchdrive.derive.layer.normalisation import normalisation_document
-from branchdrive.derive.layer.variants import Variant, variants_document
+from branchdrive.formats.parquet import encode_table
+from branchdrive.model.arrays import ModelArrays, pack_arrays
+from branchdrive.model.features import HISTORIES, features_document
+from branchdrive.model.normalisation import normalisation_document
+from branchdrive.quality.variants import Variant, variants_document
+from branchdrive.tables.arrow import to_arrow
+from branchdrive.tables.frame import Values, num_rows, take
 
 __all__ = [
     "ASSIGNMENT", "CANDIDATES", "DESCRIPTOR", "GROUPS", "OUTSIDER", "Frames", "make_arrays", "make_frames",

@@ -6,8 +6,8 @@ that rules must still accept. Each is a small function on a `Draft`, in the modu
 
 from __future__ import annotations
 
-from tests.validator.audit.rules.case import REGISTRY, Boundary, Mutant, new_draft
-from tests.validator.audit.rules.cases import (
+from tests.validator.engine.rules.case import REGISTRY, Boundary, Mutant, new_draft
+from tests.validator.engine.rules.cases import (
     attempts,
     battery,
     benchmark,
@@ -34,7 +34,7 @@ from tests.validator.audit.rules.cases import (
     values,
     windows,
 )
-from tests.validator.audit.rules.draft import Draft
+from tests.validator.engine.rules.draft import Draft
 
 __all__ = [
     "AREAS", "BOUNDARIES", "MUTANTS", "Boundary", "Draft", "Mutant", "new_draft",

@@ -42,11 +42,11 @@ from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.columns import STREAMS, table_schema
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.encoding import encoding_digest
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.dataset.manifest import build_manifest
-from branchdrive.dataset.parquet import encode_table
-from branchdrive.derive.risk import risk_evidence
+from branchdrive.driving.risk import risk_evidence
+from branchdrive.formats.manifest import build_manifest
+from branchdrive.formats.parquet import encode_table
 
 __all__ = [
     "ACTORS", "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",

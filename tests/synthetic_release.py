@@ -14,7 +14,7 @@ from typing import Any
 from tests.content_cache import kept
 from tests.driving import ACTORS, ROUTES, Scene, group_name
 from tests.synthetic import Tables, concat, frames_table, make_group, media_descriptor, shared
-from tests.validator.audit.rules.draft import Draft
+from tests.validator.engine.rules.draft import Draft
 
 __all__ = [
     "LOST", "MOVED", "NEAR_DUPLICATE", "NOISY", "NUM_GROUPS", "RELEASE_SHARDS", "SEED", "TWINS", "raw_descriptor",

@@ -17,7 +17,7 @@ from tests.reference_impl.benchmark.small_release import invoke, make_release, s
 from tests.reference_impl.collect.kept_collection import kept_collection
 
 from benchmarks import benchmark, highway_env, paper, ranking, release
-from branchdrive.derive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.training import model_tasks
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 PROGRAM = """
 from branchdrive_reference.kernel import are_kernels_cached
-from branchdrive_reference.world.idm import desired_gap_m
+from branchdrive_reference.world.traffic import desired_gap_m
 print(are_kernels_cached())
 desired_gap_m(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 """

@@ -11,11 +11,12 @@ from types import ModuleType
 from tests.each import each
 from tests.repo.checkout import ROOT
 
+from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
+from branchdrive.benchmark.warning import warnings
 from branchdrive.cli import build, validate
-from branchdrive.contract.catalogue import CATALOGUE
-from branchdrive.derive.benchmark.openings import EVENTS, opened, warnings
-from branchdrive.derive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect
@@ -86,8 +87,8 @@ def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
     )
 
 
-def test_the_sentence_on_openings_is_the_one_that_tables_carry() -> None:
-    twice = opened(opened(None, EVENTS[0], "a" * 64), EVENTS[0], "b" * 64)
+def test_the_sentence_on_accesses_is_the_one_that_tables_carry() -> None:
+    twice = with_benchmark_access(with_benchmark_access(None, PREDICTION_ACCESS, "a" * 64), PREDICTION_ACCESS, "b" * 64)
     (block,) = re.findall(r"```text\n(.*?)```", PAGE, re.S)
     assert warnings(twice) == [" ".join(block.split())]
 

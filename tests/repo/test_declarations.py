@@ -13,7 +13,7 @@ from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.contract.columns import PATTERNS, STREAMS, TABLES, Column, Table
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.resources import SPEC_VERSION, load_resource, schema_dir
 
 SCHEMAS = sorted(path.name for path in schema_dir().glob("*.schema.json"))
@@ -33,9 +33,9 @@ each_schema = each("schema_name", SCHEMAS)
 each_column = each(("table", "column"), COLUMNS, ids=[f"{table.name}.{column.name}" for table, column in COLUMNS])
 
 
-@pytest.mark.parametrize("document", ["rules", "columns", "layers", "limits", "action-bank"])
+@pytest.mark.parametrize("document", ["rules", "columns", "layers", "limits", "metrics", "action-bank"])
 def test_declarations_meet_their_schema(document: str) -> None:
-    assert schema_violations(load_resource(f"{document}.json"), f"{document}.schema.json") == []
+    assert schema_mismatches(load_resource(f"{document}.json"), f"{document}.schema.json") == []
 
 
 def test_every_declaration_has_a_schema() -> None:
@@ -73,7 +73,7 @@ def texts(node: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
         yield from texts(value, f"{place}/{key}")
 
 
-@pytest.mark.parametrize("name", ["protocol", "lock", "openings", "results"])
+@pytest.mark.parametrize("name", ["protocol", "lock", "ledger", "results"])
 def test_texts_of_a_benchmark_are_one_printable_line(name: str) -> None:
     """They are rendered as Markdown and printed on terminals."""
     for place, text in texts(load_resource(f"{name}.schema.json")):

@@ -9,8 +9,8 @@ import numpy as np
 from tests.model_release import DESCRIPTOR, make_arrays, make_frames, write_release
 from tests.repo.checkout import ROOT
 
-from branchdrive.derive.feature import InputContract
-from branchdrive.derive.layer.features import features_document
+from branchdrive.driving.feature import InputContract
+from branchdrive.model.features import features_document
 
 if TYPE_CHECKING:
     from pathlib import Path

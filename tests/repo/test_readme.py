@@ -14,10 +14,10 @@ from tests.repo.checkout import ROOT
 from tests.synthetic import base_tables, descriptor, write_dataset
 
 from branchdrive import open_dataset
-from branchdrive.audit.engine import validate
-from branchdrive.audit.funnel import STAGES
-from branchdrive.audit.verdict import EXIT_CODES
 from branchdrive.cli.main import run
+from branchdrive.engine.validate import validate
+from branchdrive.engine.verdict import EXIT_CODES
+from branchdrive.raw.funnel import STAGES
 
 if TYPE_CHECKING:
     from pathlib import Path

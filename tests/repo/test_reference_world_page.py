@@ -10,15 +10,14 @@ from tests.repo.checkout import ROOT
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive_reference.collect.fault import DESCRIPTIONS
-from branchdrive_reference.collect.preset import FAULT_PRESETS
+from branchdrive_reference.collect.plan import FAULT_PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
 from branchdrive_reference.simulation import replay_noise
 from branchdrive_reference.town import interurban_town, urban_town
-from branchdrive_reference.town.environment import ENVIRONMENTS
 from branchdrive_reference.town.lane import LANE_WIDTH_M, RoadClass
 from branchdrive_reference.town.network import RoadNetwork
 from branchdrive_reference.town.registry import TOWN_NAMES, town
-from branchdrive_reference.town.signal import CYCLE_TICKS, Light, light_of
+from branchdrive_reference.town.signal import CYCLE_TICKS, ENVIRONMENTS, Light, light_of
 
 PAGE = (ROOT / "docs" / "reference-world.md").read_text(encoding="utf-8")
 ABILITIES = {"overtaking", "merging", "emergency braking", "giving way", "traffic signs"}

@@ -9,11 +9,11 @@ import shlex
 
 from tests.repo.checkout import ROOT
 
-from branchdrive.build.build import STAGES
 from branchdrive.cli import build, validate
-from branchdrive.contract.catalogue import CATALOGUE
 from branchdrive.contract.layer import LAYERS
-from branchdrive.derive.layer.variants import declared_variants
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.quality.variants import declared_variants
+from branchdrive.release.builder import STAGES
 
 PAGE = (ROOT / "docs" / "releases.md").read_text(encoding="utf-8")
 COMMANDS = [

@@ -9,12 +9,12 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-from tests.validator.audit import datasets
+from tests.validator.engine import datasets
 
 import branchdrive
 from branchdrive import environment
-from branchdrive.audit.worker import in_process, isolated
 from branchdrive.cli.main import run, validate_run
+from branchdrive.engine.worker import in_process, isolated
 from branchdrive.environment import check_environment, check_libraries, extra, requirements
 from branchdrive.errors import PlatformError, ToolError
 

@@ -6,11 +6,15 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import pytest
 from tests.hostile_folder import infest, marks
 from tests.repo.checkout import ROOT
-from tests.validator.audit import datasets
+from tests.validator.engine import datasets
+
+from branchdrive.process import ONE_THREAD, spawn_context
 
 SCRIPT = """
 import os, sys
@@ -53,3 +57,18 @@ def test_an_interpreter_whose_children_cannot_be_made_safe_is_refused() -> None:
         done = subprocess.run([sys.executable, *flags, "-c", code], capture_output=True, text=True, check=False)
         assert done.returncode == returncode
         assert ("start Python with -P or -I as well" in done.stderr) == bool(returncode)
+
+
+def _variables(names: list[str]) -> dict[str, str | None]:
+    return {name: os.environ.get(name) for name in names}
+
+
+def test_workers_of_the_validator_compute_in_one_thread_and_others_in_as_many_as_they_were_given(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ONE_THREAD:
+        monkeypatch.setenv(name, "3")
+    for is_single_threaded, threads in ((True, "1"), (False, "3")):
+        with ProcessPoolExecutor(1, spawn_context(is_single_threaded=is_single_threaded)) as pool:
+            assert set(pool.submit(_variables, list(ONE_THREAD)).result().values()) == {threads}
+        assert set(_variables(list(ONE_THREAD)).values()) == {"3"}

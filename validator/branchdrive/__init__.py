@@ -10,26 +10,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from branchdrive.audit.engine import validate
-    from branchdrive.audit.finding import Finding
-    from branchdrive.audit.report import Report
-    from branchdrive.audit.rollout import check_rollout
-    from branchdrive.audit.waiver import Waiver, load_waivers
-    from branchdrive.audit.worker import Executor, isolated
     from branchdrive.contract.bank import ActionBank, load_action_bank
     from branchdrive.contract.descriptor import Camera, Collection, DeclaredEncoding, Descriptor, Software, Tolerances
     from branchdrive.contract.encoding import encode_bank, encode_policy, encoding_digest
     from branchdrive.contract.policy import ActuatorRule, Command, Policy
-    from branchdrive.dataset.group import BranchGroup
-    from branchdrive.dataset.group_writer import GroupWriter
-    from branchdrive.dataset.model_input import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
-    from branchdrive.dataset.model_layer import ModelLayer, open_model
-    from branchdrive.dataset.reader import Dataset, open_dataset
-    from branchdrive.dataset.rollout import Rollout
-    from branchdrive.dataset.rollout_writer import RolloutWriter
-    from branchdrive.dataset.writer import DatasetWriter
-    from branchdrive.derive.feature import InputContract
-    from branchdrive.derive.risk import risk_evidence
+    from branchdrive.driving.feature import InputContract
+    from branchdrive.driving.risk import risk_evidence
+    from branchdrive.engine.finding import Finding
+    from branchdrive.engine.report import Report
+    from branchdrive.engine.rollout import check_rollout
+    from branchdrive.engine.validate import validate
+    from branchdrive.engine.waiver import Waiver, load_waivers
+    from branchdrive.engine.worker import Executor, isolated
     from branchdrive.errors import (
         BranchDriveError,
         ContractError,
@@ -40,6 +32,14 @@ if TYPE_CHECKING:
         ToolError,
         UsageError,
     )
+    from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
+    from branchdrive.model.reader import ModelLayer, open_model
+    from branchdrive.raw.group import BranchGroup
+    from branchdrive.raw.reader import Dataset, open_dataset
+    from branchdrive.raw.rollout import Rollout
+    from branchdrive.writer.group_writer import GroupWriter
+    from branchdrive.writer.rollout_writer import RolloutWriter
+    from branchdrive.writer.writer import DatasetWriter
 
 __all__ = [
     "ActionBank",
@@ -93,48 +93,48 @@ _HOME = {
     "ActionBank": "contract.bank",
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
-    "BranchGroup": "dataset.group",
+    "BranchGroup": "raw.group",
     "Camera": "contract.descriptor",
     "Collection": "contract.descriptor",
     "Command": "contract.policy",
     "ContractError": "errors",
-    "Dataset": "dataset.reader",
+    "Dataset": "raw.reader",
     "DatasetError": "errors",
-    "DatasetWriter": "dataset.writer",
+    "DatasetWriter": "writer.writer",
     "DeclaredEncoding": "contract.descriptor",
     "DecodeError": "errors",
     "Descriptor": "contract.descriptor",
-    "Executor": "audit.worker",
-    "Finding": "audit.finding",
-    "GroupWriter": "dataset.group_writer",
-    "InputContract": "derive.feature",
+    "Executor": "engine.worker",
+    "Finding": "engine.finding",
+    "GroupWriter": "writer.group_writer",
+    "InputContract": "driving.feature",
     "LimitError": "errors",
-    "MixedInputs": "dataset.model_input",
-    "ModelLayer": "dataset.model_layer",
-    "ModelTargets": "dataset.model_input",
+    "MixedInputs": "model.contract",
+    "ModelLayer": "model.reader",
+    "ModelTargets": "model.contract",
     "PlatformError": "errors",
     "Policy": "contract.policy",
-    "PrivilegedInputs": "dataset.model_input",
-    "Report": "audit.report",
-    "Rollout": "dataset.rollout",
-    "RolloutWriter": "dataset.rollout_writer",
-    "SensorInputs": "dataset.model_input",
+    "PrivilegedInputs": "model.contract",
+    "Report": "engine.report",
+    "Rollout": "raw.rollout",
+    "RolloutWriter": "writer.rollout_writer",
+    "SensorInputs": "model.contract",
     "Software": "contract.descriptor",
     "Tolerances": "contract.descriptor",
     "ToolError": "errors",
     "UsageError": "errors",
-    "Waiver": "audit.waiver",
-    "check_rollout": "audit.rollout",
+    "Waiver": "engine.waiver",
+    "check_rollout": "engine.rollout",
     "encode_bank": "contract.encoding",
     "encode_policy": "contract.encoding",
     "encoding_digest": "contract.encoding",
-    "isolated": "audit.worker",
+    "isolated": "engine.worker",
     "load_action_bank": "contract.bank",
-    "load_waivers": "audit.waiver",
-    "open_dataset": "dataset.reader",
-    "open_model": "dataset.model_layer",
-    "risk_evidence": "derive.risk",
-    "validate": "audit.engine",
+    "load_waivers": "engine.waiver",
+    "open_dataset": "raw.reader",
+    "open_model": "model.reader",
+    "risk_evidence": "driving.risk",
+    "validate": "engine.validate",
 }
 
 

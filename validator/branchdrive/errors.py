@@ -7,10 +7,7 @@ for contracts that a writer is about to break, and for files that cannot be read
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from branchdrive.audit.finding import Finding
+from typing import Any
 
 __all__ = [
     "BranchDriveError",
@@ -59,6 +56,6 @@ class ContractError(BranchDriveError):
         findings: What is wrong, one finding per violated rule and place.
     """
 
-    def __init__(self, message: str, findings: Sequence[Finding] = ()) -> None:
+    def __init__(self, message: str, findings: Sequence[Any] = ()) -> None:
         super().__init__(message)
         self.findings = tuple(findings)

@@ -1,4 +1,4 @@
-"""The one way in which child processes are started: they import nothing from the current folder.
+"""The one way in which child processes start and end: they import nothing from the current folder, and outlive nobody.
 
 `multiprocessing` starts its workers and its resource tracker by ``python -c``, and Python puts the current folder
 first on the path of such a process: a ``re.py`` in a dataset would run before any code of ours. So children start
@@ -13,17 +13,36 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
+from types import MappingProxyType
 from typing import Any
 
 from branchdrive.errors import PlatformError
 
-__all__ = ["child_environment", "python_command", "spawn_context"]
+__all__ = ["ONE_THREAD", "child_environment", "exit_after", "python_command", "spawn_context"]
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
+
+ONE_THREAD: Mapping[str, str] = MappingProxyType(
+    dict.fromkeys(
+        (
+            "BLIS_NUM_THREADS",
+            "MKL_NUM_THREADS",
+            "NUMEXPR_NUM_THREADS",
+            "OMP_NUM_THREADS",
+            "OPENBLAS_NUM_THREADS",
+            "VECLIB_MAXIMUM_THREADS",
+        ),
+        "1",
+    )
+)
+"""Environment in which libraries of linear algebra compute in one thread; they read it when they are loaded.
+
+Their sums depend on the number of threads in their last bits, and threads of several workers wait for each other.
+"""
 
 _starting = threading.RLock()
 
@@ -39,8 +58,11 @@ def child_environment() -> dict[str, str]:
         return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, sys.path))}
 
 
-def spawn_context() -> SpawnContext:
+def spawn_context(*, is_single_threaded: bool = False) -> SpawnContext:
     """Context of `multiprocessing` for processes, pools, queues and events.
+
+    Args:
+        is_single_threaded: Whether linear algebra in its processes uses one thread; see `ONE_THREAD`.
 
     Raises:
         PlatformError: The interpreter was started so that its children ignore the environment.
@@ -51,31 +73,56 @@ def spawn_context() -> SpawnContext:
         )
     with _safe_start():
         resource_tracker.ensure_running()
-    return _Context()
+    return _SingleThreadedContext() if is_single_threaded else _Context()
+
+
+def exit_after(wait: Callable[[], object]) -> None:
+    """End this process once `wait` returns, whatever it is doing: a killed parent cannot tell its children to stop.
+
+    Args:
+        wait: Called in a thread of its own; returns when nobody is left to take a result.
+    """
+
+    def watch() -> None:
+        wait()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 class _Process(SpawnProcess):
     """A process whose interpreter starts safely."""
 
+    variables: Mapping[str, str] = MappingProxyType({})
+
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802  (the name is multiprocessing's)
-        with _safe_start():
+        with _safe_start(process_obj.variables):
             return SpawnProcess._Popen(process_obj)
+
+
+class _SingleThreadedProcess(_Process):
+    variables = ONE_THREAD
 
 
 class _Context(SpawnContext):
     Process = _Process
 
 
+class _SingleThreadedContext(SpawnContext):
+    Process = _SingleThreadedProcess
+
+
 @contextmanager
-def _safe_start() -> Iterator[None]:
-    """Let interpreters start with nothing on their path that depends on the current folder.
+def _safe_start(variables: Mapping[str, str] = MappingProxyType({})) -> Iterator[None]:
+    """Let interpreters start with further variables, and nothing on their path that depends on the current folder.
 
     A worker then gets the path of this process: what a script imports, its workers find.
     """
     with _starting:
-        before = {name: os.environ.get(name) for name in (_SAFE, _PATH)}
+        before = {name: os.environ.get(name) for name in (_SAFE, _PATH, *variables)}
         try:
+            os.environ.update(variables)
             _set_environment(_SAFE, "1")
             _set_environment(_PATH, os.pathsep.join(filter(os.path.isabs, (before[_PATH] or "").split(os.pathsep))))
             yield

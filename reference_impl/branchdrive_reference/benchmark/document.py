@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.contract.document import dump_json, parse_json
+from branchdrive.contract.layout import PROTOCOL_FILE
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.layout import PROTOCOL_FILE
-from branchdrive.dataset.untrusted import read_named_file
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.untrusted import read_named_file
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.configuration import Configuration

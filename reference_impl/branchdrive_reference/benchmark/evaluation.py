@@ -1,4 +1,4 @@
-"""Evaluation: openings on the record first, then the results, then tables and figures, published as one.
+"""Evaluation: test-set accesses on record first, then the results, then tables and figures, published as one.
 
 The prediction lock is there before outcomes of the test partition are looked at. The ranking lock follows, and holds
 nothing that is not from training or predictions. Predictions of others come from no locked checkpoint: their results
@@ -9,30 +9,38 @@ Source: paper IV-C; spec/14-benchmark.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.cli.progress import Update
-from branchdrive.contract.document import dump_json
-from branchdrive.dataset.layout import BENCHMARK, LEDGER_FILE, LOCK_FILE, OPENINGS_FILE, RANKING_LOCK_FILE, RESULTS_FILE
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.lock import (
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
+from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.lock import (
     changed_checkpoints,
     lock_digest,
     ranking_lock_document,
     risk_fit_of,
     unlocked_models,
 )
-from branchdrive.derive.benchmark.openings import EVENTS, is_opened, opened, warnings
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.derive.benchmark.ranking_result import utility_scale
-from branchdrive.derive.benchmark.results import noise_of as stored_noise
-from branchdrive.derive.benchmark.results import results_document
-from branchdrive.derive.benchmark.tables import render_tables
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise
-from branchdrive.derive.guard.risk_fit import RiskFit
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.results import noise_of as stored_noise
+from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.tables import render_tables
+from branchdrive.benchmark.warning import warnings
+from branchdrive.cli.progress import Update
+from branchdrive.contract.document import dump_json
+from branchdrive.contract.layout import (
+    BENCHMARK,
+    BENCHMARK_LEDGER_FILE,
+    LEDGER_FILE,
+    LOCK_FILE,
+    RANKING_LOCK_FILE,
+    RESULTS_FILE,
+)
+from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
@@ -77,16 +85,16 @@ def evaluate_published(
     show(0, 4, "locks")
     ranking_lock = _ranking_lock(workspace, protocol, data, predictions, lock_digest(lock))
     files = release.benchmark_files()
-    openings: dict[str, Any] = stored_document(workspace, OPENINGS_FILE) or {"entries": []}
-    for event, document in zip(EVENTS, (lock, ranking_lock), strict=True):
-        openings = opened(openings, event, lock_digest(document))
-    if files.get(OPENINGS_FILE) != dump_json(openings) or files.get(RANKING_LOCK_FILE) != dump_json(ranking_lock):
+    ledger: dict[str, Any] = stored_document(workspace, BENCHMARK_LEDGER_FILE) or {"entries": []}
+    for event, document in zip(BENCHMARK_ACCESSES, (lock, ranking_lock), strict=True):
+        ledger = with_benchmark_access(ledger, event, lock_digest(document))
+    if files.get(BENCHMARK_LEDGER_FILE) != dump_json(ledger) or files.get(RANKING_LOCK_FILE) != dump_json(ranking_lock):
         # On the record before anything is looked at; results of another lock do not stay beside it.
         files = {path: content for path, content in files.items() if not _is_presented(path)}
-        files |= {OPENINGS_FILE: dump_json(openings), RANKING_LOCK_FILE: dump_json(ranking_lock)}
+        files |= {BENCHMARK_LEDGER_FILE: dump_json(ledger), RANKING_LOCK_FILE: dump_json(ranking_lock)}
         workspace.publish(files)
     show(1, 4, "statistics")
-    said = _said(release, openings, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
+    said = _said(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     show(2, 4, "figures")
@@ -107,55 +115,53 @@ def evaluate_foreign(
     *,
     with_figures: bool = True,
 ) -> Evaluation:
-    """Evaluate predictions of others; nothing is published, and no opening is recorded.
+    """Evaluate predictions of others; nothing is published, and no test-set access is recorded.
 
-    Published predictions stand beside them where they were evaluated under this protocol before: what was not
-    opened yet is not opened by the way.
+    Published predictions stand beside them where they were evaluated under this protocol before: no
+    outcome is compared with them by the way.
 
     Raises:
         DatasetError: Published predictions cannot be read.
     """
-    openings: Any = release.document(OPENINGS_FILE) or {"entries": []}
+    ledger: Any = release.document(BENCHMARK_LEDGER_FILE) or {"entries": []}
     lock, ranking_lock = release.document(LOCK_FILE), release.document(RANKING_LOCK_FILE)
     predictions, changed, risk, noise = found, tuple[str, ...](), None, None
-    unopened = _unopened(openings, protocol, lock, ranking_lock)
-    if unopened is None:
+    unevaluated = _unevaluated(ledger, protocol, lock, ranking_lock)
+    if unevaluated is None:
         predictions = published_predictions(release, protocol, data).joined(found)
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    published = () if lock is None or unopened is not None else unlocked_models(lock, predictions)
+    published = () if lock is None or unevaluated is not None else unlocked_models(lock, predictions)
     unlocked = sorted({*found.models, *published})
-    said = _said(release, openings, data, protocol, unlocked, changed)
-    said += [UNRECORDED, *([unopened] if unopened is not None and lock is not None else ())]
+    said = _said(release, ledger, data, protocol, unlocked, changed)
+    said += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
     results = results_document(protocol, data, predictions, risk, noise, warnings=said)
     return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
 
 
 def _said(
     release: Release,
-    openings: Mapping[str, Any],
+    ledger: Ledger,
     data: BenchmarkData,
     protocol: BenchmarkProtocol,
     unlocked: Sequence[str],
     changed: Sequence[str],
 ) -> list[str]:
-    """What every table warns of; see `branchdrive.derive.benchmark.openings.warnings`."""
+    """What every table warns of; see `branchdrive.benchmark.warning.warnings`."""
     return warnings(
-        openings,
+        ledger,
         unlocked=unlocked,
         changed=changed,
-        ledger=release.document(LEDGER_FILE),
+        of_release=release.document(LEDGER_FILE),
         has_calibration=protocol.partitions.calibrate in data.parts,
     )
 
 
-def _unopened(
-    openings: Mapping[str, Any], protocol: BenchmarkProtocol, lock: Any | None, ranking_lock: Any | None
-) -> str | None:
+def _unevaluated(ledger: Ledger, protocol: BenchmarkProtocol, lock: Any | None, ranking_lock: Any | None) -> str | None:
     """Why the published predictions are left out; ``None`` where they were evaluated under this protocol."""
     if lock is not None and lock["protocol_digest"] != protocol_digest(protocol):
         return "The published models are left out: they are locked under another protocol."
-    locks = zip(EVENTS, (lock, ranking_lock), strict=True)
-    if not all(found is not None and is_opened(openings, event, lock_digest(found)) for event, found in locks):
+    locks = zip(BENCHMARK_ACCESSES, (lock, ranking_lock), strict=True)
+    if not all(found is not None and (lock_digest(found),) in accesses(event, ledger) for event, found in locks):
         return "The published models are left out: they have not been evaluated yet."
     return None
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
-from branchdrive.derive.benchmark.ranking_result import utility_scale
-from branchdrive.derive.guard.risk_fit import RiskFit
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.release import Release

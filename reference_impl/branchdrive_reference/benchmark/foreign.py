@@ -22,18 +22,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
-from branchdrive.dataset.parquet import decode_table
-from branchdrive.dataset.untrusted import read_named_file
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_problem import prediction_problems
-from branchdrive.derive.benchmark.prediction_rows import TABLES
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
-from branchdrive.derive.layer.frame import Values
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError, DecodeError, UsageError
+from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted import read_named_file
+from branchdrive.tables.frame import Values
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,9 +59,9 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
         frames = _frames(table, name)
     except (DatasetError, DecodeError) as error:
         raise DatasetError(f"{path}: {error}") from error
-    for problem in prediction_problems(frames, data, protocol):
-        if problem.kind == "owners" or (problem.place.get("model") == name and problem.kind != "seed"):
-            raise DatasetError(f"{path}: {problem}")
+    for wrong in prediction_mismatches(frames, data, protocol):
+        if wrong.location.get("model", name) == name:  # no other model has rows here
+            raise DatasetError(f"{path}: {mismatch_text(wrong)}")
     return PredictionSet.from_frames(frames, data)
 
 

@@ -6,11 +6,11 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.dataset.layout import LOCK_FILE
-from branchdrive.dataset.manifest import derived_identity
-from branchdrive.derive.benchmark.lock import LockFacts, changed_checkpoints, lock_problems
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.lock import LockFacts, changed_checkpoints, lock_mismatches
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.contract.layout import LOCK_FILE
 from branchdrive.errors import UsageError
+from branchdrive.formats.manifest import derived_identity
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace
@@ -39,10 +39,10 @@ def read_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     document = stored_document(workspace, LOCK_FILE)
     if document is None:
         raise UsageError(f"{workspace.release.root}: nothing is locked; run `branchdrive lock` first")
-    for problem in lock_problems(document, lock_facts(workspace.release, protocol)):
+    for wrong in lock_mismatches(document, lock_facts(workspace.release, protocol)):
         raise UsageError(
-            f"{workspace.release.root}: the lock at {problem.place} is of {problem.found}, expected "
-            f"{problem.expected}; run `branchdrive lock` and `branchdrive predict` again"
+            f"{workspace.release.root}: the lock at {wrong.location['pointer']} is of {wrong.found}, expected "
+            f"{wrong.expected}; run `branchdrive lock` and `branchdrive predict` again"
         )
     found: dict[str, Any] = document
     return found

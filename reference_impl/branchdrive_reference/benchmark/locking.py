@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
+from branchdrive.benchmark.lock import LockedCheckpoint, lock_document
+from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.layout import LOCK_FILE
-from branchdrive.derive.benchmark.lock import LockedCheckpoint, lock_document
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.contract.layout import LOCK_FILE
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.lock import lock_facts
 from branchdrive_reference.benchmark.release import Release

@@ -3,23 +3,23 @@
 Replays stand in the raw layer alone; which of them comply, the quality layer says. Where no raw layer is at hand,
 or no training group has a replay with a whole window after its branch, the noise is unknown.
 
-Source: this project's choice, see `branchdrive.derive.guard.outcome_noise`.
+Source: this project's choice, see `branchdrive.benchmark.guard.outcome_noise`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from branchdrive.audit.extract.future import targets_of
-from branchdrive.audit.view import ShardView
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, outcome_noise
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.frame import from_arrow
-from branchdrive.dataset.shard import find_shards
-from branchdrive.dataset.table_file import read_table
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise, outcome_noise
-from branchdrive.derive.layer.frame import Frame
-from branchdrive.derive.target import Targets
+from branchdrive.driving.target import Targets
+from branchdrive.formats.table_file import read_table
+from branchdrive.model.targets import targets_of
+from branchdrive.raw.shard import find_shards
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.arrow import from_arrow
+from branchdrive.tables.frame import Frame
 from branchdrive_reference.benchmark.release import Release
 
 __all__ = ["noise_of"]

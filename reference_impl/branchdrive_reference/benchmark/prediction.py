@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.metric.outcome import Predictions
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.frame import to_arrow
-from branchdrive.dataset.layout import BENCHMARK, LOCK_FILE, OPENINGS_FILE, PROTOCOL_FILE
-from branchdrive.dataset.parquet import encode_table
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
-from branchdrive.derive.layer.frame import sort_rows
-from branchdrive.derive.metric.outcome import Predictions
+from branchdrive.contract.layout import BENCHMARK, BENCHMARK_LEDGER_FILE, LOCK_FILE, PROTOCOL_FILE
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.parquet import encode_table
+from branchdrive.tables.arrow import to_arrow
+from branchdrive.tables.frame import sort_rows
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
 from branchdrive_reference.benchmark.published import benchmark_data
 from branchdrive_reference.benchmark.workspace import Workspace
@@ -54,7 +54,7 @@ def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: st
 
 def _publish(workspace: Workspace, lock: dict[str, Any], predictions: PredictionSet, data: BenchmarkData) -> None:
     files = {path: _there(workspace, path) for path in (PROTOCOL_FILE, LOCK_FILE)}
-    files[OPENINGS_FILE] = workspace.read(OPENINGS_FILE) or dump_json({"entries": []})
+    files[BENCHMARK_LEDGER_FILE] = workspace.read(BENCHMARK_LEDGER_FILE) or dump_json({"entries": []})
     for name, frame in predictions.to_frames(data).items():
         rows = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": data.candidates})
         files[table_path(name)] = encode_table(to_arrow(name, rows))

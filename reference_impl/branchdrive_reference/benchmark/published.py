@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from branchdrive.benchmark.data import TABLES as DATA_TABLES
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.contract.layer import table_path
-from branchdrive.dataset.frame import from_arrow
-from branchdrive.dataset.table_file import read_table
-from branchdrive.derive.benchmark.data import TABLES as DATA_TABLES
-from branchdrive.derive.benchmark.data import BenchmarkData
-from branchdrive.derive.benchmark.prediction_problem import prediction_problems
-from branchdrive.derive.benchmark.prediction_rows import TABLES
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.table_file import read_table
+from branchdrive.tables.arrow import from_arrow
 from branchdrive_reference.benchmark.release import Release
 
 __all__ = ["benchmark_data", "published_predictions"]
@@ -37,6 +37,6 @@ def published_predictions(release: Release, protocol: BenchmarkProtocol, data: B
     if not release.has_benchmark:
         raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
     frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in TABLES}
-    for problem in prediction_problems(frames, data, protocol):
-        raise DatasetError(f"{release.root}: {problem}; run `branchdrive predict` again")
+    for wrong in prediction_mismatches(frames, data, protocol):
+        raise DatasetError(f"{release.root}: {mismatch_text(wrong)}; run `branchdrive predict` again")
     return PredictionSet.from_frames(frames, data)

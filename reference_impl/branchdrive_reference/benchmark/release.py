@@ -12,16 +12,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from branchdrive.contract.document import parse_json, schema_violations
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.frame import from_arrow
-from branchdrive.dataset.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
-from branchdrive.dataset.manifest import Manifest, parse_manifest
-from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.dataset.table_file import read_table
-from branchdrive.dataset.untrusted import open_file, read_file
 from branchdrive.errors import DatasetError
+from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.table_file import read_table
+from branchdrive.formats.untrusted import open_file, read_file
+from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.tables.arrow import from_arrow
 
 __all__ = ["Release", "open_release"]
 
@@ -89,10 +89,9 @@ class Release:
             raise DatasetError(f"{self.root}: {path!r} {error}; {advice}") from error
         layer, _, name = path.partition("/")
         declared = LAYERS[layer].documents.get(name)
-        for violation in schema_violations(document, declared.schema) if declared is not None else ():
-            raise DatasetError(
-                f"{self.root}: {path!r} at {violation.pointer or '/'}: expected {violation.expected}; {advice}"
-            )
+        for wrong in schema_mismatches(document, declared.schema) if declared is not None else ():
+            pointer = wrong.location["pointer"]
+            raise DatasetError(f"{self.root}: {path!r} at {pointer}: expected {wrong.expected}; {advice}")
         return document
 
     def benchmark_files(self) -> dict[str, bytes]:
@@ -108,8 +107,8 @@ def open_release(root: str | Path) -> Release:
         DatasetError: There is no model layer or no manifest, or a file is not the one that the manifest lists.
     """
     path, layer = Path(root), open_model(root)
-    manifest, problems = parse_manifest(read_file(path, MANIFEST_FILE, spec_limits().max_manifest_bytes))
-    if problems or manifest != Manifest.of(manifest.files):
+    manifest, mismatches = parse_manifest(read_file(path, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    if mismatches or manifest != Manifest.of(manifest.files):
         raise DatasetError(f"{root}: {MANIFEST_FILE} contradicts itself; run `branchdrive build`")
     for name, digest in manifest.files.items():
         if layer_of(name) in _READ:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
+from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.contract.document import dump_json
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.derive.guard.risk_fit import RiskFit
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.workspace import Workspace
 

@@ -19,12 +19,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from branchdrive.dataset.model_layer import ModelLayer
-from branchdrive.derive.layer.features import HISTORIES
-from branchdrive.derive.target import TARGETS
-from branchdrive.derive.utility import REVERSED, WEIGHED, Profile, Scale
+from branchdrive.driving.target import TARGETS
+from branchdrive.driving.utility import REVERSED, WEIGHED, Profile, Scale
 from branchdrive.environment import extra
 from branchdrive.errors import BranchDriveError
+from branchdrive.model.features import HISTORIES
+from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.ranker import BankNetwork
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
+from branchdrive.benchmark.lock import lock_digest
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.cli.progress import Update
-from branchdrive.dataset.durable import delete
-from branchdrive.dataset.layout import LOCK_FILE, RANKING_LOCK_FILE
-from branchdrive.derive.benchmark.lock import lock_digest
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
+from branchdrive.formats.durable import delete
 from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of
 from branchdrive_reference.benchmark.locking import make_lock

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
-from branchdrive.dataset.durable import delete
-from branchdrive.derive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.durable import delete
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration

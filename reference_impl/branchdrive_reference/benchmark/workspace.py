@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from branchdrive.build.publish import benchmark_area, held, make_private, publish_layer
-from branchdrive.dataset.durable import delete, make_dir, replace_file
-from branchdrive.dataset.layout import BENCHMARK
+from branchdrive.contract.layout import BENCHMARK
 from branchdrive.errors import DatasetError
+from branchdrive.formats.durable import delete, make_dir, replace_file
+from branchdrive.release.publish import benchmark_area, held, make_private, publish_layer
 from branchdrive_reference.benchmark.release import Release, open_release
 
 __all__ = ["Workspace", "opened_workspace"]

@@ -17,7 +17,7 @@ from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import Fault, parse_faults
 from branchdrive_reference.collect.interrupt import deferred_interrupt, heeded_termination
-from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
+from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
 
 if TYPE_CHECKING:
     from branchdrive_reference.collect.campaign import CampaignReport

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Policy
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS
-from branchdrive.dataset.rollout import Rollout
+from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.collect.fault import Fault
 from branchdrive_reference.collect.script import Attempt
 from branchdrive_reference.simulation.ending import Ending

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from branchdrive.audit.rollout import check_rollout
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.dataset.group_writer import GroupWriter
-from branchdrive.dataset.rollout import Rollout
+from branchdrive.engine.rollout import check_rollout
+from branchdrive.raw.rollout import Rollout
+from branchdrive.writer.group_writer import GroupWriter
 from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
 from branchdrive_reference.collect.plan import GroupPlan
 from branchdrive_reference.collect.script import Attempt, group_script

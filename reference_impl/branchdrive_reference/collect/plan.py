@@ -1,18 +1,25 @@
-"""Which groups a collection consists of: a pure function of its seed and the group's index."""
+"""Which groups a collection consists of: a pure function of its seed and the group's index.
+
+Presets of a collection: how many groups, how noisy, with which faults.
+
+`paper` leaves a funnel of the paper's shape; docs/decisions/0012-faults-as-declared-rates.md derives
+its rates. Source: paper V-A, table of the population.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 
 from branchdrive.errors import UsageError
+from branchdrive_reference.collect.fault import Fault
 from branchdrive_reference.noise import Purpose, choice, integer
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
 from branchdrive_reference.simulation.spec import WorldSpec
-from branchdrive_reference.town.environment import ENVIRONMENTS
+from branchdrive_reference.town.signal import ENVIRONMENTS
 
-__all__ = ["GroupPlan", "plan_group", "select_scenarios"]
+__all__ = ["FAULT_PRESETS", "PRESETS", "GroupPlan", "Preset", "plan_group", "select_scenarios"]
 
 
 @dataclass(frozen=True)
@@ -68,3 +75,65 @@ def plan_group(seed: int, index: int, scenario_types: Sequence[str] = ()) -> Gro
         seed=integer(seed, Purpose.PLAN_SEED, index),
     )
     return GroupPlan(index, f"g{index:05d}-{scenario.name.lower()}", spec)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Defaults of a collection.
+
+    Attributes:
+        num_groups: Branch groups.
+        replay_noise: Strength of the noise of replays.
+        faults: Rates of injected faults by name.
+    """
+
+    num_groups: int
+    replay_noise: float = 0.0
+    faults: Mapping[str, float] = field(default_factory=dict)
+
+
+PRESETS: Mapping[str, Preset] = {
+    "demo": Preset(num_groups=29),
+    "benchmark": Preset(
+        num_groups=1_000,
+        replay_noise=1.0,
+        faults={
+            Fault.PARTIAL: 0.008,
+            Fault.QUARANTINED: 0.002,
+            Fault.EARLY_BRANCH: 0.001,
+            Fault.LATE_BRANCH: 0.001,
+            Fault.WRONG_DURATION: 0.001,
+            Fault.TRUNCATED_LOG: 0.0005,
+            Fault.DROPPED_FRAME: 0.0005,
+            Fault.UNRETRIED: 0.05,
+            Fault.DUPLICATE: 0.01,
+            Fault.ABANDONED: 0.03,
+            Fault.SEED_DISAGREEMENT: 0.003,
+            Fault.ONLINE_STEERING: 0.05,
+        },
+    ),
+    "paper": Preset(
+        num_groups=2_467,
+        replay_noise=1.0,
+        faults={
+            Fault.PARTIAL: 0.013,
+            Fault.QUARANTINED: 0.004,
+            Fault.EARLY_BRANCH: 0.01,
+            Fault.LATE_BRANCH: 0.01,
+            Fault.WRONG_DURATION: 0.017,
+            Fault.TRUNCATED_LOG: 0.005,
+            Fault.DROPPED_FRAME: 0.002,
+            Fault.UNRETRIED: 0.2,
+            Fault.DUPLICATE: 0.014,
+            Fault.ABANDONED: 0.242,
+            Fault.SEED_DISAGREEMENT: 0.0032,
+            Fault.ONLINE_STEERING: 0.388,
+        },
+    ),
+}
+"""Presets by name."""
+
+FAULT_PRESETS: Mapping[str, Mapping[str, float]] = {
+    name: preset.faults for name, preset in PRESETS.items() if preset.faults
+}
+"""Rates of the presets that have any, by the preset's name."""

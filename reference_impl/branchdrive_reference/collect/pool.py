@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.dataset.group_writer import GroupWriter
 from branchdrive.environment import leave_out_pandas
 from branchdrive.process import spawn_context
+from branchdrive.writer.group_writer import GroupWriter
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.plan import GroupPlan

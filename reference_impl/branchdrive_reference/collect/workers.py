@@ -8,8 +8,6 @@ ending workers would leave some behind without the semaphores that they are abou
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -20,6 +18,7 @@ from multiprocessing.synchronize import Event
 from typing import ParamSpec, TypeVar
 
 from branchdrive.errors import ToolError
+from branchdrive.process import exit_after
 from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 
 __all__ = ["WorkerError", "Workers", "started_workers"]
@@ -104,10 +103,5 @@ def started_workers(
 
 
 def _start(watched: Connection, start: Callable[..., None], arguments: tuple[object, ...]) -> None:
-    threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
+    exit_after(lambda: watched.poll(None))  # nothing is ever sent
     start(*arguments)
-
-
-def _exit_with_parent(watched: Connection) -> None:
-    watched.poll(None)  # nothing is ever sent
-    os._exit(1)

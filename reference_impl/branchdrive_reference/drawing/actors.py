@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Polygon
 from numpy.typing import NDArray
 
-from branchdrive_reference.drawing.layer import Layer
 from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
 from branchdrive_reference.drawing.scene import Actor, Scene
-from branchdrive_reference.drawing.view import View
+from branchdrive_reference.drawing.view import Layer, View
 
 __all__ = ["box_corners", "draw_actors", "draw_ego"]
 

@@ -7,9 +7,9 @@ from difflib import get_close_matches
 
 import pyarrow as pa
 
-from branchdrive.dataset.reader import Dataset
-from branchdrive.dataset.rollout import ROLLOUTS
 from branchdrive.errors import UsageError
+from branchdrive.raw.reader import Dataset
+from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive_reference.study.label import label, labels
 
 __all__ = ["named_groups", "wanted_groups"]

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
+from branchdrive.contract.text import printable
 from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.plotting import load_matplotlib
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="draw the first drawable group of this type only (default: of every type); repeatable, not with --group",
     )
-    which.add_argument("--all", action="store_true", help="draw every group with a good attempt of every policy")
+    which.add_argument("--all", action="store_true", help="draw every group with a complete attempt of every policy")
     parser.add_argument("--format", choices=("png", "svg"), default="png", help="kind of the files (default: png)")
 
 

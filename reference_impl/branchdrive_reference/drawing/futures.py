@@ -11,10 +11,9 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
 
 from branchdrive_reference.drawing.actors import box_corners
-from branchdrive_reference.drawing.layer import Layer
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
 from branchdrive_reference.drawing.scene import Candidate, Scene
-from branchdrive_reference.drawing.view import View
+from branchdrive_reference.drawing.view import Layer, View
 
 __all__ = ["CONTACT_MARKER", "END_MARKER", "draw_futures", "draw_history", "draw_route"]
 

@@ -1,17 +1,21 @@
-"""Scenes of a dataset one after the other, and which groups and scenario types are left out, and why."""
+"""Scenes of a dataset one after the other, and which groups and scenario types are left out, and why.
+
+The file of a group's picture. The only place where text of a dataset becomes part of a path.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from branchdrive.dataset.reader import Dataset
+from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
-from branchdrive_reference.drawing.file_name import picture_path
+from branchdrive.raw.reader import Dataset
 from branchdrive_reference.drawing.scene import Scene, read_scene
 from branchdrive_reference.study.label import label
 
-__all__ = ["Gallery", "named_pictures"]
+__all__ = ["Gallery", "named_pictures", "picture_path"]
 
 _REASONS_OF_TYPE = 3
 """Groups of a scenario type that are named before the rest is counted."""
@@ -82,3 +86,16 @@ class Gallery:
             if scenario_type not in self._drawn:
                 lines.append(f"no picture of scenario type '{name}': none of its {num:,} groups can be drawn")
         return lines
+
+
+def picture_path(folder: Path, group_id: str, file_format: str) -> Path:
+    """Where the picture of a group lies, directly in `folder`.
+
+    Raises:
+        UsageError: The id is none that the format allows: it might name a place elsewhere.
+    """
+    if not re.fullmatch(PATTERNS["id"], group_id):
+        raise UsageError(
+            f"group '{label(group_id)}' has an id that the format does not allow; no picture is named after it"
+        )
+    return folder / f"{group_id}.{file_format}"

@@ -1,11 +1,15 @@
-"""What explains a map: the key to its signs, a scale, and where the world's axes point."""
+"""What explains a map: the key to its signs, a scale, and where the world's axes point.
+
+Panels beside the map: speed and separation of every candidate over time, and what came of them.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,13 +17,21 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
+from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
 from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
-from branchdrive_reference.drawing.layer import Layer
-from branchdrive_reference.drawing.palette import ACTORS, BACKDROP
-from branchdrive_reference.drawing.scene import HORIZON_S, Scene
-from branchdrive_reference.drawing.view import View
+from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
+from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_S, Array, Candidate, Scene
+from branchdrive_reference.drawing.view import Layer, View
 
-__all__ = ["draw_axes_of_world", "draw_legend", "draw_scale"]
+__all__ = [
+    "FOOTNOTE",
+    "draw_axes_of_world",
+    "draw_legend",
+    "draw_outcomes",
+    "draw_scale",
+    "draw_separation",
+    "draw_speed",
+]
 
 _SCALE_M = 10.0
 _INSET_M = 3.0
@@ -90,3 +102,103 @@ def draw_legend(
     figure.legend([handle for _, handle in entries], [text for text, _ in entries], loc="upper left",
                   bbox_to_anchor=place, ncols=math.ceil(len(entries) / _ROWS), frameon=False, fontsize=8.8,
                   borderaxespad=0, borderpad=0, handlelength=2.0, columnspacing=1.2)  # fmt: skip
+
+
+_MOST_SEPARATION_M = 60.0
+_RANGE_S = (-HISTORY_TICKS * TICK_S, HORIZON_S)
+_ACTIVE_S = ACTIVE_TICKS * TICK_S
+_HEADER_ROWS = 2
+
+FOOTNOTE = "a touch counts as gap 0; otherwise static objects count only inside the route corridor"
+"""What a gap is, in the panel of gaps and in the table."""
+
+
+def draw_speed(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
+    """Speed over time."""
+    _prepare(axes, "Speed (m/s)")
+    _draw_lines(axes, scene, colours, lambda candidate: candidate.speed_mps)
+    axes.set_ylim(min(0.0, *(float(candidate.speed_mps.min()) for candidate in scene.candidates)) - 0.4, None)
+    axes.tick_params(labelbottom=False)
+    for middle_s, text in ((_RANGE_S[0] / 2, "history"), (_ACTIVE_S / 2, "intervention"),
+                           ((_ACTIVE_S + _RANGE_S[1]) / 2, "recovery")):  # fmt: skip
+        axes.text(middle_s, 1.02, text, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8,
+                  color=BACKDROP["quiet"])  # fmt: skip
+
+
+def draw_separation(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
+    """Separation over time; lines break where no relevant actor is in range, and touches lie at gap 0."""
+    _prepare(axes, "Gap to the nearest relevant actor (m)")
+    _draw_lines(axes, scene, colours, lambda candidate: candidate.separation_m, touch=0.0)
+    gaps = np.concatenate([candidate.separation_m for candidate in scene.candidates])
+    most_m = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else 1.0
+    top_m = min(1.08 * most_m + 0.5, _MOST_SEPARATION_M)
+    axes.set_ylim(-0.05 * top_m, top_m)
+    axes.set_xlabel("time since the branch (s)")
+
+
+def _prepare(axes: Axes, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=16 if title.startswith("Speed") else 5)
+    axes.axvspan(0.0, _ACTIVE_S, color=BACKDROP["window"], zorder=0)
+    axes.axvline(0.0, color=BACKDROP["ink"], linewidth=0.9, zorder=1)
+    axes.axhline(0.0, color=BACKDROP["quiet"], linewidth=0.6, zorder=1)
+    axes.grid(axis="y", color="#e3e5e8", linewidth=0.6, zorder=0)
+    axes.set_axisbelow(True)
+    axes.set_xlim(*_RANGE_S)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_lines(
+    axes: Axes,
+    scene: Scene,
+    colours: Mapping[str, Rgb],
+    values: Callable[[Candidate], Array],
+    *,
+    touch: float | None = None,
+) -> None:
+    """Draw a line for every candidate; its touches lie on the line, or at the height `touch`."""
+    nominal = scene.nominal
+    axes.plot(nominal.time_s[nominal.history], values(nominal)[nominal.history], color=BACKDROP["ink"], linewidth=1.3)
+    for candidate in (*scene.candidates[1:], nominal):
+        colour, shown = colours[candidate.policy.key], values(candidate)
+        for part, width in ((candidate.recovery, 0.8), (candidate.future, 1.6)):
+            axes.plot(candidate.time_s[part], shown[part], color=colour, linewidth=width, zorder=3)
+        if candidate.ends_early:
+            axes.plot(candidate.time_s[-1:], shown[-1:], linestyle="none", color=colour, zorder=4, **END_MARKER)
+        rows = candidate.contacts
+        heights = shown[rows] if touch is None else np.full(len(rows), touch)
+        axes.plot(candidate.time_s[rows], heights, linestyle="none", color=colour, zorder=4,
+                  **{**CONTACT_MARKER, "markersize": 7})  # fmt: skip
+
+
+def draw_outcomes(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
+    """One row for every candidate: its colour, what the future brought, and when it first touched something."""
+    axes.set_axis_off()
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    end_s = f"+{_ACTIVE_S:.1f} s"
+    columns = (
+        (0.115, "left", "candidate"), (0.51, "right", f"least gap\nto {end_s}"), (0.70, "right", f"speed\nat {end_s}"),
+        (1.0, "right", f"first touch\nto +{_RANGE_S[1]:.1f} s"),
+    )  # fmt: skip
+    height = 1.0 / (len(scene.candidates) + _HEADER_ROWS)
+    for x, side, text in columns:
+        axes.text(x, 1.0 - 0.8 * height, text, ha=side, va="center", fontsize=8.5, fontweight="bold",
+                  color=BACKDROP["ink"], linespacing=1.15)  # fmt: skip
+    for row, candidate in enumerate(scene.candidates):
+        y = 1.0 - (row + _HEADER_ROWS + 0.5) * height
+        colour = colours[candidate.policy.key]
+        axes.plot([0.0, 0.085], [y, y], color=colour, linewidth=2.4, solid_capstyle="butt")
+        axes.plot([0.0425], [y], color=colour, marker="o", markersize=5, markeredgecolor="white", markeredgewidth=0.5)
+        for (x, side, _), text in zip(columns, _outcome(candidate), strict=True):
+            axes.text(x, y, text, ha=side, va="center", fontsize=8.5, color=BACKDROP["ink"])
+
+
+def _outcome(candidate: Candidate) -> tuple[str, str, str, str]:
+    gap_m = candidate.least_separation_m
+    contacts = candidate.time_s[candidate.contacts]
+    never = f"none (to +{candidate.end_s:.2f} s)" if candidate.ends_early else "none"
+    return (
+        candidate.policy.key.replace("_", " "),
+        "none" if math.isnan(gap_m) else f"{gap_m:.1f} m",
+        f"{candidate.speed_mps[candidate.future][-1]:.1f} m/s",
+        f"+{contacts[0]:.2f} s" if len(contacts) else never,
+    )

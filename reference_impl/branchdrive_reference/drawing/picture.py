@@ -15,16 +15,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from branchdrive.contract.timing import TICK_S
-from branchdrive.file_error import named
+from branchdrive.formats.file_error import named
 from branchdrive_reference.drawing.actors import draw_actors, draw_ego
 from branchdrive_reference.drawing.futures import draw_futures, draw_history, draw_route
-from branchdrive_reference.drawing.legend import draw_axes_of_world, draw_legend, draw_scale
+from branchdrive_reference.drawing.legend import (
+    FOOTNOTE,
+    draw_axes_of_world,
+    draw_legend,
+    draw_outcomes,
+    draw_scale,
+    draw_separation,
+    draw_speed,
+)
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
-from branchdrive_reference.drawing.panels import FOOTNOTE, draw_outcomes, draw_separation, draw_speed
-from branchdrive_reference.drawing.roads import draw_roads
+from branchdrive_reference.drawing.roads import draw_roads, town_map
 from branchdrive_reference.drawing.scene import Scene
 from branchdrive_reference.drawing.signs import draw_signs
-from branchdrive_reference.drawing.town_map import town_map
 from branchdrive_reference.drawing.view import View, view_of
 from branchdrive_reference.study.label import label
 

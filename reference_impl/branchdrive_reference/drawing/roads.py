@@ -1,4 +1,7 @@
-"""The map layer: paved areas, carriageways, junction areas and lane markings around the branch."""
+"""The map layer: paved areas, carriageways, junction areas and lane markings around the branch.
+
+The map of a recorded town, if the reference package has that town.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from numpy.typing import NDArray
 
-from branchdrive_reference.drawing.layer import Layer
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
-from branchdrive_reference.drawing.view import View
+from branchdrive_reference.drawing.view import Layer, View
 from branchdrive_reference.geometry.polyline import Polyline
 from branchdrive_reference.town.lane import Lane, LaneSide, RoadClass, Turn
 from branchdrive_reference.town.network import RoadNetwork
+from branchdrive_reference.town.registry import TOWN_NAMES, town
 
-__all__ = ["draw_roads", "lanes_in_view"]
+__all__ = ["draw_roads", "lanes_in_view", "town_map"]
 
 Points = NDArray[np.float64]
 """Points of the view frame ``[points, 2]``."""
@@ -132,3 +135,8 @@ def _runs(points: Points, chosen: NDArray[np.bool_]) -> list[Points]:
     cuts = np.flatnonzero(np.diff(chosen.astype(np.int8))) + 1
     parts = zip(np.split(points, cuts), np.split(chosen, cuts), strict=True)
     return [part for part, is_chosen in parts if is_chosen[0] and len(part) > 1]
+
+
+def town_map(name: str) -> RoadNetwork | None:
+    """The network of the town with this recorded name; ``None`` where the reference package has none."""
+    return town(name) if name in TOWN_NAMES else None

@@ -1,10 +1,15 @@
 """What a picture shows of a group: the candidates around the branch, and the actors they met.
 
 Times are ticks since the branch tick; poses are world frame, as recorded.
+
+Whether what was read of a group can be drawn: texts of bounded length, numbers that are numbers, whole routes.
+
+A picture is no judgement of a dataset, so the bounds are wide: within them everything draws.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -13,16 +18,27 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.policy import Policy
-from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
-from branchdrive.dataset.group import BranchGroup
-from branchdrive.dataset.rollout import Rollout
+from branchdrive.contract.timing import ACTIVE_TICKS, PREDECESSOR_OFFSET, TICK_S
 from branchdrive.errors import UsageError
-from branchdrive_reference.drawing.soundness import check_scene
-from branchdrive_reference.study.bank import good_bank
-from branchdrive_reference.study.label import label
+from branchdrive.raw.group import BranchGroup
+from branchdrive.raw.rollout import Rollout
+from branchdrive.raw.window import EVIDENCE_OFFSETS
+from branchdrive_reference.study.bank import canonical_bank
+from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label
 
-__all__ = ["HISTORY_TICKS", "HORIZON_S", "HORIZON_TICKS", "Actor", "Candidate", "Scene", "read_scene", "require_actors"]
+__all__ = [
+    "HISTORY_TICKS",
+    "HORIZON_S",
+    "HORIZON_TICKS",
+    "Actor",
+    "Candidate",
+    "Scene",
+    "check_scene",
+    "read_scene",
+    "require_actors",
+]
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -30,6 +46,9 @@ _MOST_ACTORS = 1000
 
 HISTORY_TICKS = 80
 """A picture begins this long before the branch."""
+
+_WINDOW = (PREDECESSOR_OFFSET, *EVIDENCE_OFFSETS)
+"""Ticks since the branch without which there is no picture."""
 
 HORIZON_TICKS = ACTIVE_TICKS + 80
 """A picture ends this long after the branch, or with the rollout."""
@@ -169,12 +188,12 @@ def read_scene(group: BranchGroup, descriptor: Descriptor) -> Scene:
     """What a picture of the group shows.
 
     Raises:
-        UsageError: The dataset has no actors, some policy has no good attempt, or what is recorded of the group
-            cannot be drawn.
+        UsageError: The dataset has no actors, some policy has no complete attempt, or what is recorded of the
+            group cannot be drawn.
     """
     require_actors(descriptor)
     bank = descriptor.action_bank
-    rollouts = dict(zip(bank.keys, good_bank(group, descriptor), strict=True))
+    rollouts = dict(zip(bank.keys, canonical_bank(group, descriptor), strict=True))
     nominal = rollouts[bank.nominal.key]
     candidates = tuple(_candidate(rollouts[policy.key], policy) for policy in (bank.nominal, *bank.interventions))
     lane_id, traffic_light = (_evidence_text(nominal, name) for name in ("lane_id", "traffic_light"))
@@ -206,6 +225,8 @@ def _since_branch(rollout: Rollout, table: str) -> NDArray[np.int64]:
 
 def _candidate(rollout: Rollout, policy: Policy) -> Candidate:
     tick = _since_branch(rollout, "observations")
+    if rollout.branch_tick is None or not np.isin(_WINDOW, tick).all():
+        raise _refused(rollout, "has no observations around a branch; run `branchdrive-validate`")
     if not np.array_equal(tick, _since_branch(rollout, "evidence")) or (np.diff(tick) <= 0).any():
         raise _refused(rollout, "has no evidence for each observation, or a tick twice; run `branchdrive-validate`")
     shown = (tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS)
@@ -263,3 +284,83 @@ def _evidence_text(nominal: Rollout, column: str) -> str | None:
     row = int(np.searchsorted(_since_branch(nominal, "evidence"), 0))
     values = np.ma.asarray(nominal.column("evidence", column))
     return None if np.ma.getmaskarray(values)[row] else str(values[row])
+
+
+_LARGEST = 1e7
+"""No number of a picture is larger; the format ends positions here, in metres."""
+
+_LARGEST_BOX_M = 100.0
+
+_TEXTS = ("group_id", "scenario_type", "town", "route_id", "environment", "trigger_signal")
+_NUMBERS = ("branch_tick", "trigger_tick", "trigger_value", "trigger_threshold", "trigger_confidence")
+
+
+def check_scene(scene: Scene) -> None:
+    """Refuse a scene that holds what cannot be drawn.
+
+    Raises:
+        UsageError: With the group and the first fault.
+    """
+    fault = next(_faults(scene), None)
+    if fault is not None:
+        raise UsageError(
+            f"group '{label(scene.record['group_id'])}' cannot be drawn: {fault}; run `branchdrive-validate`"
+        )
+
+
+def _faults(scene: Scene) -> Iterator[str]:
+    record = scene.record
+    for name in _TEXTS:
+        if not isinstance(record[name], str):
+            yield f"`{name}` is absent"
+        elif len(record[name]) > MAX_TEXT_CHARACTERS:
+            yield f"`{name}` has {len(record[name]):,} characters and may have {MAX_TEXT_CHARACTERS:,}"
+    for name in _NUMBERS:
+        if record[name] is None or not _are_numbers(record[name]):
+            yield f"`{name}` is {'absent' if record[name] is None else record[name]}"
+    for name in ("ego_length_m", "ego_width_m"):
+        if not _is_extent(record[name]):
+            yield f"`{name}` is {record[name]}"
+    yield from _route_faults(record)
+    for candidate in scene.candidates:
+        yield from _candidate_faults(candidate)
+    for actor in scene.actors:
+        yield from _actor_faults(actor)
+
+
+def _are_numbers(values: Any) -> bool:
+    """Whether all of some numbers are finite and not enormous."""
+    return bool((np.abs(np.asarray(values, np.float64)) <= _LARGEST).all())
+
+
+def _is_extent(value_m: float) -> bool:
+    return 0.0 < value_m <= _LARGEST_BOX_M
+
+
+def _route_faults(record: dict[str, Any]) -> Iterator[str]:
+    x_m, y_m = record["route_x_m"], record["route_y_m"]
+    most = spec_limits().max_route_vertices
+    if len(x_m) != len(y_m) or not 2 <= len(x_m) <= most:
+        yield f"its route has {len(x_m):,} x and {len(y_m):,} y values, not both the same 2 .. {most:,}"
+    elif not _are_numbers([x_m, y_m]):
+        yield "its route has a vertex that is no place"
+
+
+def _candidate_faults(candidate: Candidate) -> Iterator[str]:
+    whose = f"of candidate {candidate.policy.key!r}"
+    for name in ("x_m", "y_m", "yaw_rad", "speed_mps"):
+        if not _are_numbers(getattr(candidate, name)):
+            yield f"`{name}` {whose} is no number at some tick"
+    if (candidate.separation_m < 0).any() or np.isinf(candidate.separation_m).any():
+        yield f"`separation_m` {whose} is no distance at some tick"
+
+
+def _actor_faults(actor: Actor) -> Iterator[str]:
+    for name in ("x_m", "y_m", "yaw_rad", "vel_x_mps", "vel_y_mps"):
+        if not _are_numbers(getattr(actor, name)):
+            yield f"`{name}` of actor {actor.actor_id} is no number at some tick"
+    if len(actor.x_m) > ACTIVE_TICKS + 1:
+        yield f"actor {actor.actor_id} has {len(actor.x_m):,} poses in a future of {ACTIVE_TICKS} ticks"
+    for name in ("length_m", "width_m"):
+        if not _is_extent(getattr(actor, name)):
+            yield f"`{name}` of actor {actor.actor_id} is {getattr(actor, name)}"

@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
-from branchdrive_reference.drawing.layer import Layer
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
 from branchdrive_reference.drawing.roads import lanes_in_view
 from branchdrive_reference.drawing.scene import Scene
-from branchdrive_reference.drawing.view import View
+from branchdrive_reference.drawing.view import Layer, View
 from branchdrive_reference.geometry.polyline import Polyline
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import Lane, LaneSide, Turn

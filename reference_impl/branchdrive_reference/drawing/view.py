@@ -1,19 +1,22 @@
 """The cut-out that a map shows: turned so that the ego drives to the right at the branch.
 
 View frame: origin in the ego's centre at the branch tick, u along its heading, v to its left, metres.
+
+What lies over what in the map of a picture.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive_reference.drawing.scene import Array, Candidate, Scene
 
-__all__ = ["View", "view_of"]
+__all__ = ["Layer", "View", "view_of"]
 
 _LEAST_WIDTH_M = 75.0
 _MOST_WIDTH_M = 105.0
@@ -104,3 +107,22 @@ def _width_m(points: Array, aspect: float) -> float:
     """Width of the rectangle around points ``[points, 2]`` with a margin."""
     u, v = np.ptp(points, axis=0) + 2 * _MARGIN_M
     return float(max(u, aspect * v))
+
+
+class Layer(IntEnum):
+    """Drawing order, the lowest first."""
+
+    GROUND = 0
+    PAVED = 1
+    CARRIAGEWAY = 2
+    MARKING = 3
+    ROUTE = 4
+    GHOST = 5
+    ACTOR = 6
+    HISTORY = 7
+    RECOVERY = 8
+    FUTURE = 9
+    EGO = 10
+    END = 11
+    CONTACT = 12
+    NOTE = 13

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
+from branchdrive_reference.expert.control import (
+    Cause,
+    pedals,
+    pursuit_curvature_1pm,
+    reference_offset_m,
+    sight_m,
+    steer_command,
+)
 from branchdrive_reference.expert.forecast import crossing_gap_m, nearest_conflict
 from branchdrive_reference.expert.lane_shift import update_lane_shift
 from branchdrive_reference.expert.obstacle import is_obstacle, obstacle_sight_m
-from branchdrive_reference.expert.pedal import pedals
-from branchdrive_reference.expert.plan import Cause, reference_offset_m
-from branchdrive_reference.expert.steering import pursuit_curvature_1pm, sight_m, steer_command
-from branchdrive_reference.geometry.path import locate
+from branchdrive_reference.geometry.polyline import locate
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO, Heed, Kind
 from branchdrive_reference.world.corridor import NOBODY
-from branchdrive_reference.world.idm import HARDEST_BRAKE_MPS2, desired_gap_m, idm_accel_mps2
 from branchdrive_reference.world.priority import AT_LINE_M, PAST_LINE_M, STOPPED_MPS, halt_gap_m, zipper_leader
+from branchdrive_reference.world.traffic import HARDEST_BRAKE_MPS2, desired_gap_m, idm_accel_mps2
 
 __all__ = ["decide"]
 

@@ -12,10 +12,9 @@ import math
 
 import numpy as np
 
-from branchdrive_reference.expert.plan import reference_offset_m
-from branchdrive_reference.expert.steering import pursuit_curvature_1pm
+from branchdrive_reference.expert.control import pursuit_curvature_1pm, reference_offset_m
 from branchdrive_reference.geometry.box import boxes_overlap
-from branchdrive_reference.geometry.path import interpolate
+from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO, Behaviour, Kind

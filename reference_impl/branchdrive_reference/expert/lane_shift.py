@@ -8,7 +8,7 @@ free, and it ends when the ego is back on its route behind the obstacle, or when
 from __future__ import annotations
 
 from branchdrive_reference.expert.obstacle import blocked_stretch, is_obstacle, next_obstacle, obstacle_sight_m
-from branchdrive_reference.geometry.path import locate
+from branchdrive_reference.geometry.polyline import locate
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide
 from branchdrive_reference.world.body import EGO

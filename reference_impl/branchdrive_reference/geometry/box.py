@@ -1,4 +1,7 @@
-"""Oriented boxes in the plane, as compiled predicates."""
+"""Oriented boxes in the plane, as compiled predicates.
+
+Angles in radians, counter-clockwise.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import math
 
 from branchdrive_reference.kernel import kernel
 
-__all__ = ["boxes_overlap", "half_extent_along"]
+__all__ = ["boxes_overlap", "half_extent_along", "wrap"]
 
 
 @kernel
@@ -40,3 +43,9 @@ def boxes_overlap(
     if along > 0.5 * length_b_m + half_extent_along(turn, length_a_m, width_a_m):
         return False
     return across <= 0.5 * width_b_m + half_extent_along(turn, width_a_m, length_a_m)
+
+
+@kernel
+def wrap(angle_rad: float) -> float:
+    """The same direction in ``[-pi, pi]``."""
+    return math.atan2(math.sin(angle_rad), math.cos(angle_rad))

@@ -19,12 +19,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.derive.guard.calibration import ALPHA
-from branchdrive.derive.guard.path import TOLERANCE_M, price_grid
-from branchdrive.derive.guard.risk_features import FEATURES, risk_features, seed_spread_m
-from branchdrive.derive.guard.risk_fit import SEVERITY_M, PriceGrid, RiskFit, probability, standardised
-from branchdrive.derive.target import TARGETS, Targets
-from branchdrive.derive.utility import PROFILES, TIE, Profile, Scale, predicted_utility
+from branchdrive.benchmark.guard.calibration import ALPHA
+from branchdrive.benchmark.guard.path import TOLERANCE_M, price_grid
+from branchdrive.benchmark.guard.risk import (
+    FEATURES,
+    SEVERITY_M,
+    PriceGrid,
+    RiskFit,
+    probability,
+    risk_features,
+    seed_spread_m,
+    standardised,
+)
+from branchdrive.driving.target import TARGETS, Targets
+from branchdrive.driving.utility import PROFILES, TIE, Profile, Scale, predicted_utility
 from branchdrive.errors import UsageError
 from branchdrive_reference.guard.knapsack import dual_price
 from branchdrive_reference.guard.program import cvxpy, solve

@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
-from branchdrive.derive.leakage.sequence import SequenceScores, SequenceTask
-from branchdrive.derive.stream import orders, words
+from branchdrive.leakage.classifier import SequenceScores, SequenceTask
+from branchdrive.statistics.stream import orders, words
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.execution import deterministic
 

@@ -16,11 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.derive.leakage.gate import leakage_gate
-from branchdrive.derive.leakage.permutation import draw
-from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.gate import leakage_gate
+from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.statistics.stream import group_orders
 
 __all__ = ["GateSize", "Uniformity", "gate_size", "uniformity"]
+
+_SHUFFLES = "leakage/gate-size"
 
 
 class GateSize(NamedTuple):
@@ -54,7 +56,7 @@ def gate_size(features: ArrayLike, *, seeds: Iterable[int], protocol: Protocol) 
     p_values: dict[str, list[float]] = {name: [] for name in STATISTICS}
     failed = []
     for seed in seeds:
-        shuffled = draw(0, 1, len(x), x.shape[1], seed=seed, stream="leakage/gate-size")[0]
+        shuffled = group_orders(seed, _SHUFFLES, 1, *x.shape[:2])[0]
         gate = leakage_gate(np.take_along_axis(x, shuffled[:, :, None], axis=1), seed=seed, protocol=protocol)
         failed.append(gate.verdict == "fail")
         for test in gate.tests:

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from branchdrive.audit.finding import printable
+from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration, is_model_name
 from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, build_network

@@ -32,11 +32,11 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from branchdrive.audit.finding import printable
+from branchdrive.benchmark.protocol import DeclaredModel
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
-from branchdrive.derive.benchmark.protocol import DeclaredModel
-from branchdrive.derive.feature import InputContract
+from branchdrive.contract.text import printable
+from branchdrive.driving.feature import InputContract
 from branchdrive.errors import DatasetError
 
 __all__ = [

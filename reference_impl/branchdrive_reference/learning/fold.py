@@ -11,8 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from branchdrive.dataset.model_layer import ModelLayer, open_model
 from branchdrive.errors import UsageError
+from branchdrive.model.reader import ModelLayer, open_model
 
 __all__ = ["HELD_OUT", "Fold", "open_fold"]
 

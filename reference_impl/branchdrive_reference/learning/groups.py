@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.derive.feature import InputContract
+from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
+from branchdrive.model.reader import ModelLayer, open_model
 
 try:
     import torch

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from branchdrive.derive.target import TRAJECTORY
+from branchdrive.driving.target import TRAJECTORY
 from branchdrive_reference.learning.configuration import TrainingConfig
 from branchdrive_reference.learning.network import Outcome
 

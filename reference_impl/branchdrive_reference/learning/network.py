@@ -28,8 +28,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_TICKS
-from branchdrive.derive.feature import SENSOR_PROFILE
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.feature import SENSOR_PROFILE
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.learning.configuration import ActionConfig, HistoryConfig, ModelConfig
 from branchdrive_reference.learning.stream import WEIGHTS, stream
 

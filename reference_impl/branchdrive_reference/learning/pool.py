@@ -18,8 +18,8 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
-from branchdrive.dataset.model_layer import ModelLayer, open_model
 from branchdrive.errors import UsageError
+from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.process import spawn_context
 from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.workers import WorkerError, started_workers

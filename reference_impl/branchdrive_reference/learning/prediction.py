@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.derive.feature import InputContract
-from branchdrive.derive.layer.normalisation import Scalings
+from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
+from branchdrive.model.normalisation import Scalings
+from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 from branchdrive_reference.learning.execution import deterministic, open_device
 from branchdrive_reference.learning.groups import input_arrays
@@ -40,8 +40,8 @@ class Prediction(NamedTuple):
         seed: Its seed.
         groups: Ids of the groups, ``[N]``.
         candidate_order: Action keys, ``[A]``.
-        scalars: ``[N, A, 6]`` in the units of `branchdrive.derive.target.TARGETS`, finite.
-        trajectories: ``[N, A, 10, 5]`` in the units of `branchdrive.derive.target.TRAJECTORY`, finite.
+        scalars: ``[N, A, 6]`` in the units of `branchdrive.driving.target.TARGETS`, finite.
+        trajectories: ``[N, A, 10, 5]`` in the units of `branchdrive.driving.target.TRAJECTORY`, finite.
     """
 
     model: str

@@ -12,10 +12,10 @@ from typing import Any
 
 from torch import Tensor
 
+from branchdrive.benchmark.data import groups_digest
 from branchdrive.contract.limits import spec_limits
-from branchdrive.dataset.model_layer import ModelLayer
-from branchdrive.dataset.untrusted import read_file
-from branchdrive.derive.benchmark.data import groups_digest
+from branchdrive.formats.untrusted import read_file
+from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration
 
 __all__ = ["Provenance", "normalisation_digest", "provenance"]

@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from branchdrive.dataset.model_layer import ModelLayer
-from branchdrive.derive.layer.normalisation import Scalings
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import Profile, Scale, utility
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import Profile, Scale, utility
 from branchdrive.errors import UsageError
+from branchdrive.model.normalisation import Scalings
+from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.network import (
     ACTION,

@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from branchdrive.audit.finding import printable
 from branchdrive.contract.document import dump_json, parse_json
-from branchdrive.dataset.durable import replace_file
-from branchdrive.dataset.untrusted import read_file
+from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError
+from branchdrive.formats.durable import replace_file
+from branchdrive.formats.untrusted import read_file
 
 try:
     import safetensors

@@ -20,10 +20,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from branchdrive.dataset.durable import delete
-from branchdrive.dataset.model_layer import ModelLayer, open_model
-from branchdrive.derive.feature import InputContract
+from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
+from branchdrive.formats.durable import delete
+from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.checkpoint import (
     Checkpoint,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from branchdrive_reference.geometry.path import interpolate
+from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.scenario import Scene
 from branchdrive_reference.scenarios.sizes import BICYCLE

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from branchdrive_reference.geometry.path import interpolate
+from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.scenario import Ambient
 from branchdrive_reference.scenarios.sizes import BICYCLE, BIN, PEDESTRIAN, POST, VEHICLES

@@ -8,8 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from branchdrive_reference.geometry.path import interpolate, locate
-from branchdrive_reference.geometry.polyline import Array
+from branchdrive_reference.geometry.polyline import Array, interpolate, locate
 from branchdrive_reference.noise import Purpose, choice, uniform_between
 from branchdrive_reference.town.route import START_M
 from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.expert.plan import PLAN
-from branchdrive_reference.simulation.infraction import NO_LIGHT, LineMonitor, governing_light
+from branchdrive_reference.expert.control import PLAN
+from branchdrive_reference.simulation.ending import NO_LIGHT, LineMonitor, governing_light
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.world.body import BODY
 from branchdrive_reference.world.vehicle import VEHICLE

@@ -2,6 +2,10 @@
 
 Order matters: poses are rounded to their recorded width first, and what derives from them (route
 state, risk evidence) is computed from the rounded values.
+
+The ego relative to its route, as recorded: progress, offset, heading error, command and target points.
+
+Everything is computed from the recorded pose and the recorded polyline, so that it recomputes.
 """
 
 from __future__ import annotations
@@ -15,20 +19,22 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.derive.angle import wrap_rad
-from branchdrive.derive.risk import risk_evidence
-from branchdrive_reference.expert.plan import Cause
-from branchdrive_reference.simulation.infraction import NO_LIGHT
+from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.risk import risk_evidence
+from branchdrive_reference.expert.control import Cause
+from branchdrive_reference.geometry.polyline import Array
+from branchdrive_reference.simulation.ending import NO_LIGHT
 from branchdrive_reference.simulation.rollout import Run
-from branchdrive_reference.simulation.route_state import route_columns
+from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.registry import town
+from branchdrive_reference.town.route import Route
 from branchdrive_reference.town.signal import Light
 from branchdrive_reference.town.surface import town_surface
-from branchdrive_reference.town.track import RouteTracks, route_tracks
+from branchdrive_reference.town.track import EGO_TRACK, RouteTracks, route_tracks
 from branchdrive_reference.world.body import EGO, Kind
 from branchdrive_reference.world.vehicle import EGO_SIZE
 
-__all__ = ["ACTOR_RANGE_M", "Columns", "Record", "record"]
+__all__ = ["ACTOR_RANGE_M", "Columns", "Record", "record", "route_columns"]
 
 ACTOR_RANGE_M = 100.0
 """Actors whose centre is this close to the ego's are recorded."""
@@ -195,3 +201,43 @@ def _fields(run: Run, tables: RouteTracks, observations: Columns, evidence: Colu
         "result_num_stop_sign_infractions": run.log.num_stop_signs_run,
         "result_num_off_road_infractions": int((~on_road & np.concatenate([[True], on_road[:-1]])).sum()),
     }
+
+
+_COMMAND_AHEAD_M = 30.0
+"""The command of a junction is given from this far before it."""
+
+_TARGET_SPACING_M = 20.0
+_TARGET_MIN_AHEAD_M = 4.0
+"""Target points are route points at multiples of the spacing, at least this far ahead."""
+
+
+def _commands(route: Route, progress_m: Array) -> NDArray[np.str_]:
+    begin_m, end_m = route.junction_m
+    at_junction = (progress_m >= begin_m - _COMMAND_AHEAD_M) & (progress_m < end_m)
+    return np.where(at_junction, route.turn.value, Turn.FOLLOW.value)
+
+
+def _in_ego_frame(dx_m: Array, dy_m: Array, yaw_rad: Array) -> tuple[Array, Array]:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return cos * dx_m + sin * dy_m, cos * dy_m - sin * dx_m
+
+
+def route_columns(tables: RouteTracks, x_m: Array, y_m: Array, yaw_rad: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+    """Route columns of the observations table for recorded poses ``[observations]``."""
+    route, line, yaw = tables.route, tables.route.polyline, yaw_rad.astype(np.float64)
+    place = line.position(x_m, y_m)
+    path = tables.path(EGO_TRACK)
+    segment = np.searchsorted(path["arc_m"], place.progress_m, side="right") - 1
+    columns: dict[str, NDArray[Any]] = {
+        "speed_limit_mps": tables.limit_mps[segment],
+        "route_progress_m": place.progress_m,
+        "route_offset_m": place.offset_m,
+        "route_heading_error_rad": wrap_rad(yaw - place.heading_rad),
+        "command": _commands(route, place.progress_m),
+    }
+    first_m = np.ceil((place.progress_m + _TARGET_MIN_AHEAD_M) / _TARGET_SPACING_M) * _TARGET_SPACING_M
+    for number in (1, 2):
+        tx, ty = line.at(first_m + (number - 1) * _TARGET_SPACING_M)
+        px, py = _in_ego_frame(tx - x_m, ty - y_m, yaw)
+        columns[f"target_point_{number}_x_m"], columns[f"target_point_{number}_y_m"] = px, py
+    return columns

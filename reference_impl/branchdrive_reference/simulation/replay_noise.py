@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.geometry.path import interpolate
+from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, integer, normal
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.track import RouteTracks

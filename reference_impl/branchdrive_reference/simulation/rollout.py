@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import Command, Policy
 from branchdrive.errors import UsageError
-from branchdrive_reference.expert.plan import Cause
+from branchdrive_reference.expert.control import Cause
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace
 from branchdrive_reference.simulation.ending import Ending, EndingRule

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from branchdrive_reference.expert.control import PLAN
 from branchdrive_reference.expert.decision import decide
-from branchdrive_reference.expert.plan import PLAN
 from branchdrive_reference.noise import Purpose, uniform_between
 from branchdrive_reference.scenarios.population import populate
 from branchdrive_reference.scenarios.registry import SCENARIOS
@@ -17,9 +17,8 @@ from branchdrive_reference.scenarios.scenario import Scene
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.replay_noise import ReplayNoise
 from branchdrive_reference.simulation.spec import WorldSpec
-from branchdrive_reference.town.environment import ENVIRONMENTS
 from branchdrive_reference.town.route import START_M
-from branchdrive_reference.town.signal import light_of
+from branchdrive_reference.town.signal import ENVIRONMENTS, light_of
 from branchdrive_reference.town.track import EGO_TRACK, RouteTracks, route_tracks
 from branchdrive_reference.world.body import EGO, Behaviour, Body, Kind, body_table
 from branchdrive_reference.world.contact import ContactSpace

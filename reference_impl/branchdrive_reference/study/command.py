@@ -29,7 +29,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     import json
 
-    from branchdrive.dataset.durable import replace_file
+    from branchdrive.formats.durable import replace_file
     from branchdrive_reference.study.survey import study_dataset
     from branchdrive_reference.study.text import render_study
 

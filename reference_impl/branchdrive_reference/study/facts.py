@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.extract.future import targets_of
-from branchdrive.audit.extract.replay import Pairs
-from branchdrive.audit.view import ShardView
-from branchdrive.derive.cluster import CLUSTER_POINTS, resample_polyline
-from branchdrive.derive.target import TARGETS
-from branchdrive_reference.study.candidate import choose_candidates, good_attempts, have_complete_attempts
+from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
+from branchdrive.driving.target import TARGETS
+from branchdrive.engine.examine import examine
+from branchdrive.model.targets import targets_of
+from branchdrive.quality.replay import Pairs, canonical_pairs
+from branchdrive.quality.standing import first_attempts, group_standing
+from branchdrive.raw.examination import Examination
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
 from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results
 
@@ -32,25 +34,25 @@ class Groups:
     """Branch groups, each field ``[groups]`` first.
 
     Attributes:
-        scenario_type: Of the nominal, else of any attempt.
+        scenario_type: Of the canonical nominal, else of the first attempt.
         town: Likewise.
         polyline: Route ``[groups, 32, 2]``, resampled; NaN where the record holds no polyline.
-        has_nominal: Whether a good nominal was found.
-        is_good: Whether every policy has a good attempt.
-        has_complete: Whether every policy has a complete attempt, good or not.
+        has_nominal: Whether a compliant nominal was found.
+        is_complete: Whether the group is integrity-complete.
+        has_complete: Whether every policy has a complete attempt, compliant or not.
     """
 
     scenario_type: Names
     town: Names
     polyline: Array
     has_nominal: Mask
-    is_good: Mask
+    is_complete: Mask
     has_complete: Mask
 
 
 @dataclass(frozen=True)
 class Banks:
-    """Groups with good banks, ``[banks]`` first; a policy is a position in the action bank.
+    """Canonical banks of integrity-complete groups, ``[banks]`` first; a policy is a position in the action bank.
 
     Attributes:
         scenario_type: Of the group.
@@ -71,11 +73,11 @@ class Banks:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Attempts against the nominals they name.
+    """Attempts against nominals.
 
     Attributes:
-        interventions: Discrepancies of good interventions ``[n, 12]``.
-        replays: Discrepancies of good nominal replays ``[n, 12]``.
+        interventions: Discrepancies of canonical interventions ``[n, 12]``.
+        replays: Discrepancies of compliant nominal replays ``[n, 12]``.
         equal: Whether complete nominal replays hold the bits of their complete nominals, by table
             ``[n, tables]`` in the order of `COMPARED_TABLES`; true for a table that is not claimed.
         num_alone: Nominal replays that are not complete or whose nominal is not ``[shards]``.
@@ -115,39 +117,27 @@ class Facts:
 
 def shard_facts(view: ShardView) -> Facts:
     """What a shard contributes."""
-    good = good_attempts(view)
-    chosen = choose_candidates(view, good)
+    _, examination = examine(view)
     return Facts(
-        _groups(view, chosen),
-        _banks(view, chosen),
-        _fidelity(view, good),
+        _groups(view, examination),
+        _banks(view, examination),
+        _fidelity(view, examination),
         Counter(view.rollouts["status"]),
         len(view.controls),
     )
 
 
-def _representatives(view: ShardView, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The attempt that describes each group: its chosen nominal, else any nominal, else its first attempt."""
-    nominal = view.role("nominal")
-    shown = chosen[:, view.descriptor.action_bank.nominal_index].copy()
-    for rows in (np.flatnonzero(nominal), np.arange(view.num_rollouts)):
-        for i in rows:
-            if shown[view.group[i]] < 0:
-                shown[view.group[i]] = i
-    return shown
-
-
-def _groups(view: ShardView, chosen: NDArray[np.int64]) -> Groups:
-    shown = _representatives(view, chosen)
-    records = view.rollouts
-    routes = [_polyline(records["route_x_m"][i], records["route_y_m"][i]) for i in shown]
+def _groups(view: ShardView, examination: Examination) -> Groups:
+    standing, described = group_standing(view, examination), first_attempts(view, examination)
+    nominal, records = examination.selection.nominal, view.rollouts
+    routes = [_polyline(records["route_x_m"][i], records["route_y_m"][i]) for i in described]
     return Groups(
-        records["scenario_type"][shown],
-        records["town"][shown],
-        np.reshape(routes, (len(shown), CLUSTER_POINTS, 2)),
-        chosen[:, view.descriptor.action_bank.nominal_index] >= 0,
-        np.asarray((chosen >= 0).all(axis=1)),
-        have_complete_attempts(view),
+        standing["scenario_type"],
+        standing["town"],
+        np.reshape(routes, (len(described), CLUSTER_POINTS, 2)),
+        (nominal >= 0) & examination.complies[nominal],
+        np.asarray(standing["integrity_complete"]),
+        np.asarray((examination.selection.chosen >= 0).all(axis=1)),
     )
 
 
@@ -157,8 +147,8 @@ def _polyline(x_m: Array, y_m: Array) -> Array:
     return resample_polyline(x_m, y_m)
 
 
-def _banks(view: ShardView, chosen: NDArray[np.int64]) -> Banks:
-    banks = chosen[(chosen >= 0).all(axis=1)]
+def _banks(view: ShardView, examination: Examination) -> Banks:
+    banks = examination.selection.chosen[examination.complete_groups]
     nominals = banks[:, view.descriptor.action_bank.nominal_index]
     touched = collisions(view, banks.ravel())
     results = nominal_results(view, nominals)
@@ -173,21 +163,16 @@ def _banks(view: ShardView, chosen: NDArray[np.int64]) -> Banks:
     )
 
 
-def _fidelity(view: ShardView, good: Mask) -> Fidelity:
+def _fidelity(view: ShardView, examination: Examination) -> Fidelity:
     nominal = view.nominal
-    has_nominal = (nominal >= 0) & view.role("nominal")[nominal]
     is_replay = view.role("nominal_replay")
-
-    def pairs(subjects: Mask) -> Pairs:
-        rows = np.flatnonzero(subjects)
-        return Pairs(rows, nominal[rows])
-
-    compared = has_nominal & good & good[nominal]
-    whole = is_replay & has_nominal & view.complete & view.complete[nominal]
-    equal = equal_records(view, pairs(whole))
+    whole = is_replay & (nominal >= 0) & view.role("nominal")[nominal] & view.complete & view.complete[nominal]
+    compared = np.flatnonzero(whole)
+    equal = equal_records(view, Pairs(compared, nominal[compared]))
+    interventions, replays = canonical_pairs(view, examination)
     return Fidelity(
-        discrepancies(view, pairs(compared & view.role("intervention"))),
-        discrepancies(view, pairs(compared & is_replay)),
-        np.stack([equal.get(table, np.ones(whole.sum(), bool)) for table in COMPARED_TABLES], axis=1),
+        discrepancies(view, interventions),
+        discrepancies(view, replays),
+        np.stack([equal.get(table, np.ones(len(compared), bool)) for table in COMPARED_TABLES], axis=1),
         np.array([(is_replay & ~whole).sum()]),
     )

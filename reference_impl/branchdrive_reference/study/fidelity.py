@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.extract import replay
-from branchdrive.audit.view import ShardView, StreamView
 from branchdrive.contract.columns import TABLES
-from branchdrive.derive.discrepancy import CORE
+from branchdrive.driving.discrepancy import CORE
+from branchdrive.quality import replay
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import StreamView
 
 __all__ = ["COMPARED_TABLES", "discrepancies", "equal_records"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.dataset.reader import Dataset, open_dataset
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.errors import UsageError
+from branchdrive.raw.reader import Dataset, open_dataset
 
 __all__ = ["open_finished"]
 

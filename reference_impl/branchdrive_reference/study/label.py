@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from branchdrive.audit.finding import printable
+from branchdrive.contract.text import printable
 
 __all__ = ["LABEL_CHARACTERS", "MAX_TEXT_CHARACTERS", "label", "labels", "sentence"]
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.audit.view import ShardView
-from branchdrive.audit.window import take_float, window_rows
 from branchdrive.contract.timing import FUTURE_OFFSETS
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import take_float, window_rows
 
 __all__ = ["RESULTS", "Collisions", "NominalResults", "collisions", "nominal_results"]
 

@@ -7,9 +7,9 @@ from collections.abc import Collection
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from branchdrive.dataset.rollout import ROLLOUTS
-from branchdrive.dataset.shard import Shard
 from branchdrive.errors import UsageError
+from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.raw.shard import Shard
 from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label
 
 __all__ = ["check_names"]

@@ -17,10 +17,10 @@ class Population:
 
     Attributes:
         num_groups: Branch groups.
-        num_good_banks: Groups with a good attempt of every policy.
+        num_integrity_complete: Groups that are integrity-complete.
         num_without_complete: Groups that lack a complete attempt of some policy.
-        num_without_good: Groups with a complete attempt of every policy, but only deviating or truncated ones of some.
-        num_without_nominal: Groups without a good nominal.
+        num_noncompliant: Groups with a complete attempt of every policy that break a rule all the same.
+        num_without_nominal: Groups without a compliant nominal.
         scenario_types: Groups by scenario type.
         towns: Groups by town.
         num_route_clusters: Clusters of route geometry.
@@ -29,9 +29,9 @@ class Population:
     """
 
     num_groups: int
-    num_good_banks: int
+    num_integrity_complete: int
     num_without_complete: int
-    num_without_good: int
+    num_noncompliant: int
     num_without_nominal: int
     scenario_types: dict[str, int]
     towns: dict[str, int]
@@ -42,11 +42,11 @@ class Population:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Outcomes of the groups with good banks of one scenario type, or of all.
+    """Outcomes of the integrity-complete groups of one scenario type, or of all.
 
     Attributes:
         scenario_type: Its name, ``all`` for all.
-        num_groups: Groups with good banks.
+        num_groups: Integrity-complete groups.
         completed: Share of nominals that completed their route.
         clean: Share that also had no collision and no infraction among those monitored.
         collided: Share of candidates of each family that ever touched anything.
@@ -126,12 +126,12 @@ class Study:
         dataset_version: Of the descriptor.
         population: What was collected.
         profile: Profile of the ranking.
-        not_monitored: Results that some nominal of a good bank does not monitor, in words.
+        not_monitored: Results that some canonical nominal does not monitor, in words.
         has_evidence: Whether the dataset claims risk evidence: without it nothing is known of collisions and ranks.
         scenarios: One row for each scenario type.
         overall: All scenario types together.
-        interventions: Discrepancies of interventions.
-        nominal_replays: Discrepancies of nominal replays.
+        interventions: Discrepancies of canonical interventions.
+        nominal_replays: Discrepancies of compliant nominal replays.
         equality: Whether nominal replays repeat their nominals.
     """
 

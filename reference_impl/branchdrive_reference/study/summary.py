@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.derive.cluster import route_clusters
-from branchdrive.derive.discrepancy import CORE, EXTENDED
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import PROFILES, extreme_shares, fit_scale, utility
+from branchdrive.driving.discrepancy import CORE, EXTENDED
+from branchdrive.driving.route_cluster import route_clusters
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
 from branchdrive_reference.study.facts import Banks, Facts, Fidelity, Groups
 from branchdrive_reference.study.fidelity import COMPARED_TABLES
 from branchdrive_reference.study.outcome import RESULTS
@@ -57,9 +57,9 @@ def _population(facts: Facts) -> Population:
     groups: Groups = facts.groups
     return Population(
         len(groups.town),
-        int(groups.is_good.sum()),
+        int(groups.is_complete.sum()),
         int((~groups.has_complete).sum()),
-        int((groups.has_complete & ~groups.is_good).sum()),
+        int((groups.has_complete & ~groups.is_complete).sum()),
         int((~groups.has_nominal).sum()),
         _counts(groups.scenario_type.tolist()),
         _counts(groups.town.tolist()),

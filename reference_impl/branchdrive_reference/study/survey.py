@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from branchdrive.audit.view import ShardView
 from branchdrive.cli.progress import Update
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.dataset.rollout import ROLLOUTS
-from branchdrive.dataset.shard import Shard
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.raw.shard import Shard
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.facts import Facts, shard_facts
-from branchdrive_reference.study.fidelity import COMPARED_TABLES
 from branchdrive_reference.study.finished import open_finished
 from branchdrive_reference.study.label import sentence
 from branchdrive_reference.study.rollouts import check_names
@@ -38,19 +37,18 @@ def study_dataset(root: Path, progress: Update) -> Study:
             check_names(shard, shard.decode(ROLLOUTS), _NAMES)
         if not dataset.groups:
             raise UsageError(f"{str(root)!r} holds no branch group")
-        tables = [ROLLOUTS, *(name for name in COMPARED_TABLES if name in dataset.descriptor.tables)]
         parts = []
         for done, shard in enumerate(dataset.shards):
             progress(done, len(dataset.shards))
-            parts.append(_facts(shard, tables, dataset.descriptor))
+            parts.append(_facts(shard, dataset.descriptor))
     except DatasetError as error:
         raise UsageError(sentence(error)) from error
     with np.errstate(all="ignore"):
         return summarise(Facts.merged(parts), dataset.descriptor)
 
 
-def _facts(shard: Shard, tables: list[str], descriptor: Descriptor) -> Facts:
+def _facts(shard: Shard, descriptor: Descriptor) -> Facts:
     """What a shard contributes; its tables leave memory with this call."""
-    view = ShardView({name: shard.decode(name) for name in tables}, descriptor)
+    view = ShardView({name: shard.decode(name) for name in descriptor.tables}, descriptor)
     with np.errstate(all="ignore"):  # numbers of a faulty collection become unavailable, not warnings
         return shard_facts(view)

@@ -1,24 +1,24 @@
-"""A study as text for people: tables that fit 100 columns."""
+"""A study as text for people."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from io import StringIO
+from functools import partial
 from operator import attrgetter
 from typing import TextIO, TypeAlias
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from branchdrive.contract.text import NONE, counted
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
+from branchdrive.text.table import Column, Table
+from branchdrive.text.terminal import print_facts, print_section, render
 from branchdrive_reference.study.label import label
 from branchdrive_reference.study.study import Population, Rate, Scenario, Spread, Study
 
 __all__ = ["render_study"]
 
-_PLAIN_WIDTH = 100
-_NOTHING = "-"
 Shares: TypeAlias = Callable[[Scenario], Mapping[str, Rate]]
 _COLLIDED: Shares = attrgetter("collided")
 _IN_WINDOW: Shares = attrgetter("collided_in_window")
@@ -28,7 +28,6 @@ _NUM_GROUPS: Callable[[Scenario], int] = attrgetter("num_groups")
 _NUM_RANKED: Callable[[Scenario], int] = attrgetter("num_ranked")
 
 _WINDOW = f"{ACTIVE_TICKS * TICK_S:g} s"
-_GOOD = "a good attempt of every policy"
 _RANKING = (
     f"Utility profile {{}}: a third each of separation, displacement and comfort over {_WINDOW}, scaled by this "
     "dataset's quantiles. It knows a collision only by what that does to these, and is no judgement of safety. Ranked "
@@ -38,59 +37,45 @@ _RANKING = (
 
 def render_study(study: Study, stdout: TextIO, *, is_file: bool = False) -> str:
     """The study as text, coloured if `stdout` is a terminal and the text goes there."""
-    buffer = StringIO()
-    is_terminal = stdout.isatty() and not is_file
-    width = Console(file=stdout).width if is_terminal else _PLAIN_WIDTH
-    console = Console(file=buffer, force_terminal=is_terminal, width=width, highlight=False, emoji=False)
+    return render(partial(_print_study, study=study), stdout, is_file=is_file)
+
+
+def _print_study(console: Console, study: Study) -> None:
     console.print(Text(f"{label(study.dataset_id)} {label(study.dataset_version)}", style="bold"))
     _print_population(console, study.population)
     _print_outcomes(console, study)
     _print_spreads(console, "intervention", study.interventions)
     _print_spreads(console, "nominal replay", study.nominal_replays)
     _print_equality(console, study)
-    return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
 
 
-def _title(console: Console, title: str, note: str = "") -> None:
+def _title(console: Console, title: str) -> None:
     console.print()
     console.print(Text(title, style="bold"))
-    if note:
-        console.print(Text(note, style="dim"))
-
-
-def _table(*headings: str) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for column, heading in enumerate(headings):
-        table.add_column(Text(heading), justify="right" if column else "left", overflow="fold")
-    return table
 
 
 def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{label(name)} {count:,}" for name, count in counts.items())
 
 
-def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
-
-
 def _skipped(population: Population) -> str:
     """How many groups the tables leave out, and why; empty if none."""
-    skipped = population.num_groups - population.num_good_banks
+    skipped = population.num_groups - population.num_integrity_complete
     if not skipped:
         return ""
     reasons = []
     if count := population.num_without_complete:
         reasons.append(f"{count:,} {'lacks' if count == 1 else 'lack'} a complete attempt")
-    if count := population.num_without_good:
-        ones = "ones" if reasons else "attempts"
-        reasons.append(f"{count:,} {'has' if count == 1 else 'have'} only deviating or truncated {ones}")
+    if count := population.num_noncompliant:
+        reasons.append(f"{count:,} {'breaks' if count == 1 else 'break'} a rule")
     return f"; {skipped:,} skipped: {', '.join(reasons)}"
 
 
 def _print_population(console: Console, population: Population) -> None:
     hours = population.num_ticks * TICK_S / 3600
+    complete = f"{population.num_integrity_complete:,} integrity-complete{_skipped(population)}"
     facts = {
-        "branch groups": f"{population.num_groups:,}, {population.num_good_banks:,} with {_GOOD}{_skipped(population)}",
+        "branch groups": f"{population.num_groups:,}, {complete}",
         "scenario types": f"{len(population.scenario_types):,}: {_listed(population.scenario_types)}",
         "towns": f"{len(population.towns):,}: {_listed(population.towns)}",
         "route clusters": f"{population.num_route_clusters:,}",
@@ -98,18 +83,13 @@ def _print_population(console: Console, population: Population) -> None:
         "ticks": f"{population.num_ticks:,}, {hours:,.1f} hours of driving",
     }
     _title(console, "Population")
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, value in facts.items():
-        table.add_row(Text(name, style="dim"), Text(value))
-    console.print(table)
+    print_facts(console, facts.items())
 
 
 def _percent(rate: Rate, *, is_whole: bool = False) -> str:
     """A share in per cent; what is not quite none or all never reads as if it were."""
     if rate is None:
-        return _NOTHING
+        return NONE
     if 0 < rate < 0.0005:
         return "<0.1"
     if 0.9995 <= rate < 1 - 1e-12:
@@ -124,25 +104,38 @@ def _are_whole(rates: Iterable[Rate]) -> bool:
 
 def _print_outcomes(console: Console, study: Study) -> None:
     if not study.overall.num_groups:
-        _title(console, f"No outcomes: no group has {_GOOD}")
+        _title(console, "No outcomes: no group is integrity-complete")
         return
     unseen = f"; not always monitored: {', '.join(study.not_monitored)}" if study.not_monitored else ""
     rows = [*study.scenarios, study.overall]
     families = list(study.overall.best)
-    _title(console, f"Nominal drives, % of groups with {_GOOD}", f"clean: no collision, no infraction{unseen}")
-    _print_rows(console, rows, ["completed", "clean"], lambda s: [s.completed, s.clean], _NUM_GROUPS)
+
+    def print_rates(
+        title: str,
+        note: str,
+        headings: Sequence[str],
+        rates: Callable[[Scenario], Sequence[Rate]],
+        num_groups: Callable[[Scenario], int] = _NUM_GROUPS,
+    ) -> None:
+        console.print()
+        print_section(console, _rate_table(title, [note] if note else [], rows, headings, rates, num_groups))
+
+    def print_families(
+        title: str, note: str, shares: Shares, num_groups: Callable[[Scenario], int] = _NUM_GROUPS
+    ) -> None:
+        print_rates(title, note, families, lambda s: [shares(s)[family] for family in families], num_groups)
+
+    print_rates(
+        "Nominal drives, % of integrity-complete groups",
+        f"clean: no collision, no infraction{unseen}",
+        ["completed", "clean"],
+        lambda s: [s.completed, s.clean],
+    )
     if not study.has_evidence:
         _title(console, "Collisions and ranks are unknown: the dataset claims no risk evidence")
         return
-    headings = [family.replace("_", "\n") for family in families]
-
-    def print_families(title: str, note: str, shares: Shares, num_groups: Callable[[Scenario], int]) -> None:
-        _title(console, title, note)
-        _print_rows(console, rows, headings, lambda s: [shares(s)[family] for family in families], num_groups)
-
-    print_families("Drives with a collision, % of each family", f"groups with {_GOOD}", _COLLIDED, _NUM_GROUPS)
-    title = f"Drives with a collision within {_WINDOW} of the branch, % of each family"
-    print_families(title, "", _IN_WINDOW, _NUM_GROUPS)
+    print_families("Drives with a collision, % of each family", "integrity-complete groups", _COLLIDED)
+    print_families(f"Drives with a collision within {_WINDOW} of the branch, % of each family", "", _IN_WINDOW)
     if not study.overall.num_ranked:
         _title(console, "No ranks: in no group every candidate has a separation")
         return
@@ -157,27 +150,28 @@ def _print_ranking(console: Console, study: Study) -> None:
     rates = (study.overall.best_collided_in_window, study.overall.best_collided)
     within, ever = (_percent(rate, is_whole=_are_whole(rates)) for rate in rates)
     console.print(Text(_RANKING.format(study.profile), style="dim"))
-    groups = _counted(study.overall.num_ranked, "ranked group")
+    groups = counted(study.overall.num_ranked, "ranked group")
     console.print(Text(f"The best candidate collides within {_WINDOW} in {within} % of {groups}, ever in {ever} %."))
 
 
-def _print_rows(
-    console: Console,
+def _rate_table(
+    title: str,
+    notes: Sequence[str],
     scenarios: Sequence[Scenario],
     headings: Sequence[str],
     rates: Callable[[Scenario], Sequence[Rate]],
     num_groups: Callable[[Scenario], int],
-) -> None:
+) -> Table:
     """One row for each scenario type, the last one for all; decimals only where some type has a use for them."""
     types_are_whole = _are_whole(rate for scenario in scenarios[:-1] for rate in rates(scenario))
-    table = _table("scenario type", "groups", *headings)
+    rows = []
     for scenario in scenarios:
-        is_last = scenario is scenarios[-1]
-        is_whole = types_are_whole and (not is_last or _are_whole(rates(scenario)))
+        is_whole = types_are_whole and (scenario is not scenarios[-1] or _are_whole(rates(scenario)))
         cells = [_percent(rate, is_whole=is_whole) for rate in rates(scenario)]
-        row = [label(scenario.scenario_type), f"{num_groups(scenario):,}", *cells]
-        table.add_row(*(Text(cell, style="bold" if is_last else "") for cell in row))
-    console.print(table)
+        rows.append([label(scenario.scenario_type), f"{num_groups(scenario):,}", *cells])
+    return Table(
+        title, [Column.name("scenario type"), *map(Column, ("groups", *headings))], rows, notes, has_total=True
+    )
 
 
 def _print_spreads(console: Console, subject: str, spreads: Sequence[Spread]) -> None:
@@ -186,20 +180,29 @@ def _print_spreads(console: Console, subject: str, spreads: Sequence[Spread]) ->
         _title(console, f"No {subject} could be compared with its nominal before the branch")
         return
     whose = "its nominal" if num == 1 else "their nominals"
-    _title(console, f"Discrepancy before the branch of {_counted(num, subject)} from {whose}")
+    title = f"Discrepancy before the branch of {counted(num, subject)} from {whose}"
     lacking = ["one side only"] if any(spread.num_infinite for spread in spreads) else []
-    table = _table("variable", "unit", "median", "90 %", "99 %", "max", "zero, %", *lacking)
     is_whole = _are_whole(spread.zero for spread in spreads)
-    for spread in spreads:
-        quantiles = (spread.median, spread.q90, spread.q99, spread.max)
-        table.add_row(
+    rows = [
+        [
             spread.variable,
             spread.unit,
-            *("inf" if value is None else f"{value:.3g}" for value in quantiles),
+            *(
+                "inf" if value is None else f"{value:.3g}"
+                for value in (spread.median, spread.q90, spread.q99, spread.max)
+            ),
             _percent(spread.zero, is_whole=is_whole),
             *(f"{spread.num_infinite:,}" for _ in lacking),
-        )
-    console.print(table)
+        ]
+        for spread in spreads
+    ]
+    columns = [
+        Column.name("variable"),
+        Column("unit", is_text=True),
+        *map(Column, ("median", "90 %", "99 %", "max", "zero, %", *lacking)),
+    ]
+    console.print()
+    print_section(console, Table(title, columns, rows))
 
 
 def _print_equality(console: Console, study: Study) -> None:
@@ -215,7 +218,7 @@ def _print_equality(console: Console, study: Study) -> None:
     else:
         differ = ", ".join(f"{table} {count:,}" for table, count in equality.differing.items() if count)
         whose = "differs from its nominal" if unequal == 1 else "differ from their nominals"
-        said = f"{unequal:,} of {_counted(num, 'compared nominal replay')} {whose}: {differ}."
+        said = f"{unequal:,} of {counted(num, 'compared nominal replay')} {whose}: {differ}."
         style = "yellow"
     if alone := equality.num_replays - num:
         said += f" {alone:,} more {'lacks' if alone == 1 else 'lack'} a complete nominal or "

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive_reference.geometry.angle import wrap
+from branchdrive_reference.geometry.box import wrap
 from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.signal import NO_GROUP

@@ -8,10 +8,9 @@ from __future__ import annotations
 from functools import cache
 
 from branchdrive_reference.town.crossroads import Control, Crossroads
-from branchdrive_reference.town.lane import RoadClass
+from branchdrive_reference.town.lane import Road, RoadClass
 from branchdrive_reference.town.motorway import Motorway
 from branchdrive_reference.town.network import RoadNetwork, build_network
-from branchdrive_reference.town.road import Road
 
 __all__ = ["INTERURBAN_TOWN_NAME", "interurban_town"]
 

@@ -2,16 +2,29 @@
 
 One cycle, in ticks: group 0 is green, then yellow; everything is red; group 1 is green, then yellow; everything
 is red. A world chooses where in the cycle it begins.
+
+Weather and light conditions, as far as the vehicle feels them.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import IntEnum
+from types import MappingProxyType
 
 from branchdrive_reference.kernel import kernel
 
-__all__ = ["CYCLE_TICKS", "NO_GROUP", "Light", "approach_group", "green_begins", "light_of"]
+__all__ = [
+    "CYCLE_TICKS",
+    "ENVIRONMENTS",
+    "NO_GROUP",
+    "Environment",
+    "Light",
+    "approach_group",
+    "green_begins",
+    "light_of",
+]
 
 NO_GROUP = -1
 
@@ -48,3 +61,30 @@ def light_of(group: int, tick: int, offset_ticks: int) -> int:
 def green_begins(group: int, tick: int) -> int:
     """Offset with which the green of a group begins at `tick`."""
     return (group * _HALF_TICKS - tick) % CYCLE_TICKS
+
+
+@dataclass(frozen=True)
+class Environment:
+    """A named condition.
+
+    Attributes:
+        name: Recorded name.
+        grip: Friction coefficient between tyre and road.
+    """
+
+    name: str
+    grip: float
+
+
+ENVIRONMENTS = MappingProxyType(
+    {
+        environment.name: environment
+        for environment in (
+            Environment("clear-noon", 0.90),
+            Environment("cloudy-morning", 0.85),
+            Environment("wet-sunset", 0.70),
+            Environment("rain-night", 0.60),
+        )
+    }
+)
+"""Every condition by name."""

@@ -14,9 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive_reference.geometry.angle import wrap
-from branchdrive_reference.geometry.path import VERTEX
-from branchdrive_reference.geometry.polyline import Array, Polyline, join
+from branchdrive_reference.geometry.box import wrap
+from branchdrive_reference.geometry.polyline import VERTEX, Array, Polyline, join
 from branchdrive_reference.town.conflict import OPPOSITE_RAD, TrackCourse, conflict_table
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import Lane, RoadClass, Turn

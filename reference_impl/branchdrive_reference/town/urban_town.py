@@ -9,8 +9,8 @@ from __future__ import annotations
 from functools import cache
 
 from branchdrive_reference.town.crossroads import Control, Crossroads
+from branchdrive_reference.town.lane import Road
 from branchdrive_reference.town.network import RoadNetwork, build_network
-from branchdrive_reference.town.road import Road
 
 __all__ = ["URBAN_TOWN_NAME", "urban_town"]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from branchdrive_reference.geometry.box import half_extent_along
-from branchdrive_reference.geometry.path import project
+from branchdrive_reference.geometry.polyline import project
 from branchdrive_reference.kernel import Records, kernel
 
 __all__ = ["FOOT", "NOBODY", "find_feet", "nearest_ahead", "update_feet"]

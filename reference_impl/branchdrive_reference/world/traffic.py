@@ -1,4 +1,11 @@
-"""Traffic and pedestrians: where every body that is not the ego wants to be after one tick."""
+"""Traffic and pedestrians: where every body that is not the ego wants to be after one tick.
+
+Intelligent driver model.
+
+``a = a_0 [1 - (v / v_0)^4 - (s* / s)^2]`` with ``s* = s_0 + max(0, v T + v (v - v_lead) / (2 sqrt(a_0 b)))``.
+Source: Treiber, Hennecke and Helbing, "Congested traffic states in empirical observations and
+microscopic simulations", Physical Review E 62 (2000).
+"""
 
 from __future__ import annotations
 
@@ -7,17 +14,16 @@ import math
 import numpy as np
 
 from branchdrive.contract.timing import TICK_S
-from branchdrive_reference.geometry.angle import wrap
-from branchdrive_reference.geometry.path import interpolate, locate
+from branchdrive_reference.geometry.box import wrap
+from branchdrive_reference.geometry.polyline import interpolate, locate
 from branchdrive_reference.kernel import Records, kernel
 from branchdrive_reference.noise import Purpose, uniform
 from branchdrive_reference.world.body import EGO, Behaviour, Heed
 from branchdrive_reference.world.corridor import NOBODY, nearest_ahead
-from branchdrive_reference.world.idm import desired_gap_m, idm_accel_mps2
 from branchdrive_reference.world.priority import halt_gap_m, zipper_leader
 from branchdrive_reference.world.vehicle import GRAVITY_MPS2, slip
 
-__all__ = ["advance_traffic", "following_accel_mps2"]
+__all__ = ["HARDEST_BRAKE_MPS2", "advance_traffic", "desired_gap_m", "following_accel_mps2", "idm_accel_mps2"]
 
 _FOLLOWING, _WALKING, _FREE = int(Behaviour.FOLLOWING), int(Behaviour.WALKING), int(Behaviour.FREE)
 _PRIORITY = int(Heed.PRIORITY)
@@ -136,3 +142,27 @@ def advance_traffic(
         body.vel_x_mps, body.vel_y_mps = (x - body.x_m) / TICK_S, (y - body.y_m) / TICK_S
         body.yaw_rate_radps = (yaw - body.yaw_rad) / TICK_S
         goals[index, 0], goals[index, 1], goals[index, 2] = x, y, yaw
+
+
+HARDEST_BRAKE_MPS2 = 8.0
+_SMALLEST_GAP_M = 0.1
+
+
+@kernel
+def desired_gap_m(
+    speed_mps: float, lead_speed_mps: float, headway_s: float, standstill_m: float, accel_mps2: float, brake_mps2: float
+) -> float:
+    """Gap ``s*`` that the driver wants to keep."""
+    dynamic = speed_mps * headway_s
+    dynamic += speed_mps * (speed_mps - lead_speed_mps) / (2.0 * math.sqrt(accel_mps2 * brake_mps2))
+    return standstill_m + max(0.0, dynamic)
+
+
+@kernel
+def idm_accel_mps2(
+    speed_mps: float, desired_speed_mps: float, gap_m: float, wanted_gap_m: float, accel_mps2: float
+) -> float:
+    """Acceleration, not below the hardest braking; `gap_m` is bumper to bumper, infinity without a leader."""
+    free = (speed_mps / desired_speed_mps) ** 4
+    blocked = (wanted_gap_m / max(gap_m, _SMALLEST_GAP_M)) ** 2
+    return max(accel_mps2 * (1.0 - free - blocked), -HARDEST_BRAKE_MPS2)

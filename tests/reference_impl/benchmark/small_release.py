@@ -12,13 +12,13 @@ import numpy as np
 from tests.model_release import CANDIDATES, make_frames, write_release
 from tests.reference_impl.learning.small_models import MEAN, small
 
-from branchdrive.dataset.layout import STAGING_DIR
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.derive.benchmark.protocol import default_protocol
-from branchdrive.derive.layer.arrays import pack_arrays
-from branchdrive.derive.layer.features import target_mask
-from branchdrive.derive.layer.normalisation import normalisation_document
-from branchdrive.derive.target import TARGETS
+from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.contract.layout import STAGING_DIR
+from branchdrive.driving.target import TARGETS
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.model.arrays import pack_arrays
+from branchdrive.model.features import target_mask
+from branchdrive.model.normalisation import normalisation_document
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
 
 __all__ = [

@@ -8,18 +8,18 @@ from pathlib import Path
 import pytest
 from tests.changed_input import changed_contents, poor_end, poor_ends
 
-from branchdrive.dataset.layout import (
+from branchdrive.contract.layout import (
+    BENCHMARK_LEDGER_FILE,
     DESCRIPTOR_FILE,
     LOCK_FILE,
     MANIFEST_FILE,
-    OPENINGS_FILE,
     PROTOCOL_FILE,
     RANKING_LOCK_FILE,
     RESULTS_FILE,
 )
 
-FILES = (DESCRIPTOR_FILE, MANIFEST_FILE, PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, OPENINGS_FILE, RESULTS_FILE,
-         "model/features.json", "model/normalisation.json", "quality/variants.json")  # fmt: skip
+FILES = (DESCRIPTOR_FILE, MANIFEST_FILE, PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, BENCHMARK_LEDGER_FILE,
+         RESULTS_FILE, "model/features.json", "model/normalisation.json", "quality/variants.json")  # fmt: skip
 STEPS = {
     "train": ("--models", "M0", "--no-guard"),
     "lock": (),

@@ -17,7 +17,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke
 
 from branchdrive import DatasetError, UsageError, open_model
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 
 Columns = dict[str, list[Any]]
 
@@ -72,7 +72,7 @@ def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp
     assert results["guard"]["reason"] == "No risk was fitted."
 
 
-def test_what_was_not_opened_is_not_opened_by_the_way(
+def test_what_was_not_evaluated_is_not_evaluated_by_the_way(
     release: Path, columns: Columns, small_protocol: Path, tmp_path: Path
 ) -> None:
     def models() -> tuple[list[str], str]:

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.each import each
-from tests.validator.derive.benchmark.samples import small_protocol
-from tests.validator.derive.benchmark.tiny import CANDIDATES, data
+from tests.validator.benchmark.samples import small_protocol
+from tests.validator.benchmark.tiny import CANDIDATES, data
 
 from branchdrive import DatasetError
-from branchdrive.derive.benchmark.prediction_set import PredictionSet
-from branchdrive.derive.target import TARGETS, TRAJECTORY
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.benchmark.foreign import read_predictions
 
 Columns = dict[str, pa.Array]

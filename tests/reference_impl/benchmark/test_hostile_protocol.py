@@ -12,9 +12,9 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, protocol
 
 from branchdrive import DatasetError, UsageError
+from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.derive.benchmark.tables import render_tables
+from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.benchmark.text import render_results
 
 NAME = "../../x/pwn"

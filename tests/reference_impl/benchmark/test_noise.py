@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.validator.audit.rules.benchmark_release import BenchmarkDraft
+from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
-from branchdrive.derive.guard.outcome_noise import OutcomeNoise
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive_reference.benchmark.noise import noise_of
 from branchdrive_reference.benchmark.published import benchmark_data
 from branchdrive_reference.benchmark.release import open_release

@@ -1,4 +1,4 @@
-"""A release that is built anew is another one, and what its benchmark opened stays on record."""
+"""A release that is built anew is another one, and what its benchmark accessed stays on record."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import Any
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
 from tests.synthetic_release import SEED, raw_descriptor, raw_tables
-from tests.validator.audit.rules.draft import Draft
+from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.audit.engine import validate
-from branchdrive.build.build import STAGES, build_release
-from branchdrive.build.stage import BuildOptions
 from branchdrive.contract.document import dump_json
-from branchdrive.dataset.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.dataset.layout import LEDGER_FILE, OPENINGS_FILE
-from branchdrive.dataset.manifest import build_manifest, write_manifest
-from branchdrive.derive.layer.variants import Variant
+from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE
+from branchdrive.engine.validate import validate
+from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.quality.ledger import BENCHMARK_ACCESSES
+from branchdrive.quality.variants import Variant
+from branchdrive.release.builder import STAGES, build_release
+from branchdrive.release.stage import BuildOptions
 
 OPTIONS = ("--no-guard", "--no-figures", "--format", "markdown")
-EVENTS = ("prediction_test_opened", "ranking_test_opened")
 
 COMPLETE = Variant("complete", "Every complete group", {"integrity_complete": True})
 
@@ -33,9 +33,9 @@ def build(root: Path, *variants: Variant, output: Path | None = None) -> None:
 
 
 def locks(root: Path, path: str) -> list[tuple[str, str]]:
-    """Openings for a benchmark in a document: event and lock."""
+    """Accesses for a benchmark in a ledger: event and lock."""
     entries: list[dict[str, Any]] = json.loads((root / path).read_bytes())["entries"]
-    return [(entry["event"], entry["lock_digest"]) for entry in entries if entry["event"] in EVENTS]
+    return [(entry["event"], entry["lock_digest"]) for entry in entries if entry["event"] in BENCHMARK_ACCESSES]
 
 
 def findings(root: Path, verdict: str) -> set[str]:
@@ -52,32 +52,32 @@ def protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def opened(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def evaluated(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A release with its raw layer and a benchmark; read-only by agreement."""
-    root = Draft(raw_tables(), raw_descriptor()).write(tmp_path_factory.mktemp("opened") / "dataset")
+    root = Draft(raw_tables(), raw_descriptor()).write(tmp_path_factory.mktemp("evaluated") / "dataset")
     build(root)
     invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
     return root
 
 
 @pytest.fixture(scope="module")
-def rebuilt(opened: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def rebuilt(evaluated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same dataset as another release, without a benchmark; read-only by agreement."""
-    root = shutil.copytree(opened, tmp_path_factory.mktemp("rebuilt") / "dataset")
+    root = shutil.copytree(evaluated, tmp_path_factory.mktemp("rebuilt") / "dataset")
     build(root, COMPLETE)
     return root
 
 
-def test_openings_move_to_the_ledger_and_to_the_card(opened: Path, rebuilt: Path) -> None:
-    before = locks(opened, OPENINGS_FILE)
-    assert [event for event, _ in before] == list(EVENTS) and locks(opened, LEDGER_FILE) == []
+def test_accesses_move_to_the_ledger_and_to_the_card(evaluated: Path, rebuilt: Path) -> None:
+    before = locks(evaluated, BENCHMARK_LEDGER_FILE)
+    assert [event for event, _ in before] == list(BENCHMARK_ACCESSES) and locks(evaluated, LEDGER_FILE) == []
     assert not (rebuilt / "benchmark").exists()
     assert locks(rebuilt, LEDGER_FILE) == before
     assert (
-        "earlier builds opened the test partition 1 time for predictions and 1 time"
+        "earlier builds accessed the test partition 1 time for predictions and 1 time"
         in (rebuilt / "CARD.md").read_text()
     )
-    assert findings(rebuilt, "valid") == findings(opened, "valid")
+    assert findings(rebuilt, "valid") == findings(evaluated, "valid")
 
 
 def test_the_same_build_again_changes_nothing(rebuilt: Path, tmp_path: Path) -> None:
@@ -87,18 +87,18 @@ def test_the_same_build_again_changes_nothing(rebuilt: Path, tmp_path: Path) -> 
 
 
 def test_the_next_benchmark_counts_them_in_every_table(
-    rebuilt: Path, opened: Path, protocol: Path, tmp_path: Path
+    rebuilt: Path, evaluated: Path, protocol: Path, tmp_path: Path
 ) -> None:
     root = shutil.copytree(rebuilt, tmp_path / "dataset")
     said = invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
     for subject in ("predictions", "selections"):
-        assert said.count(f"was opened 2 times for {subject}") == said.count("\n| ---") > 10
-    assert findings(root, "valid") == findings(opened, "valid") | {"BD-BMK-014"}
+        assert said.count(f"was accessed 2 times for {subject}") == said.count("\n| ---") > 10
+    assert findings(root, "valid") == findings(evaluated, "valid") | {"BD-BMK-014"}
 
     build(root)  # as it was before, and yet another release than the first one
-    assert locks(root, LEDGER_FILE) == [*locks(opened, OPENINGS_FILE), *locks(root, LEDGER_FILE)[2:]]
+    assert locks(root, LEDGER_FILE) == [*locks(evaluated, BENCHMARK_LEDGER_FILE), *locks(root, LEDGER_FILE)[2:]]
     said = invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
-    assert "was opened 3 times for predictions" in said and "was opened 3 times for selections" in said
+    assert "was accessed 3 times for predictions" in said and "was accessed 3 times for selections" in said
 
     ledger = json.loads((root / LEDGER_FILE).read_bytes())
     ledger["entries"] = ledger["entries"][:-4]
@@ -107,16 +107,16 @@ def test_the_next_benchmark_counts_them_in_every_table(
     assert {"BD-BMK-002", "BD-BMK-012"} <= findings(root, "invalid")
 
 
-def test_a_release_in_another_folder_takes_them_over(opened: Path, tmp_path: Path) -> None:
-    build(opened, output=tmp_path / "other")
-    assert locks(tmp_path / "other", LEDGER_FILE) == locks(opened, OPENINGS_FILE)
-    build(opened, COMPLETE, output=tmp_path / "other")
-    assert locks(tmp_path / "other", LEDGER_FILE) == locks(opened, OPENINGS_FILE)
+def test_a_release_in_another_folder_takes_them_over(evaluated: Path, tmp_path: Path) -> None:
+    build(evaluated, output=tmp_path / "other")
+    assert locks(tmp_path / "other", LEDGER_FILE) == locks(evaluated, BENCHMARK_LEDGER_FILE)
+    build(evaluated, COMPLETE, output=tmp_path / "other")
+    assert locks(tmp_path / "other", LEDGER_FILE) == locks(evaluated, BENCHMARK_LEDGER_FILE)
 
 
-def test_a_benchmark_that_lies_in_both_folders_is_counted_once(opened: Path, tmp_path: Path) -> None:
+def test_a_benchmark_that_lies_in_both_folders_is_counted_once(evaluated: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
-    shutil.copytree(opened, other, ignore=shutil.ignore_patterns("raw"))
+    shutil.copytree(evaluated, other, ignore=shutil.ignore_patterns("raw"))
     descriptor = read_descriptor(other)
     layers = [layer for layer in descriptor.layers if layer != "raw"]
     (other / "branchdrive.json").write_bytes(
@@ -124,17 +124,17 @@ def test_a_benchmark_that_lies_in_both_folders_is_counted_once(opened: Path, tmp
     )
     write_manifest(other, build_manifest(other))
     before = contents(other / "benchmark")
-    build(opened, output=other)
+    build(evaluated, output=other)
     assert contents(other / "benchmark") == before
     assert locks(other, LEDGER_FILE) == []
 
 
 @pytest.mark.parametrize("damage", ["benchmark/TABLES.md", "benchmark/lock.json", "canonical/source.json"])
-def test_openings_outlive_damaged_files(opened: Path, tmp_path: Path, damage: str) -> None:
-    root = shutil.copytree(opened, tmp_path / "dataset")
+def test_accesses_outlive_damaged_files(evaluated: Path, tmp_path: Path, damage: str) -> None:
+    root = shutil.copytree(evaluated, tmp_path / "dataset")
     (root / damage).unlink()
     build(root)
-    assert locks(root, LEDGER_FILE) == locks(opened, OPENINGS_FILE)
+    assert locks(root, LEDGER_FILE) == locks(evaluated, BENCHMARK_LEDGER_FILE)
     assert not (root / "benchmark").exists()
     build(root)
-    assert locks(root, LEDGER_FILE) == locks(opened, OPENINGS_FILE)
+    assert locks(root, LEDGER_FILE) == locks(evaluated, BENCHMARK_LEDGER_FILE)

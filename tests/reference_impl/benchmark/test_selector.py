@@ -9,7 +9,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import invoke
 
 from branchdrive import BranchDriveError, UsageError, open_model
-from branchdrive.dataset.manifest import Manifest, build_manifest
+from branchdrive.formats.manifest import Manifest, build_manifest
 from branchdrive_reference.benchmark.selector import TOLERANCE, check_equal
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 

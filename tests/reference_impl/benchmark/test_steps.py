@@ -9,9 +9,9 @@ import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean, protocol
 
 from branchdrive import DatasetError, UsageError
-from branchdrive.contract.document import dump_json, schema_violations
-from branchdrive.dataset.descriptor_file import read_descriptor
-from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.contract.document import dump_json, schema_mismatches
+from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.learning.training import EpochReport
 
 
@@ -21,9 +21,9 @@ def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
     before, after = contents(bare), contents(done)
     changed = {path for path in before if before[path] != after[path]}
     assert changed == {"branchdrive.json", "MANIFEST.sha256"}
-    for name in ("lock", "ranking_lock", "openings", "results", "protocol"):
+    for name in ("lock", "ranking_lock", "ledger", "results", "protocol"):
         schema = "lock" if name == "ranking_lock" else name
-        assert not schema_violations(json.loads(after[f"benchmark/{name}.json"]), f"{schema}.schema.json")
+        assert not schema_mismatches(json.loads(after[f"benchmark/{name}.json"]), f"{schema}.schema.json")
     assert sum(path.endswith(".safetensors") for path in after) == 7
     results = json.loads(after["benchmark/results.json"])
     assert results["warnings"] == []
@@ -75,20 +75,20 @@ def test_an_interrupted_training_goes_on(
 
 def test_without_a_guard_the_results_say_so(release: Path, small_protocol: Path) -> None:
     said = invoke("benchmark", release, "--protocol", small_protocol, "--no-guard", "--no-figures")
-    assert "Guard: not judged. No risk was fitted." in said
+    assert "Guard\nNot judged: No risk was fitted." in said
     assert "Noise of outcomes: unknown" in said
     assert not (release / "benchmark" / "figures").exists()
     invoke("train", release)  # the folds alone, since the models are there
     invoke("evaluate", release, "--no-figures")
-    openings = json.loads((release / "benchmark" / "openings.json").read_bytes())["entries"]
-    assert [entry["event"].split("_")[0] for entry in openings] == ["prediction", "ranking", "ranking"]
+    entries = json.loads((release / "benchmark" / "ledger.json").read_bytes())["entries"]
+    assert [entry["event"].split("_")[-1] for entry in entries] == ["predictions", "selections", "selections"]
 
 
-def test_a_second_opening_is_in_every_table(benchmarked: Path, tmp_path: Path) -> None:
+def test_a_second_access_is_in_every_table(benchmarked: Path, tmp_path: Path) -> None:
     (tmp_path / "same.json").write_text(json.dumps({**protocol(), "version": "0.2.0"}))
     options = ("--no-guard", "--no-figures", "--format", "markdown")
     said = invoke("benchmark", benchmarked, "--protocol", tmp_path / "same.json", *options)
-    num_tables, num_said = said.count("\n| ---"), said.count("was opened 2 times for predictions")
+    num_tables, num_said = said.count("\n| ---"), said.count("was accessed 2 times for predictions")
     assert num_said == num_tables > 10
     assert is_clean(benchmarked)
 
@@ -120,7 +120,7 @@ def test_a_ranking_lock_of_another_form_is_named(benchmarked: Path) -> None:
 
 
 def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:
-    from branchdrive.build.publish import held
+    from branchdrive.release.publish import held
 
     with held(release), pytest.raises(UsageError, match="a build or a benchmark is at work there"):
         invoke("train", release, "--protocol", small_protocol)

@@ -15,9 +15,8 @@ from tests.reference_impl.collect.running import finished_rollouts, start, wait_
 
 from branchdrive import DatasetWriter, open_dataset, validate
 from branchdrive.cli.main import run
-from branchdrive_reference.collect.campaign import CampaignReport, collect
-from branchdrive_reference.collect.collection import collection_descriptor
-from branchdrive_reference.collect.preset import PRESETS
+from branchdrive_reference.collect.campaign import CampaignReport, collect, collection_descriptor
+from branchdrive_reference.collect.plan import PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 SEED, GROUPS = 3, 2

@@ -10,7 +10,7 @@ from tests.each import each
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import ATTEMPT_FAULTS, DESCRIPTIONS, FAILURES, Fault, parse_faults
-from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
+from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
 
 
 def test_every_fault_is_described_and_may_stand_in_a_descriptor() -> None:

@@ -12,9 +12,9 @@ import pytest
 from tests.each import each
 
 from branchdrive import open_dataset, validate
-from branchdrive.audit.report import Report
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.dataset.rollout import Rollout
+from branchdrive.engine.report import Report
+from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.collect.effect import MAX_SHIFT_TICKS, PROTOCOL_VARIANT
 from branchdrive_reference.collect.fault import Fault

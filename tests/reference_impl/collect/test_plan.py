@@ -10,7 +10,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
-from branchdrive_reference.town.environment import ENVIRONMENTS
+from branchdrive_reference.town.signal import ENVIRONMENTS
 
 PLANS = [plan_group(5, index) for index in range(300)]
 

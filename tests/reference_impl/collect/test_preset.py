@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from branchdrive_reference.collect.collection import collection_descriptor
+from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.fault import Fault
-from branchdrive_reference.collect.preset import FAULT_PRESETS, PRESETS
+from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 

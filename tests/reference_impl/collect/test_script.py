@@ -10,9 +10,9 @@ from itertools import product
 import pytest
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive_reference.collect.collection import collection_descriptor
+from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.fault import ATTEMPT_FAULTS, FAILURES, Fault
-from branchdrive_reference.collect.preset import PRESETS
+from branchdrive_reference.collect.plan import PRESETS
 from branchdrive_reference.collect.script import (
     MAX_ATTEMPTS,
     NUM_NOMINAL_REPLAYS,

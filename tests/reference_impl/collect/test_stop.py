@@ -17,7 +17,7 @@ from tests.reference_impl.collect.kept_collection import identity_of
 from tests.reference_impl.collect.running import finished_rollouts, session_of, start, wait_for
 
 from branchdrive.cli.main import run
-from branchdrive.dataset.layout import DESCRIPTOR_FILE
+from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.simulation import rollout
 

@@ -113,7 +113,9 @@ def test_a_chosen_group_that_lacks_rows_is_left_out_and_told(tmp_path: Path) -> 
     write_dataset(tmp_path / "d", shards, descriptor())
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p", "--all", "--format", "svg")
     assert (code, [line.split("  ")[0] for line in out.splitlines()[:2]]) == (0, ["g1.svg", "g2.svg"])
-    assert err.startswith("branchdrive: not drawn: group 'g0' has no good attempt of brake_0.30")
+    assert err.startswith(
+        "branchdrive: not drawn: group 'g0' cannot be drawn: rollout 'g0.brake_0.30.a1' has no observations"
+    )
     assert err.count("\n") == 1
     assert out.endswith(f"2 pictures in {tmp_path / 'p'}\n")
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "q", "--group", "g0")

@@ -17,7 +17,7 @@ from tests.synthetic import BRANCH_TICK
 
 from branchdrive import UsageError, open_dataset
 from branchdrive.cli.main import run
-from branchdrive_reference.drawing.file_name import picture_path
+from branchdrive_reference.drawing.gallery import picture_path
 from branchdrive_reference.drawing.picture import title
 
 NOMINAL, BRAKE = "g0.nominal.a1", "g0.brake_0.30.a1"
@@ -201,7 +201,7 @@ def test_an_output_inside_the_dataset_is_refused(tmp_path: Path) -> None:
 def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.dataset.table_file.written_out_bytes", lambda table: 300_000_000)
+    monkeypatch.setattr("branchdrive.formats.table_file.written_out_bytes", lambda table: 300_000_000)
     write_invented(tmp_path / "d")
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p")
     assert (code, out, err.count("\n")) == (2, "", 1)

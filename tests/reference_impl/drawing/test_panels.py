@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from tests.reference_impl.drawing.invented import scene_of, write_invented
 
 from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
+from branchdrive_reference.drawing.legend import draw_outcomes, draw_separation, draw_speed
 from branchdrive_reference.drawing.palette import candidate_colours
-from branchdrive_reference.drawing.panels import draw_outcomes, draw_separation, draw_speed
 from branchdrive_reference.drawing.scene import HORIZON_TICKS, Candidate, Scene
 
 

@@ -10,8 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from branchdrive_reference.drawing.palette import BACKDROP
-from branchdrive_reference.drawing.roads import draw_roads, lanes_in_view
-from branchdrive_reference.drawing.town_map import town_map
+from branchdrive_reference.drawing.roads import draw_roads, lanes_in_view, town_map
 from branchdrive_reference.drawing.view import View
 from branchdrive_reference.town.network import RoadNetwork
 from branchdrive_reference.town.registry import TOWN_NAMES, town

@@ -100,15 +100,18 @@ def test_frames_without_relevant_actor_have_no_gap(dataset: Dataset) -> None:
         assert np.array_equal(np.isfinite(scene_of(dataset, group_id).nominal.separation_m), available)
 
 
-@pytest.mark.parametrize("change", [{"status": "partial"}, {"branch_tick": None}], ids=["partial", "no branch"])
-def test_a_group_without_a_complete_branched_nominal_rollout_is_refused(
-    tmp_path: Path, change: dict[str, object]
+@pytest.mark.parametrize(
+    ("rollout_id", "change", "told"),
+    [
+        (NOMINAL, {"status": "partial"}, "group 'g0' has no complete attempt of nominal"),
+        (NOMINAL, {"branch_tick": None}, r"rollout 'g0\.nominal\.a1' has no observations around a branch"),
+        ("g0.brake_0.30.a1", {"status": "partial"}, r"group 'g0' has no complete attempt of brake_0\.30"),
+        ("g0.brake_0.30.a1", {"branch_tick": 10_000}, r"rollout 'g0\.brake_0\.30\.a1' has no observations around"),
+    ],
+    ids=["partial nominal", "no branch", "partial", "a branch beyond the end"],
+)
+def test_a_group_without_a_complete_branched_attempt_is_refused(
+    tmp_path: Path, rollout_id: str, change: dict[str, object], told: str
 ) -> None:
-    with pytest.raises(UsageError, match="'g0' has no good nominal attempt 'nominal'"):
-        scene_of(write_invented(tmp_path / "d", {NOMINAL: change}))
-
-
-def test_a_group_without_good_attempt_of_a_candidate_is_refused(tmp_path: Path) -> None:
-    dataset = write_invented(tmp_path / "d", {"g0.brake_0.30.a1": {"status": "partial"}})
-    with pytest.raises(UsageError, match=r"'g0' has no good attempt of brake_0\.30: one that is complete"):
-        scene_of(dataset)
+    with pytest.raises(UsageError, match=told):
+        scene_of(write_invented(tmp_path / "d", {rollout_id: change}))

@@ -12,9 +12,7 @@ from tests.reference_impl.geometry.paths import ROAD
 from tests.reference_impl.world.driving import Plane
 
 from branchdrive.contract.timing import TICK_S
-from branchdrive_reference.expert.pedal import pedals
-from branchdrive_reference.expert.plan import PLAN, reference_offset_m
-from branchdrive_reference.expert.steering import pursuit_curvature_1pm, steer_command
+from branchdrive_reference.expert.control import PLAN, pedals, pursuit_curvature_1pm, reference_offset_m, steer_command
 from branchdrive_reference.world.vehicle import MAX_BRAKE_MPS2, resistance_mps2
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from tests.each import each
 from tests.reference_impl.geometry.paths import ROAD
 
+from branchdrive_reference.expert.control import PLAN, Cause
 from branchdrive_reference.expert.decision import decide
 from branchdrive_reference.expert.forecast import crossing_gap_m
-from branchdrive_reference.expert.plan import PLAN, Cause
 from branchdrive_reference.town.conflict import CONFLICT
 from branchdrive_reference.town.lane import LaneSide
 from branchdrive_reference.town.signal import NO_GROUP

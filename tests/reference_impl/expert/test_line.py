@@ -18,7 +18,7 @@ from tests.reference_impl.world.ground import (
     track,
 )
 
-from branchdrive_reference.expert.plan import Cause
+from branchdrive_reference.expert.control import Cause
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.signal import Light
 from branchdrive_reference.world.body import EGO

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.reference_impl.world.ground import ADVISORY_MPS, CAR, Ground, shaped, track
 
-from branchdrive_reference.expert.plan import Cause
+from branchdrive_reference.expert.control import Cause
 from branchdrive_reference.geometry.polyline import Polyline
 from branchdrive_reference.town.lane import LANE_WIDTH_M
 from branchdrive_reference.world.body import EGO

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive_reference.geometry.path import VERTEX
-from branchdrive_reference.geometry.polyline import Polyline
+from branchdrive_reference.geometry.polyline import VERTEX, Polyline
 
 
 def path_of(line: Polyline, arc_zero_m: float = 0.0) -> NDArray[np.void]:

@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 import shapely
-from tests.validator.derive.oracle import polygon
+from tests.validator.driving.oracle import polygon
 
-from branchdrive_reference.geometry.angle import wrap
-from branchdrive_reference.geometry.box import boxes_overlap, half_extent_along
+from branchdrive_reference.geometry.box import boxes_overlap, half_extent_along, wrap
 
 
 def test_overlap_agrees_with_shapely() -> None:

@@ -9,8 +9,7 @@ import pytest
 from tests.each import each
 from tests.reference_impl.geometry.paths import path_of
 
-from branchdrive_reference.geometry.path import interpolate, locate, project
-from branchdrive_reference.geometry.polyline import bezier
+from branchdrive_reference.geometry.polyline import bezier, interpolate, locate, project
 
 LINE = bezier(np.array([0.0, 40.0, 60.0, 60.0]), np.array([0.0, 0.0, 15.0, 60.0]), 90)
 PATH = path_of(LINE)

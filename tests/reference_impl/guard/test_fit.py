@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.validator.derive.guard.banks import banks
+from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.derive.guard.calibration import ALPHA, conformal
-from branchdrive.derive.guard.path import violations
-from branchdrive.derive.guard.risk_features import FEATURES, risk_features
-from branchdrive.derive.guard.risk_fit import RiskFit, guarded_path, risk, standardised
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import PROFILES, fit_scale, utility
+from branchdrive.benchmark.guard.calibration import ALPHA, conformal
+from branchdrive.benchmark.guard.path import violations
+from branchdrive.benchmark.guard.risk import FEATURES, RiskFit, guarded_path, risk, risk_features, standardised
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import PROFILES, fit_scale, utility
 from branchdrive.errors import UsageError
 
 pytest.importorskip("cvxpy")

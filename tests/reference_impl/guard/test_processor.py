@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.processors import blas_kernels, runnable
-from tests.validator.derive.guard.banks import banks
+from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.derive.utility import fit_scale
+from branchdrive.driving.utility import fit_scale
 
 pytest.importorskip("cvxpy")
 module = pytest.importorskip("branchdrive_reference.guard.fit")

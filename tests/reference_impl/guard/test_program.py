@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.reference_impl.guard.test_regression import LOSSES, example
-from tests.validator.derive.guard.banks import banks
+from tests.validator.benchmark.guard.banks import banks
 
+from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.cli.main import run
-from branchdrive.derive.benchmark.protocol import default_protocol
-from branchdrive.derive.utility import fit_scale
+from branchdrive.driving.utility import fit_scale
 from branchdrive.errors import ToolError
 from branchdrive_reference.guard.regression import LOGISTIC, Regression, polished
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.validator.derive.leakage.replays import changed, replay_inputs
+from tests.validator.leakage.replays import changed, replay_inputs
 
-from branchdrive.derive.leakage.audit import AuditProtocol, audit_leakage
-from branchdrive.derive.leakage.parity_protocol import SEQUENCE_TESTS, ParityProtocol
-from branchdrive.derive.leakage.protocol import Protocol
-from branchdrive.derive.leakage.score import held_out_score
-from branchdrive.derive.leakage.sequence import SequenceTask, sequence_classifier
+from branchdrive.leakage.audit import audit_leakage
+from branchdrive.leakage.classifier import SequenceTask, sequence_classifier
+from branchdrive.leakage.protocol import SEQUENCE_TESTS, AuditProtocol, ParityProtocol, Protocol
+from branchdrive.leakage.score import held_out_score
 
 torch = pytest.importorskip("torch")
 gru_module = pytest.importorskip("branchdrive_reference.leakage.gru")
@@ -86,7 +85,6 @@ def test_the_audit_finds_it_and_runs_it() -> None:
     ego[:, :, 8:, 3] += np.linspace(-1, 1, 5)[:, None]
     document = audit_leakage(
         changed(inputs, ego=ego),
-        metamorphic={},
         seed=1,
         protocol=AuditProtocol(
             Protocol(num_permutations=9, num_frequencies=4, offsets_sd=()), ParityProtocol(num_permutations=4_999)

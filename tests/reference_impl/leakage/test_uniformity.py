@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 from tests.each import each
-from tests.validator.derive.leakage.replays import replay_inputs
+from tests.validator.leakage.replays import replay_inputs
 
-from branchdrive.derive.leakage.gate_input import gate_features
-from branchdrive.derive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.inputs import gate_features
+from branchdrive.leakage.protocol import STATISTICS, Protocol
 from branchdrive_reference.leakage.uniformity import GateSize, gate_size, uniformity
 
 PROTOCOL = Protocol(alpha=0.05, num_permutations=499, num_frequencies=16, offsets_sd=(), num_replicates=1)

@@ -8,7 +8,7 @@ from typing import Any
 
 from tests.model_release import make_frames, write_release
 
-from branchdrive.derive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.protocol import default_protocol
 from branchdrive_reference.learning.configuration import (
     ActionConfig,
     Configuration,

@@ -9,8 +9,8 @@ import pytest
 from tests.reference_impl.learning.small_models import SEEDS, SMALL, make_release, small
 
 from branchdrive import UsageError, open_model
-from branchdrive.derive.target import Targets
-from branchdrive.derive.utility import PROFILES, Profile, Scale, fit_scale, utility
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import PROFILES, Profile, Scale, fit_scale, utility
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.prediction import predict
 from branchdrive_reference.learning.ranker import BankRanker

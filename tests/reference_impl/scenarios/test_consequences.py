@@ -17,8 +17,8 @@ from tests.reference_impl.simulation.worlds import (
 )
 
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_TICKS
-from branchdrive.derive.target import Motion, Risk, Targets, scalar_targets
-from branchdrive.derive.utility import PROFILES, extreme_shares, fit_scale, utility
+from branchdrive.driving.target import Motion, Risk, Targets, scalar_targets
+from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.record import record

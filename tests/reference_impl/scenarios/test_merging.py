@@ -6,7 +6,7 @@ import numpy as np
 from tests.each import each
 from tests.reference_impl.scenarios.playback import PLAYED, Playback, playback
 
-from branchdrive_reference.expert.plan import Cause
+from branchdrive_reference.expert.control import Cause
 from branchdrive_reference.scenarios.scenario import FIRST_ROW
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide, RoadClass, Turn
 from branchdrive_reference.town.route import Place

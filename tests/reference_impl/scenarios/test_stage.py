@@ -9,7 +9,7 @@ from tests.reference_impl.scenarios.playback import FRAME_S, playback
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drive_of
 
 from branchdrive.contract.timing import TICK_S
-from branchdrive_reference.geometry.path import interpolate
+from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.route import START_M

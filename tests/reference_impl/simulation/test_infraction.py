@@ -12,8 +12,8 @@ from tests.reference_impl.simulation.worlds import BANK, nominal_of
 
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.simulation import infraction
-from branchdrive_reference.simulation.infraction import NO_LIGHT, LineMonitor, governing_light
+from branchdrive_reference.simulation import ending as infraction
+from branchdrive_reference.simulation.ending import NO_LIGHT, LineMonitor, governing_light
 from branchdrive_reference.simulation.record import record
 from branchdrive_reference.simulation.rollout import Run, run
 from branchdrive_reference.town.signal import NO_GROUP, Light, light_of

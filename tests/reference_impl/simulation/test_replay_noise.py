@@ -13,7 +13,7 @@ from tests.each import each
 from tests.reference_impl.simulation.worlds import BANK, SCENARIO_NAMES, branch_of, digest, nominal_of, spec_of
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.expert.plan import PLAN
+from branchdrive_reference.expert.control import PLAN
 from branchdrive_reference.simulation.log import Logger
 from branchdrive_reference.simulation.replay_noise import ReplayNoise
 from branchdrive_reference.simulation.rollout import Run, run

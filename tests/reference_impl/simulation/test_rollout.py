@@ -21,7 +21,7 @@ from tests.reference_impl.simulation.worlds import (
     spec_of,
 )
 from tests.repo.checkout import ROOT
-from tests.validator.derive.oracle import boxes, polygons
+from tests.validator.driving.oracle import boxes, polygons
 
 from branchdrive.contract.timing import ACTIVE_TICKS
 from branchdrive.errors import UsageError

@@ -8,15 +8,15 @@ import pytest
 from tests.changed_input import poor_ends
 from tests.reference_impl.study import samples
 
-from branchdrive.audit.worker import in_process
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
+from branchdrive.engine.worker import in_process
 
 
 @pytest.mark.parametrize(("path", "size"), [(DESCRIPTOR_FILE, 20), (MANIFEST_FILE, 4)])
 def test_a_changed_dataset_is_shown_or_refused_in_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, size: int
 ) -> None:
-    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda jobs: in_process)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
     root = samples.written(tmp_path / "d")
     draw = ("draw", root, "--output", tmp_path / "p", "--group", "g0", "--format", "svg")
     assert poor_ends(root, path, size, ("study", root), draw) == []

@@ -11,8 +11,9 @@ import pytest
 from tests.reference_impl.study import samples
 from tests.synthetic import bare_descriptor, group_name
 
-from branchdrive.derive.discrepancy import CORE, EXTENDED
+from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.errors import UsageError
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study import command
 
 Result = tuple[int, str, str]
@@ -42,12 +43,12 @@ def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
         "Family of the worst",
     ):
         assert title in out
-    assert "branch groups   3, 3 with a good attempt of every policy\n" in out
-    assert "37 interventions" in out
+    assert "branch groups   3, 3 integrity-complete\n" in out
+    assert "36 interventions" in out
     assert "6 nominal replays" in out
     assert "6 of 6 compared nominal replays differ from their nominals: controls 6, observations 6" in out
     lines = out.splitlines()
-    assert max(map(len, lines)) <= 100
+    assert max(map(len, lines)) <= PLAIN_WIDTH
     assert all(line == line.rstrip() for line in lines)
     assert "\x1b" not in out
     tables = [line.split()[0] for line in lines if line.startswith(("CutIn", "all"))]
@@ -63,7 +64,7 @@ def test_json_holds_the_numbers_of_the_text(root: Path) -> None:
     assert document["overall"]["scenario_type"] == "all"
     assert len(document["interventions"]) == len(document["nominal_replays"]) == len((*CORE, *EXTENDED))
     assert document["equality"]["num_compared"] == 6
-    assert document["population"]["num_good_banks"] == 3
+    assert document["population"]["num_integrity_complete"] == 3
     assert 0 <= document["overall"]["best_collided_in_window"] <= document["overall"]["best_collided"] <= 1
 
 
@@ -79,7 +80,7 @@ def test_skipped_groups_are_named_as_such(tmp_path: Path) -> None:
     nominal = f"{group_name(0)}.nominal.a1"
     samples.written(tmp_path / "d", {"rollouts": samples.replaced("status", {nominal: "partial"})})
     _, out, _ = study(tmp_path / "d")
-    assert "3, 2 with a good attempt of every policy; 1 skipped: 1 lacks a complete attempt" in out
+    assert "3, 2 integrity-complete; 1 skipped: 1 lacks a complete attempt" in out
     assert "4 compared nominal replays differ" in out
     assert "2 more lack a complete nominal or are not complete." in " ".join(out.split())
 

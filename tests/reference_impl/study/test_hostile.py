@@ -14,6 +14,7 @@ from tests.reference_impl.study.samples import replaced
 
 from branchdrive import UsageError, open_dataset
 from branchdrive.cli.main import run
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label, labels, sentence
 from branchdrive_reference.study.text import render_study
 
@@ -32,7 +33,7 @@ def test_text_of_a_dataset_is_escaped_and_short(tmp_path: Path, column: str) -> 
     code, out, err = study(tmp_path / "d")
     assert (code, err) == (0, "")
     assert all(line.isprintable() and line.isascii() for line in out.splitlines())
-    assert max(map(len, out.splitlines())) <= 100
+    assert max(map(len, out.splitlines())) <= PLAIN_WIDTH
     assert ("\\x1b]0;mine\\x07" in out) == (column != "group_id")
     assert "x" * 61 not in out.replace("\n", "").replace(" ", "")
     code, out, _ = study(tmp_path / "d", "--format", "json")
@@ -69,7 +70,7 @@ def test_the_longest_text_is_still_a_name(tmp_path: Path) -> None:
 
 
 def test_one_long_name_does_not_make_every_name_long(tmp_path: Path) -> None:
-    from branchdrive.audit.view import ShardView
+    from branchdrive.raw.shard_view import ShardView
     from branchdrive_reference.study.facts import shard_facts
 
     edit = replaced("town", {NOMINAL: "x" * 1_000_000})
@@ -89,7 +90,7 @@ def test_text_that_would_not_fit_in_memory_is_refused_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     samples.written(tmp_path / "d")
-    monkeypatch.setattr("branchdrive.dataset.table_file.written_out_bytes", lambda table: 300_000_000)
+    monkeypatch.setattr("branchdrive.formats.table_file.written_out_bytes", lambda table: 300_000_000)
     code, out, err = study(tmp_path / "d")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "its text is" in err

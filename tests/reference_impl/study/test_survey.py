@@ -13,12 +13,12 @@ import pyarrow as pa
 import pytest
 from tests.reference_impl.study import samples
 from tests.synthetic import BRANCH_TICK, NUM_TICKS, bare_descriptor, group_name
-from tests.validator.derive import oracle_target
+from tests.validator.driving import oracle_target
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.dataset.group import BranchGroup
-from branchdrive.dataset.reader import open_dataset
-from branchdrive.dataset.rollout import Rollout
+from branchdrive.raw.group import BranchGroup
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.survey import study_dataset
 
@@ -97,7 +97,7 @@ def test_a_best_candidate_may_collide(tmp_path: Path, tick: int, is_within: bool
 
 def test_population_is_counted(study: Study) -> None:
     population = study.population
-    assert (population.num_groups, population.num_good_banks, population.num_without_nominal) == (3, 3, 0)
+    assert (population.num_groups, population.num_integrity_complete, population.num_without_nominal) == (3, 3, 0)
     assert population.scenario_types == {"CutIn": 3}
     assert population.towns == {"Town12": 2, "Town13": 1}
     assert population.num_route_clusters == 3
@@ -172,7 +172,7 @@ def test_discrepancies_are_those_of_the_recorded_windows(root: Path, study: Stud
         assert spreads[variable].zero == pytest.approx(np.mean([value == 0 for value in values]))
     assert min(spreads[variable].max or 0 for variable in ("position_m", "steer")) > 0
     assert [spread.variable for spread in study.interventions] == list(spreads)
-    assert study.interventions[0].num == 37  # twelve in each group and one repeated
+    assert study.interventions[0].num == 36  # twelve in each group
 
 
 def test_replays_that_start_elsewhere_are_not_bit_equal(study: Study) -> None:
@@ -228,7 +228,7 @@ def test_one_other_bit_is_a_difference(tmp_path: Path, table: str, column: str, 
 
 def test_without_evidence_the_rest_is_still_told(tmp_path: Path) -> None:
     study = samples.studied(tmp_path / "dataset", document=bare_descriptor())
-    assert study.population.num_good_banks == 3
+    assert study.population.num_integrity_complete == 3
     assert study.overall.completed == 1
     assert set(study.overall.collided.values()) == {None}
     assert (study.overall.num_ranked, set(study.overall.best.values())) == (0, {None})

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from tests.each import each
 from tests.reference_impl.study import samples
-from tests.synthetic import group_name
 
-from branchdrive.derive.utility import PROFILES
+from branchdrive.driving.utility import PROFILES
+from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study.study import Equality, Study
 from branchdrive_reference.study.text import render_study
 
@@ -57,7 +56,7 @@ def test_long_names_and_many_of_them_keep_the_width(study: Study) -> None:
     population = replace(study.population, scenario_types=dict.fromkeys(names, 1))
     rows = tuple(replace(study.scenarios[0], scenario_type=name) for name in names)
     text = render_study(replace(study, population=population, scenarios=rows), io.StringIO())
-    assert max(map(len, text.splitlines())) <= 100
+    assert max(map(len, text.splitlines())) <= PLAIN_WIDTH
     assert text.replace("\n", "").replace(" ", "").count(names[-1]) >= 1
 
 
@@ -69,10 +68,12 @@ def test_a_terminal_gets_colour_and_its_own_width(study: Study, monkeypatch: pyt
     assert "\x1b" not in render_study(study, Terminal(), is_file=True)
 
 
-def test_values_missing_on_one_side_get_a_column_of_their_own(tmp_path: Path, study: Study) -> None:
-    replay = f"{group_name(0)}.nominal_replay.a1"
-    hidden = {"evidence": samples.replaced("nearest_vehicle_available", {replay: False})}
-    text = render_study(samples.studied(tmp_path / "dataset", hidden), io.StringIO())
+def test_values_missing_on_one_side_get_a_column_of_their_own(study: Study) -> None:
+    spreads = [
+        replace(spread, max=None, num_infinite=1) if spread.variable == "vehicle_gap_m" else spread
+        for spread in study.nominal_replays
+    ]
+    text = render_study(replace(study, nominal_replays=tuple(spreads)), io.StringIO())
     (row,) = [line for line in text.splitlines() if line.startswith("vehicle_gap_m") and " inf " in line]
     assert row.split()[-1] == "1"
     assert "one side only" in text
@@ -101,22 +102,21 @@ def test_the_last_line_says_whether_replays_repeat_their_nominals(study: Study, 
 
 
 @pytest.mark.parametrize(
-    ("without_complete", "without_good", "line"),
+    ("without_complete", "noncompliant", "line"),
     [
-        (0, 0, "10, 10 with a good attempt of every policy"),
-        (4, 2, "10, 4 with a good attempt of every policy; 6 skipped: 4 lack a complete attempt, "
-               "2 have only deviating or truncated ones"),
-        (1, 0, "10, 9 with a good attempt of every policy; 1 skipped: 1 lacks a complete attempt"),
-        (0, 1, "10, 9 with a good attempt of every policy; 1 skipped: 1 has only deviating or truncated attempts"),
+        (0, 0, "10, 10 integrity-complete"),
+        (4, 2, "10, 4 integrity-complete; 6 skipped: 4 lack a complete attempt, 2 break a rule"),
+        (1, 0, "10, 9 integrity-complete; 1 skipped: 1 lacks a complete attempt"),
+        (0, 1, "10, 9 integrity-complete; 1 skipped: 1 breaks a rule"),
     ],
 )  # fmt: skip
-def test_skipped_groups_are_explained(study: Study, without_complete: int, without_good: int, line: str) -> None:
+def test_skipped_groups_are_explained(study: Study, without_complete: int, noncompliant: int, line: str) -> None:
     population = replace(
         study.population,
         num_groups=10,
-        num_good_banks=10 - without_complete - without_good,
+        num_integrity_complete=10 - without_complete - noncompliant,
         num_without_complete=without_complete,
-        num_without_good=without_good,
+        num_noncompliant=noncompliant,
     )
     text = render_study(replace(study, population=population), STREAM)
     assert f"branch groups {line} scenario types " in " ".join(text.split())
@@ -131,9 +131,9 @@ def test_ranks_are_explained_as_the_profile_weighs(study: Study) -> None:
     assert "The best candidate collides within 2.5 s in 25.0 % of 4 ranked groups, ever in 50.0 %." in text
 
 
-def test_without_good_bank_one_line_says_why_there_are_no_tables(study: Study) -> None:
+def test_without_complete_group_one_line_says_why_there_are_no_tables(study: Study) -> None:
     text = render_study(replace(study, overall=replace(study.overall, num_groups=0)), STREAM)
-    assert text.count("No outcomes: no group has a good attempt of every policy\n") == 1
+    assert text.count("No outcomes: no group is integrity-complete\n") == 1
     assert "scenario type  " not in text and "Family of" not in text
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.reference_impl.town.towns import TOWNS, each_town, motorway_beside, ramps
 
 from branchdrive.contract.columns import PATTERNS
-from branchdrive_reference.geometry.angle import wrap
+from branchdrive_reference.geometry.box import wrap
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import LANE_WIDTH_M, PARKING_WIDTH_M, LaneSide, RoadClass, Turn
 from branchdrive_reference.town.motorway import TAPER_M

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 from tests.reference_impl.town.towns import ROUTES, each_place, tables_of
 
-from branchdrive_reference.geometry.angle import wrap
+from branchdrive_reference.geometry.box import wrap
 from branchdrive_reference.geometry.polyline import Array, Polyline
 from branchdrive_reference.town import track as track_module
 from branchdrive_reference.town.crossroads import Control

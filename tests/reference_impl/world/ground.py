@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.reference_impl.geometry.paths import path_of
 
+from branchdrive_reference.expert.control import PLAN
 from branchdrive_reference.expert.decision import decide
-from branchdrive_reference.expert.plan import PLAN
-from branchdrive_reference.geometry.path import interpolate
-from branchdrive_reference.geometry.polyline import Polyline
+from branchdrive_reference.geometry.polyline import Polyline, interpolate
 from branchdrive_reference.town.conflict import TrackCourse, conflict_table
 from branchdrive_reference.town.lane import LaneSide, Turn
 from branchdrive_reference.town.signal import NO_GROUP, Light

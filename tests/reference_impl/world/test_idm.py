@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive_reference.world.idm import HARDEST_BRAKE_MPS2, desired_gap_m, idm_accel_mps2
+from branchdrive_reference.world.traffic import HARDEST_BRAKE_MPS2, desired_gap_m, idm_accel_mps2
 
 ACCEL, BRAKE, HEADWAY_S, STANDSTILL_M = 1.5, 2.0, 1.2, 2.0
 

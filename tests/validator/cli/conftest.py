@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.validator.audit import datasets
+from tests.validator.engine import datasets
 
-from branchdrive.audit.worker import in_process
+from branchdrive.engine.worker import in_process
 
 
 @pytest.fixture(scope="session")
@@ -29,4 +29,4 @@ def invalid_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Validate in this process."""
-    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda jobs: in_process)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)

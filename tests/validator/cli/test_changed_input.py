@@ -10,10 +10,10 @@ import pytest
 from tests.changed_input import changed_contents, poor_end, poor_ends
 
 from branchdrive import open_dataset
-from branchdrive.contract.document import schema_violations
-from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.dataset.manifest import build_manifest, write_manifest
+from branchdrive.contract.document import schema_mismatches
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.errors import BranchDriveError
+from branchdrive.formats.manifest import build_manifest, write_manifest
 
 WAIVERS = {
     "waivers": [
@@ -50,7 +50,7 @@ def test_a_changed_dataset_is_opened_or_refused_in_words(valid_root: Path, tmp_p
 @pytest.mark.usefixtures("quick")
 def test_changed_waivers_are_applied_or_refused_in_words(valid_root: Path, tmp_path: Path) -> None:
     file = tmp_path / "waivers.json"
-    assert schema_violations(WAIVERS, "waivers.schema.json") == []
+    assert schema_mismatches(WAIVERS, "waivers.schema.json") == []
     ends = []
     for what, content in changed_contents(file.name, json.dumps(WAIVERS).encode(), 40):
         file.write_bytes(content)

@@ -15,9 +15,9 @@ import pytest
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
-from branchdrive.dataset import untrusted
-from branchdrive.dataset.durable import replace_file
 from branchdrive.errors import PlatformError
+from branchdrive.formats import untrusted
+from branchdrive.formats.durable import replace_file
 
 FAULTS = {
     "ENOSPC": "make room", "EDQUOT": "quota", "EFBIG": "ulimit -f", "EMFILE": "ulimit -n", "ENFILE": "stop other",

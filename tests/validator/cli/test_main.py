@@ -17,8 +17,8 @@ from tests.each import each
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
-from branchdrive.contract.catalogue import AREAS, CATALOGUE
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
+from branchdrive.contract.rule import AREAS, CATALOGUE
 
 Run = Callable[[Sequence[str], Any, Any], int]
 
@@ -174,7 +174,7 @@ def test_verdicts_become_exit_codes(
         code, out, err = call(entry, *argv, "--format", "json")
         document = json.loads(out)
         assert (code, document["exit_code"], document["verdict"], err) == (exit_code, exit_code, verdict, "")
-        assert schema_violations(document, "report.schema.json") == []
+        assert schema_mismatches(document, "report.schema.json") == []
         code, out, err = call(entry, *argv)
         assert (code, err) == (exit_code, "")
         assert f"Verdict: {verdict} - " in out
@@ -292,7 +292,7 @@ def test_an_interrupt_is_one_line_and_exit_code_130(
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr("branchdrive.audit.worker.isolated", lambda jobs: interrupted)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: interrupted)
     code, out, err = call(entry, valid_root)
     assert (code, out) == (130, "")
     assert err in ("branchdrive: interrupted\n", "branchdrive-validate: interrupted\n")
@@ -303,7 +303,7 @@ def test_a_bug_is_no_verdict_on_the_dataset(entry: Run, valid_root: Path, monkey
     def broken(*_: Any, **__: Any) -> Any:
         raise LookupError("no such thing")
 
-    monkeypatch.setattr("branchdrive.audit.engine.take_survey", broken)
+    monkeypatch.setattr("branchdrive.engine.validate.take_survey", broken)
     code, out, err = call(entry, valid_root)
     assert (code, out) == (4, "")
     assert err.splitlines()[-1].endswith(": LookupError in the tool itself; please report it")
@@ -311,10 +311,10 @@ def test_a_bug_is_no_verdict_on_the_dataset(entry: Run, valid_root: Path, monkey
 
 SLOW = """
 import os, sys, time
-from branchdrive.audit import engine
+from branchdrive.engine import reading
 from branchdrive.cli.main import validate_run
 
-from branchdrive.audit.shard import audit_shard
+from branchdrive.engine.shard import audit_shard
 
 def sleep(task):
     if task.folder == "raw/shard-00000":
@@ -323,7 +323,7 @@ def sleep(task):
     os.write(1, b"one worker is busy, the other has nothing left to do\\n")
     time.sleep(60)
 
-engine.audit_shard = sleep
+reading.audit_shard = sleep
 
 if __name__ == "__main__":
     sys.exit(validate_run(sys.argv[1:], sys.stdout, sys.stderr))

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from tests.validator.derive.layer.release import DIGEST, Release, documents, leakage, paper_groups, paper_pairs
+from tests.validator.quality.release import DIGEST, Release, documents, leakage, paper_groups, paper_pairs
 
-from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
-from branchdrive.derive.layer.ledger import opened
+from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
+from branchdrive.quality.ledger import with_round
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +82,10 @@ def test_leakage_is_shown_with_its_effect_or_as_not_audited() -> None:
     assert "  Minimum detectable effect in one feature of one action: above 0.8 standard deviations." in lines
 
 
-def test_openings_are_counted(release: Release) -> None:
-    assert "opened once" in shown(print_openings, release.ledger)
-    again = opened(release.ledger, split_digest="0" * 64, thresholds_digest=DIGEST)
-    assert shown(print_openings, again, 200).startswith("The test partition was opened 2 times")
+def test_accesses_are_counted(release: Release) -> None:
+    assert "accessed once" in shown(print_accesses, release.ledger)
+    again = with_round(release.ledger, split_digest="0" * 64, thresholds_digest=DIGEST)
+    assert shown(print_accesses, again, 200).startswith("The test partition was accessed 2 times")
 
 
 @pytest.mark.parametrize("terminal", [False, True])
@@ -94,7 +94,7 @@ def test_text_is_ascii_and_as_wide_as_it_may_be(release: Release, width: int, te
     hostile = leakage("fail", reason="[red]\x1b[2J caf\u00e9[/red] :smile:")
     for printer, document in (
         (print_population, release.population), (print_retention, release.retention), (print_leakage, hostile),
-        (print_openings, release.ledger),
+        (print_accesses, release.ledger),
     ):  # fmt: skip
         text = shown(printer, document, width, terminal=terminal)
         assert text.isascii()

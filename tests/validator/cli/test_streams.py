@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.validator.audit.datasets import write
+from tests.validator.engine.datasets import write
 
 SCRIPT = Path(sys.executable).with_name("branchdrive-validate")
 

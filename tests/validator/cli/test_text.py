@@ -10,14 +10,15 @@ from datetime import date
 from pathlib import Path
 
 import pytest
-from tests.validator.audit.datasets import DEPARTURES, edited, with_column, write
-from tests.validator.audit.test_report import HOSTILE, SITUATIONS
+from tests.validator.engine.datasets import DEPARTURES, edited, with_column, write
+from tests.validator.engine.test_report import HOSTILE, SITUATIONS
 
-from branchdrive.audit.engine import validate
-from branchdrive.audit.report import Report
-from branchdrive.audit.waiver import Waiver
 from branchdrive.cli.text import render_report, render_rule, render_rules
-from branchdrive.contract.catalogue import CATALOGUE
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
+from branchdrive.engine.waiver import Waiver
+from branchdrive.text.terminal import PLAIN_WIDTH
 
 NUM_RULES = len(CATALOGUE)
 LAYER_RULES = {
@@ -25,7 +26,6 @@ LAYER_RULES = {
     for layer in ("canonical", "quality", "model", "benchmark")
 }
 NUM_UNCLAIMED = 3 + sum(map(len, LAYER_RULES.values()))
-PLAIN_WIDTH = 110
 SGR = re.compile(r"\x1b\[[0-9;]*m")
 
 
@@ -65,7 +65,8 @@ synthetic 0.1.0 at PLACE
 identity DIGEST
 
 Funnel
-stage                  groups  lost  reasons (groups)
+Stage                  Groups  Lost  Reasons (groups)
+-----------------------------------------------------
 Groups discovered           3
 Exact bank                  3
 Controls valid              3
@@ -90,8 +91,7 @@ identity DIGEST
 
 Violations
   BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows
-      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.nominal.a1
-      tick=15
+      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.nominal.a1 tick=15
         expected -200 .. 200 m/s; found 1000.0
       remedy: Correct units, frame or wrapping; ranges are in schemas/v0.1/columns.json.
 
@@ -111,7 +111,8 @@ Why attempts and groups do not qualify
       remedy: Leave the ego to the online expert outside the active window.
 
 Funnel
-stage                  groups  lost  reasons (groups)
+Stage                  Groups  Lost  Reasons (groups)
+-----------------------------------------------------
 Groups discovered           3
 Exact bank                  2     1  BD-VAL-002 (1)
 Controls valid              1     1  BD-CTL-009 (1)

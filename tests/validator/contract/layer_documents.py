@@ -6,10 +6,10 @@ from typing import Any
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.derive.discrepancy import CORE
-from branchdrive.derive.feature import MIXED_PROFILE, SENSOR_PROFILE
-from branchdrive.derive.target import TARGETS, TRAJECTORY
-from branchdrive.derive.threshold import VARIABLES
+from branchdrive.driving.discrepancy import CORE
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE
+from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.quality.threshold import VARIABLES
 
 __all__ = ["EXAMPLES"]
 
@@ -139,11 +139,11 @@ def _variants() -> dict[str, Any]:
 
 
 def _ledger() -> dict[str, Any]:
-    events = (("thresholds_fixed", "train"), ("validation_evaluated", "val"), ("test_opened", "test"))
+    events = ("thresholds_fixed", "validation_evaluated", "test_accessed")
     return {
         "entries": [
-            {"number": i, "event": event, "partition": partition, "split_digest": SHA, "thresholds_digest": SHA}
-            for i, (event, partition) in enumerate(events, start=1)
+            {"number": i, "event": event, "split_digest": SHA, "thresholds_digest": SHA}
+            for i, event in enumerate(events, start=1)
         ]
     }
 

@@ -16,7 +16,7 @@ from tests.validator.contract.mutation import OF_EVERY_TYPE, mutated, neighbours
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.descriptor import DeclaredEncoding, Descriptor
-from branchdrive.contract.document import dump_json, parse_json, schema_violations
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.policy import Policy
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class View:
     beyond_schema: tuple[Callable[[Any], bool], ...] = ()
 
     def conforms(self, document: Any) -> bool:
-        return not schema_violations(document, self.schema_name)
+        return not schema_mismatches(document, self.schema_name)
 
     def accepts(self, document: Any) -> bool:
         try:
@@ -109,7 +109,7 @@ def lacks_version(view: View, document: Any) -> bool:
 def test_both_judge_mutated_documents_alike(view: View, data: DataObject) -> None:
     document = data.draw(mutated(view.documents))
     assume(not lacks_version(view, document))
-    assert view.accepts(document) == view.is_expected(document), schema_violations(document, view.schema_name)
+    assert view.accepts(document) == view.is_expected(document), schema_mismatches(document, view.schema_name)
 
 
 def full_descriptor() -> dict[str, Any]:
@@ -166,10 +166,10 @@ def test_both_reject_what_is_no_such_document(view: View, document: Any) -> None
 @given(data=st.data())
 def test_both_accept_conforming_documents_and_what_the_model_writes(view: View, data: DataObject) -> None:
     drawn = data.draw(view.documents)
-    assert schema_violations(drawn, view.schema_name) == []
+    assert schema_mismatches(drawn, view.schema_name) == []
     model = view.model.model_validate(drawn)
     document = model.model_dump(mode="json")
-    assert schema_violations(document, view.schema_name) == []
+    assert schema_mismatches(document, view.schema_name) == []
     assert view.model.model_validate(document) == model
     assert view.model.model_validate(parse_json(dump_json(document))) == model
     assert view.model.model_validate_json(model.model_dump_json()) == model
@@ -178,7 +178,7 @@ def test_both_accept_conforming_documents_and_what_the_model_writes(view: View, 
 @given(strategies.policy_documents())
 def test_integers_may_be_written_with_a_fraction_of_zero(document: dict[str, Any]) -> None:
     written = {**document, "duration_ticks": float(document["duration_ticks"])}
-    assert schema_violations(written, "policy.schema.json") == []
+    assert schema_mismatches(written, "policy.schema.json") == []
     policy = Policy.model_validate(written)
     assert policy == Policy.model_validate(document)
     assert type(policy.duration_ticks) is int

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pytest
 from pydantic import ValidationError
 from tests.each import each
+from tests.mismatch import pointers
 from tests.repo.checkout import ROOT, anchors
 
 from branchdrive.contract.bank import load_action_bank
@@ -24,7 +25,7 @@ from branchdrive.contract.columns import (
     table_schema,
 )
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.layer import LAYERS, layer_of_table, table_path
 from branchdrive.contract.resources import load_resource, schema_dir
 
@@ -44,7 +45,7 @@ def declarations() -> dict[str, Any]:
 
 
 def test_declarations_meet_their_schema() -> None:
-    assert schema_violations(declarations(), "layers.schema.json") == []
+    assert schema_mismatches(declarations(), "layers.schema.json") == []
 
 
 def records_column(document: dict[str, Any]) -> dict[str, Any]:
@@ -88,7 +89,7 @@ def records_column(document: dict[str, Any]) -> dict[str, Any]:
 def test_broken_declarations_are_refused(pointer: str, change: Any) -> None:
     document = declarations()
     change(document)
-    assert pointer in [violation.pointer for violation in schema_violations(document, "layers.schema.json")]
+    assert pointer in pointers(schema_mismatches(document, "layers.schema.json"))
 
 
 def test_layers_are_derived_one_from_another() -> None:
@@ -132,7 +133,7 @@ def described(layers: list[str]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("layers", ORDERS, ids=" ".join)
 def test_layers_in_order_are_accepted(layers: list[str]) -> None:
-    assert schema_violations(described(layers), "descriptor.schema.json") == []
+    assert schema_mismatches(described(layers), "descriptor.schema.json") == []
     descriptor = Descriptor.model_validate(described(layers))
     assert descriptor.layers == tuple(layers)
     assert descriptor.has_raw == (layers[0] == "raw")
@@ -141,8 +142,8 @@ def test_layers_in_order_are_accepted(layers: list[str]) -> None:
 
 @each("layers", GAPS, ids=lambda layers: " ".join(layers) or "none")
 def test_layers_out_of_order_are_refused(layers: list[str]) -> None:
-    found = schema_violations(described(layers), "descriptor.schema.json")
-    assert [violation.pointer for violation in found] == ["/layers"]
+    found = schema_mismatches(described(layers), "descriptor.schema.json")
+    assert pointers(found) == ["/layers"]
     with pytest.raises(ValidationError):
         Descriptor.model_validate(described(layers))
 
@@ -231,7 +232,7 @@ def test_documents_have_schemas_whose_description_names_a_clause(layer: Any) -> 
 
 
 OWN_SCHEMAS = ("source", "split", "thresholds", "retention", "population", "variants", "ledger", "features",
-               "normalisation", "layers", "protocol", "lock", "openings", "results")  # fmt: skip
+               "normalisation", "layers", "protocol", "lock", "results")  # fmt: skip
 
 
 @each("stem", OWN_SCHEMAS)

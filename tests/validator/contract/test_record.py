@@ -9,10 +9,11 @@ import pyarrow as pa
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests import strategies
+from tests.mismatch import pointers
 from tests.strategies import ControlLog
 
 from branchdrive.contract.columns import TABLES, table_schema
-from branchdrive.contract.document import schema_violations
+from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.policy import ACTUATORS, Command
 
 ROLLOUT_SCHEMA = "rollout.schema.json"
@@ -22,7 +23,7 @@ NEVER_NULL = [column for column in TABLES["rollouts"].columns if not column.null
 
 @given(strategies.rollout_records())
 def test_rollout_meets_its_record_schema_and_its_table(record: dict[str, Any]) -> None:
-    assert schema_violations(record, ROLLOUT_SCHEMA) == []
+    assert schema_mismatches(record, ROLLOUT_SCHEMA) == []
     table = pa.Table.from_pylist([record], schema=table_schema("rollouts"))
     table.validate(full=True)
     assert table.to_pylist() == [record]
@@ -30,7 +31,7 @@ def test_rollout_meets_its_record_schema_and_its_table(record: dict[str, Any]) -
 
 @given(strategies.rollout_records(strategies.banks()))
 def test_rollout_of_any_bank_executes_its_policy(record: dict[str, Any]) -> None:
-    assert schema_violations(record, ROLLOUT_SCHEMA) == []
+    assert schema_mismatches(record, ROLLOUT_SCHEMA) == []
     assert (record["effective_duration_ticks"] == 0) == (record["role"] != "intervention")
 
 
@@ -38,8 +39,7 @@ def test_rollout_of_any_bank_executes_its_policy(record: dict[str, Any]) -> None
 @given(strategies.rollout_records())
 def test_record_schema_refuses_null_where_the_table_does(record: dict[str, Any]) -> None:
     for column in NEVER_NULL:
-        violations = schema_violations({**record, column.name: None}, ROLLOUT_SCHEMA)
-        assert f"/{column.name}" in [violation.pointer for violation in violations]
+        assert f"/{column.name}" in pointers(schema_mismatches({**record, column.name: None}, ROLLOUT_SCHEMA))
 
 
 @settings(max_examples=settings.default.max_examples // 3)
@@ -48,7 +48,7 @@ def test_record_schema_refuses_a_value_at_the_wrong_time(record: dict[str, Any],
     for column in CONDITIONAL:
         is_null = record[column.name] is None
         other = data.draw(strategies.column_values(column)) if is_null else None
-        assert schema_violations({**record, column.name: other}, ROLLOUT_SCHEMA), column.name
+        assert schema_mismatches({**record, column.name: other}, ROLLOUT_SCHEMA), column.name
 
 
 @given(strategies.control_logs())
@@ -97,9 +97,9 @@ def test_control_log_of_any_policy_can_be_drawn(log: ControlLog) -> None:
 
 @given(strategies.masked_values())
 def test_masked_value_meets_its_schema(document: dict[str, Any]) -> None:
-    assert schema_violations(document, "mask.schema.json") == []
-    assert schema_violations({**document, "mask": 1 - document["mask"]}, "mask.schema.json")
-    assert schema_violations({**document, "mask": bool(document["mask"])}, "mask.schema.json")
+    assert schema_mismatches(document, "mask.schema.json") == []
+    assert schema_mismatches({**document, "mask": 1 - document["mask"]}, "mask.schema.json")
+    assert schema_mismatches({**document, "mask": bool(document["mask"])}, "mask.schema.json")
 
 
 @given(st.integers(0, 8).flatmap(lambda n: st.tuples(st.just(n), strategies.masks(n))))

@@ -12,9 +12,9 @@ from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
-    from branchdrive.build.build import BuildReport
-    from branchdrive.derive.layer.variants import Variant
-    from branchdrive.derive.split import Calibration
+    from branchdrive.quality.variants import Variant
+    from branchdrive.release.builder import BuildReport
+    from branchdrive.statistics.split import Calibration
 
 SUMMARY = "build the derived layers of a release from a raw layer"
 
@@ -74,9 +74,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         UsageError: The options do not go together.
         DatasetError: The raw layer cannot be built from.
     """
-    from branchdrive.audit.worker import isolated
-    from branchdrive.build.build import build_release
-    from branchdrive.build.stage import BuildOptions
+    from branchdrive.engine.worker import isolated
+    from branchdrive.release.builder import build_release
+    from branchdrive.release.stage import BuildOptions
 
     stages = tuple(args.stage or _STAGES)
     if args.no_leakage:
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 
 def _calibration(least: tuple[int, int] | None) -> Calibration | None:
-    from branchdrive.derive.split import Calibration
+    from branchdrive.statistics.split import Calibration
 
     return None if least is None else Calibration(*least)
 
@@ -108,7 +108,7 @@ def _calibration(least: tuple[int, int] | None) -> Calibration | None:
 def _variants(path: Path | None) -> tuple[Variant, ...]:
     from branchdrive.contract.document import parse_json
     from branchdrive.contract.limits import spec_limits
-    from branchdrive.derive.layer.variants import declared_variants
+    from branchdrive.quality.variants import declared_variants
 
     if path is None:
         return ()

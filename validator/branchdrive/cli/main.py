@@ -1,7 +1,8 @@
 """The commands `branchdrive` and `branchdrive-validate`.
 
 Commands are modules with `SUMMARY`, `add_arguments(parser)` and `run(args, stdout, stderr) -> int`.
-Extras add theirs through the entry-point group `branchdrive.commands`. Exit codes: 0, 1, 3, 4 as the
+Extras and other distributions add theirs through the entry-point group `branchdrive.commands`, whose names are those
+of the commands and whose values are modules. Exit codes: 0, 1, 3, 4 as the
 verdict says, 4 also where a command fails for no reason in its input: a bug, a library that is missing or too old,
 a full disk; 2 wrong usage, a path that cannot be used among it; 130 interrupted, 143 asked to terminate.
 """
@@ -16,11 +17,13 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points, version
+from shutil import get_terminal_size
+from textwrap import fill
 from typing import NoReturn, Protocol, TextIO
 
 from branchdrive.environment import check_environment, extra, import_fault, leave_out_pandas
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
-from branchdrive.file_error import file_error_text, is_machine_fault
+from branchdrive.formats.file_error import file_error_text, is_machine_fault
 
 __all__ = ["main", "run", "validate_main"]
 
@@ -33,6 +36,12 @@ _BUILT_IN = {
     "build": "branchdrive.cli.build",
     "rules": "branchdrive.cli.rules",
 }
+
+_WORKFLOW = (
+    "collect", "study", "draw", "validate", "rules", "build", "benchmark", "train", "lock", "predict", "evaluate",
+    "export",
+)  # fmt: skip
+"""Order in which the help lists commands; those that it does not name follow by name."""
 
 _WITHOUT_PANDAS = ("validate", "collect")
 """Commands that need no pandas, and whose libraries all work where it is not installed."""
@@ -67,6 +76,34 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; `{self.prog} --help` explains")
+
+
+class _CommandsParser(_Parser):
+    """A parser of commands: its help, and nothing else, loads all of them for their summaries."""
+
+    def format_help(self) -> str:
+        """Usage, options, and every command with its summary."""
+        modules = _command_modules()
+        order = {name: place for place, name in enumerate(_WORKFLOW)}
+        names = sorted(modules, key=lambda name: (order.get(name, len(order)), name))
+        room = max(map(len, names)) + 4
+        width = max(get_terminal_size().columns - 2, room + 20)
+        lines = ["commands:"]
+        for name in names:
+            summary = fill(_summary(modules[name]), width, initial_indent=" " * room, subsequent_indent=" " * room)
+            lines.append(f"  {_on_one_line(name)}".ljust(room) + summary[room:])
+        ending = f"`{self.prog} COMMAND --help` explains a command."
+        return "\n".join([super().format_help(), *lines, "", ending, ""])
+
+
+def _summary(module_name: str) -> str:
+    """What a command does, or why it cannot be loaded: a broken command of others takes nobody's help away."""
+    try:
+        return _on_one_line(_load(module_name).SUMMARY)
+    except ImportError as error:
+        return _on_one_line(str(import_fault(error, "this command")))
+    except Exception as error:
+        return f"this command cannot be loaded: {_on_one_line(repr(error))}"
 
 
 def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: TextIO) -> int:
@@ -136,37 +173,32 @@ def run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
 
 
 def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
-    parser = _Parser("branchdrive", description="Branch-structured driving datasets.")
+    parser = _CommandsParser(
+        "branchdrive",
+        usage="%(prog)s [-h] [--version] COMMAND ...",
+        description="Branch-structured driving datasets.",
+    )
     parser.add_argument("--version", action="version", version=f"branchdrive {version('branchdrive')}")
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    subparsers = parser.add_subparsers(
+        dest="command",
+        metavar="COMMAND",
+        required=True,
+        help=argparse.SUPPRESS,
+        prog=parser.prog,
+        parser_class=_Parser,
+    )
     modules = _command_modules()
     wanted = next((argument for argument in argv if argument in modules), None)
     for name, module_name in modules.items():
         if name == wanted:
             with extra(of=f"`{name}`"):
                 command = _load(module_name)
-            command.add_arguments(subparsers.add_parser(name, help=command.SUMMARY, description=command.SUMMARY))
+            command.add_arguments(subparsers.add_parser(name, description=command.SUMMARY))
         else:
-            subparsers.add_parser(name, help=_SUMMARIES.get(name, "added by an installed extra"), add_help=False)
+            subparsers.add_parser(name, add_help=False)
     args = parser.parse_args(argv)
     check_environment()
     return _load(modules[args.command]).run(args, stdout, stderr)
-
-
-_SUMMARIES = {
-    "validate": "check a dataset against the specification",
-    "build": "build the derived layers of a release from a raw layer",
-    "rules": "list the rules, or explain one",
-    "collect": "collect a dataset in the reference world",
-    "draw": "draw branch groups: the map, the actors and the futures of every candidate",
-    "study": "show what a dataset contains: population, outcomes, replay fidelity",
-    "train": "train the models of the benchmark; the same command goes on where it was interrupted",
-    "lock": "lock the trained models of the benchmark before outcomes of the test partition are looked at",
-    "predict": "predict with the locked models and publish lock, checkpoints and predictions in the release",
-    "evaluate": "evaluate predictions on the test partition: tables, figures, and what guards promise",
-    "benchmark": "train, lock, predict and evaluate: from a release to all tables and figures",
-    "export": "write the selector of the benchmark as an ONNX model that needs nothing else",
-}
 
 
 def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:

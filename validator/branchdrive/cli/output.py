@@ -52,7 +52,7 @@ def _existing_folder(path: Path) -> Path:
 
 def _is_dataset(root: Path) -> bool:
     """Whether the folder `root` holds anything that belongs to a dataset, finished or not."""
-    from branchdrive.dataset.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
+    from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
 
     return any((root / name).exists() for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR))
 

@@ -4,30 +4,30 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from io import StringIO
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO, get_args
 
 from rich.console import Console
-from rich.markup import escape
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
-from branchdrive.audit.finding import location_text, printable
-from branchdrive.audit.report import Report
-from branchdrive.audit.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
-from branchdrive.audit.verdict import Verdict, is_waived
-from branchdrive.cli.population import print_leakage, print_openings, print_population, print_retention
-from branchdrive.contract.catalogue import AREAS, CATALOGUE, RuleInfo
+from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
+from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
+from branchdrive.contract.text import counted, printable
+from branchdrive.engine.finding import location_text
+from branchdrive.engine.report import Report
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
+from branchdrive.engine.verdict import Verdict, is_waived
+from branchdrive.text.table import Column, Table
+from branchdrive.text.terminal import print_facts, print_section, render
 
 if TYPE_CHECKING:
-    from branchdrive.build.build import BuildReport
+    from branchdrive.release.builder import BuildReport
 
 __all__ = ["render_build", "render_report", "render_rule", "render_rules"]
 
 FINDINGS_SHOWN = 5
-_PLAIN_WIDTH = 110
 _STYLE: dict[str, str] = {
     "valid": "bold green", "valid-with-waivers": "bold yellow", "partial": "bold yellow", "invalid": "bold red",
     "error": "bold magenta", "pass": "green", "fail": "red", "skipped": "yellow", "not-claimed": "dim",
@@ -51,18 +51,6 @@ _SECTIONS: dict[str, Callable[[RuleInfo], bool]] = {
 """Sections of findings, and the rules of each."""
 
 
-def _console(stdout: TextIO, is_file: bool = False) -> tuple[Console, StringIO]:
-    buffer = StringIO()
-    terminal = stdout.isatty() and not is_file
-    width = Console(file=stdout).width if terminal else _PLAIN_WIDTH
-    return Console(file=buffer, force_terminal=terminal, width=width, highlight=False, emoji=False), buffer
-
-
-def _lines(buffer: StringIO) -> str:
-    """What was printed, without the blanks that fill lines up."""
-    return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
-
-
 def _size(num_bytes: int) -> str:
     size = float(num_bytes)
     units = ["B", "KiB", "MiB", "GiB"]
@@ -74,7 +62,15 @@ def _size(num_bytes: int) -> str:
 
 def render_report(report: Report, stdout: TextIO, output: Path | None = None) -> str:
     """The report as text, coloured if `stdout` is a terminal and the text goes there."""
-    console, buffer = _console(stdout, output is not None)
+    return render(partial(_print_report, report=report), stdout, is_file=output is not None)
+
+
+def render_build(report: BuildReport, stdout: TextIO) -> str:
+    """What a build made, as text: population, replay fidelity and leakage, as far as they were built."""
+    return render(partial(_print_build, report=report), stdout)
+
+
+def _print_report(console: Console, report: Report) -> None:
     _print_head(console, report)
     _print_findings(console, report)
     _print_funnel(console, report)
@@ -86,12 +82,9 @@ def render_report(report: Report, stdout: TextIO, output: Path | None = None) ->
     for message in report.errors:
         console.print(Text(message, style="magenta"))
     _print_verdict(console, report)
-    return _lines(buffer)
 
 
-def render_build(report: BuildReport, stdout: TextIO) -> str:
-    """What a build made, as text: population, replay fidelity and leakage, as far as they were built."""
-    console, buffer = _console(stdout)
+def _print_build(console: Console, report: BuildReport) -> None:
     layers = ", ".join(report.layers) or "none"
     console.print(Text(f"layers {layers}", style="bold"), Text(f"at {printable(str(report.target))}", style="dim"))
     console.print(Text(f"identity {report.identity}", style="dim"))
@@ -102,9 +95,8 @@ def render_build(report: BuildReport, stdout: TextIO) -> str:
         console.print()
         print_retention(console, documents["quality/retention.json"])
         console.print()
-        print_openings(console, documents["quality/ledger.json"])
+        print_accesses(console, documents["quality/ledger.json"])
         print_leakage(console, documents.get("quality/leakage.json"))
-    return _lines(buffer)
 
 
 def _print_head(console: Console, report: Report) -> None:
@@ -117,7 +109,7 @@ def _print_head(console: Console, report: Report) -> None:
     ]  # fmt: skip
     console.print(Text(", ".join(sizes)))
     console.print(
-        Text(f"{_count(facts.num_shards, 'shard')}, {_count(facts.num_files, 'file')}, {_size(facts.num_bytes)}")
+        Text(f"{counted(facts.num_shards, 'shard')}, {counted(facts.num_files, 'file')}, {_size(facts.num_bytes)}")
     )
     if facts.raw_path:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
@@ -140,7 +132,7 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
     waived = " (waived)" if is_waived(tally) else ""
     style = "red" if info.decides and not waived else "yellow"
     subjects = "violation" if tally.num_findings == 1 else "violations"
-    count = f"{tally.num_findings:,} {subjects} in {_count(tally.examined, info.grain)}"
+    count = f"{tally.num_findings:,} {subjects} in {counted(tally.examined, info.grain)}"
     console.print(Padding(Text.assemble((info.id, style), f"  {info.title}{waived}: {count}"), (0, 0, 0, 2)))
     for finding in tally.findings[:FINDINGS_SHOWN]:
         more = f"  ({finding.count} places)" if finding.count > 1 else ""
@@ -155,27 +147,20 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
 
 
-def _count(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
-
-
 def _print_funnel(console: Console, report: Report) -> None:
     console.print()
     if report.funnel is None:
         console.print(Text("Funnel: not judged", style="yellow"))
         return
-    table = Table(title="Funnel", title_justify="left", title_style="bold", box=None, pad_edge=False)
-    table.add_column("stage")
-    table.add_column("groups", justify="right")
-    table.add_column("lost", justify="right")
-    table.add_column("reasons (groups)")
+    rows = []
     for stage in report.funnel.to_json()["stages"]:
         common = Counter(stage["reasons"]).most_common(4)
         reasons = ", ".join(f"{rule_id} ({count})" for rule_id, count in common)
         if len(stage["reasons"]) > len(common):
             reasons += ", ..."
-        table.add_row(stage["title"], f"{stage['groups']:,}", f"{stage['lost']:,}" if stage["lost"] else "", reasons)
-    console.print(table)
+        rows.append([stage["title"], f"{stage['groups']:,}", f"{stage['lost']:,}" if stage["lost"] else "", reasons])
+    columns = [Column.name("Stage"), Column("Groups"), Column("Lost"), Column("Reasons (groups)", is_text=True)]
+    print_section(console, Table("Funnel", columns, rows))
 
 
 def _print_waivers(console: Console, report: Report) -> None:
@@ -223,22 +208,27 @@ def _print_verdict(console: Console, report: Report) -> None:
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
     """Rules as a list, by area."""
-    console, buffer = _console(stdout)
+    return render(partial(_print_rule_list, rules=rules), stdout)
+
+
+def _print_rule_list(console: Console, rules: Sequence[RuleInfo]) -> None:
     area = None
     for info in rules:
         if info.id[3:6] != area:
             area = info.id[3:6]
-            console.print(Text(f"{AREAS[area]}", style="bold"))
-        console.print(f"  [cyan]{info.id}[/]  {info.kind:<13}  {escape(info.title)}", soft_wrap=True)
-    return _lines(buffer)
+            console.print(Text(AREAS[area], style="bold"))
+        line = Text.assemble("  ", (info.id, "cyan"), f"  {info.kind:<13}  {info.title}")
+        console.print(line, soft_wrap=True)
 
 
 def render_rule(info: RuleInfo, stdout: TextIO) -> str:
     """One rule in full."""
-    console, buffer = _console(stdout)
+    return render(partial(_print_rule, info=info), stdout)
+
+
+def _print_rule(console: Console, info: RuleInfo) -> None:
     console.print(Text.assemble((info.id, "bold cyan"), f"  {info.title}"))
-    table = Table(box=None, show_header=False, pad_edge=False)
-    rows = {
+    facts = {
         "kind": info.kind + (f", costs a group the stage `{info.stage}`" if info.stage else ""),
         "level": info.level,
         "counted by": info.grain,
@@ -247,8 +237,4 @@ def render_rule(info: RuleInfo, stdout: TextIO) -> str:
         "after": ", ".join(f"{r} ({CATALOGUE[r].title})" for r in info.requires),
         "remedy": info.remedy,
     }
-    for key, value in rows.items():
-        if value:
-            table.add_row(Text(key, style="dim"), Text(value))
-    console.print(table)
-    return _lines(buffer)
+    print_facts(console, [fact for fact in facts.items() if fact[1]])

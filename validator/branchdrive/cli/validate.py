@@ -46,11 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Validate and print the report; the exit code is the verdict's."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: each has one core
-    from branchdrive.audit.engine import validate
-    from branchdrive.audit.waiver import load_waivers
-    from branchdrive.audit.worker import isolated
     from branchdrive.cli.text import render_report
-    from branchdrive.dataset.durable import replace_file
+    from branchdrive.engine.validate import validate
+    from branchdrive.engine.waiver import load_waivers
+    from branchdrive.engine.worker import isolated
+    from branchdrive.formats.durable import replace_file
 
     for root in (args.dataset, args.raw):
         check_output(args.output, outside=root)

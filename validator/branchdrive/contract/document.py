@@ -9,13 +9,13 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
 
 from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.resources import load_resource, schema_dir
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 """Escape of half a surrogate pair; most stand next to their other half."""
 
-__all__ = ["Integer", "Violation", "dump_json", "parse_json", "schema_violations"]
+__all__ = ["Integer", "dump_json", "parse_json", "schema_mismatches"]
 
 
 def _integral(value: Any) -> Any:
@@ -37,21 +37,6 @@ def _integral(value: Any) -> Any:
 
 Integer = Annotated[int, BeforeValidator(_integral)]
 """Integer of a document, with JSON Schema's meaning of ``integer``."""
-
-
-@dataclass(frozen=True)
-class Violation:
-    """One place where a document breaks its schema.
-
-    Attributes:
-        pointer: JSON pointer of the place, ``""`` for the whole document; keys shortened and escaped.
-        expected: What the schema demands there.
-        found: What the document has, shortened, control characters escaped.
-    """
-
-    pointer: str
-    expected: str
-    found: str
 
 
 def _shortened(text: str, length: int = 160) -> str:
@@ -148,11 +133,12 @@ def _validator(schema_name: str) -> Validator:
     return validator
 
 
-def schema_violations(document: Any, schema_name: str) -> list[Violation]:
-    """Places where `document` breaks the schema file `schema_name`, by pointer; empty if it conforms.
+def schema_mismatches(document: Any, schema_name: str) -> list[Mismatch]:
+    """Places where `document` breaks the schema file `schema_name`, in order of their pointers; none if it conforms.
 
-    Examination ends at an array or object that holds more than its schema allows, so that time and
-    memory stay in proportion to what a conforming document may hold.
+    Keys of a pointer and what was found are shortened, control characters escaped. Examination ends at an array or
+    object that holds more than its schema allows, so that time and memory stay in proportion to what a conforming
+    document may hold.
     """
     errors = []
     for error in _validator(schema_name).iter_errors(document):
@@ -160,11 +146,8 @@ def schema_violations(document: Any, schema_name: str) -> list[Violation]:
         if error.validator in ("maxItems", "maxProperties"):
             break
     errors.sort(key=lambda error: list(error.absolute_path))
-    return list(dict.fromkeys(_violation(error) for error in errors))
-
-
-def _violation(error: Any) -> Violation:
-    return Violation(_pointer(error.absolute_path), _demand(error), _shortened(repr(error.instance)))
+    found = ((_pointer(error.absolute_path), _demand(error), _shortened(repr(error.instance))) for error in errors)
+    return [Mismatch({"pointer": pointer or "/"}, demand, value) for pointer, demand, value in dict.fromkeys(found)]
 
 
 def _pointer(path: Iterable[str | int]) -> str:

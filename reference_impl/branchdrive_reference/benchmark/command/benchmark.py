@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TextIO
 
-from branchdrive.audit.finding import printable
-from branchdrive.dataset.layout import BENCHMARK
+from branchdrive.contract.layout import BENCHMARK
+from branchdrive.contract.text import printable
 from branchdrive_reference.benchmark.command.evaluate import add_format, shown
 from branchdrive_reference.benchmark.command.option import (
     add_no_figures,

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
+from branchdrive.contract.text import printable
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import (
     add_no_figures,
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 
 def _foreign(args: argparse.Namespace) -> Evaluation:
-    from branchdrive.dataset.durable import replace_file
+    from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol, read_protocol_file
     from branchdrive_reference.benchmark.evaluation import evaluate_foreign
     from branchdrive_reference.benchmark.foreign import read_predictions

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TextIO
 
-from branchdrive.audit.finding import printable
 from branchdrive.cli.output import check_output
+from branchdrive.contract.text import printable
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import add_release, need_models
 
@@ -33,10 +33,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     check_output(args.output, outside=args.release)
     need_models("export")
-    from branchdrive.dataset.durable import replace_file
-    from branchdrive.dataset.layout import BENCHMARK, LOCK_FILE
-    from branchdrive.derive.benchmark.protocol import protocol_digest
-    from branchdrive.derive.benchmark.ranking_result import utility_scale
+    from branchdrive.benchmark.protocol import protocol_digest
+    from branchdrive.benchmark.ranking_result import utility_scale
+    from branchdrive.contract.layout import BENCHMARK, LOCK_FILE
+    from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol
     from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release

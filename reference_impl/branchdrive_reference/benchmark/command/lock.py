@@ -27,7 +27,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("lock")
-    from branchdrive.derive.benchmark.lock import lock_digest
+    from branchdrive.benchmark.lock import lock_digest
     from branchdrive_reference.benchmark.step import lock_step
 
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):

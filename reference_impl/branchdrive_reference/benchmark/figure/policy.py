@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.derive.ranking.selector import LEARNED
+from branchdrive.benchmark.ranking.measure import LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 
 __all__ = ["draw_policy"]

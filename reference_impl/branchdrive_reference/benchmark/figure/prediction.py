@@ -8,12 +8,14 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.derive.target import TARGETS
+from branchdrive.benchmark.metric.metric import HEADLINES
+from branchdrive.driving.target import TARGETS
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 
 __all__ = ["draw_prediction"]
 
-_HEADLINES = (("macro_nmae", "Macro NMAE", "share of the training IQR"), ("ade_m", "ADE", "m"), ("fde_m", "FDE", "m"))
+_DRAWN = ("macro_nmae", "ade_m", "fde_m")
+_SHARE = "share of the training IQR"
 
 
 def draw_prediction(results: Mapping[str, Any]) -> Figure:
@@ -34,9 +36,9 @@ def draw_prediction(results: Mapping[str, Any]) -> Figure:
     )  # fmt: skip
     colours = {model: HUES[i % len(HUES)] for i, model in enumerate(models)}
     panels = axes_of(figure, 2, 3)
-    for axes, (metric, title, unit) in zip(panels, _HEADLINES, strict=False):
-        _dots(axes, [found[model, metric] for model in models], colours)
-        axes.set(title=title, ylabel=unit)
+    for axes, metric in zip(panels, (metric for metric in HEADLINES if metric.name in _DRAWN), strict=False):
+        _dots(axes, [found[model, metric.name] for model in models], colours)
+        axes.set(title=metric.title, ylabel=_SHARE if metric.unit == "1" else metric.unit)
     grid = panels[3].get_gridspec()
     for axes in panels[3:5]:
         axes.remove()
@@ -75,7 +77,7 @@ def _targets(axes: Axes, models: Sequence[str], found: Mapping[Any, Any], colour
             if row["interval"]["cluster_low"] is not None:
                 ends = row["interval"]["cluster_low"], row["interval"]["cluster_high"]
                 axes.plot([place, place], ends, color=INK, linewidth=0.9)
-    axes.set(title="NMAE of every target", ylabel="share of the training IQR", xticks=range(len(TARGETS)))
+    axes.set(title="NMAE of every target", ylabel=_SHARE, xticks=range(len(TARGETS)))
     axes.set_xticklabels([target.name.rsplit("_", 1)[0].replace("_", " ") for target in TARGETS], fontsize=8.6)
     axes.set(ylim=(0, 1.14 * axes.get_ylim()[1]))
     axes.legend(ncols=len(models), fontsize=8.6, loc="upper right")
@@ -101,7 +103,7 @@ def _shuffles(
                 axes.plot([place, place], ends, color=INK, linewidth=0.9)
     axes.set(
         title="Macro NMAE, shuffled",
-        ylabel="share of the training IQR",
+        ylabel=_SHARE,
         xlabel="lines: spread over shuffles",
         xticks=range(len(kinds) + 1),
     )

@@ -1,4 +1,4 @@
-"""Everything in the repository that is written by machine: tables of the spec, and record schemas.
+"""Everything in the repository that is written by machine: tables of the spec, record schemas, lists of metrics.
 
 ``python -m branchdrive.contract.generate`` writes them, ``--check`` only names the stale ones. A
 generated region of a chapter lies between ``<!-- generated: NAME -->`` and ``<!-- end generated -->``;
@@ -12,6 +12,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
+from branchdrive.contract.generate.metric import metric_schemas, protocol_text
 from branchdrive.contract.generate.record import record_schemas
 from branchdrive.contract.generate.region import REGIONS, render_regions
 from branchdrive.contract.resources import SPEC_VERSION, schema_dir
@@ -35,8 +36,10 @@ def generated_files(root: Path) -> dict[Path, str]:
         raise UsageError(f"{root} has no spec/ folder; run this in a checkout of the repository")
     files = {path: render_regions(path.read_text(encoding="utf-8")) for path in chapters}
     schemas = root / "schemas" / f"v{SPEC_VERSION}"
-    for name, schema in record_schemas().items():
+    for name, schema in (record_schemas() | metric_schemas()).items():
         files[schemas / name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    protocol = schemas / "benchmark-protocol.json"
+    files[protocol] = protocol_text(protocol.read_text(encoding="utf-8"))
     return files
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import PATTERNS, TABLES, Column
-from branchdrive.contract.generate.condition import CONDITIONS
+from branchdrive.contract.generate.region import CONDITIONS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 
 if TYPE_CHECKING:

@@ -1,4 +1,9 @@
-"""Regions of the chapters that are written by machine, by name."""
+"""Regions of the chapters that are written by machine, by name.
+
+Conditions of availability in words. Source: spec/06-masks.md#conditions.
+
+Markdown of the generated regions: tables, names, ranges.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES, PATTERNS, STREAMS, TABLES, declared_table
 from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_digest
-from branchdrive.contract.generate.condition import CONDITIONS
-from branchdrive.contract.generate.markdown import allowed, code, grid, null
 from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.metric import DECLARED_METRICS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.errors import UsageError
 
@@ -20,8 +24,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from branchdrive.contract.policy import ActuatorRule
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-__all__ = ["REGIONS", "render_regions"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from branchdrive.contract.columns import Availability, Column
+
+__all__ = ["CONDITIONS", "REGIONS", "allowed", "code", "grid", "null", "render_regions"]
 
 _REGION = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end generated -->)", re.DOTALL)
 
@@ -163,6 +174,21 @@ def _limits_region() -> str:
     return grid(["limit", "value", "unit", "what it bounds"], rows)
 
 
+def _metrics_region() -> str:
+    rows = [
+        [
+            f"`{metric.name}`" + (" and the target" if metric.per_target else ""),
+            metric.title,
+            "that of the target" if metric.unit == "target" else metric.unit,
+            str(metric.best),
+            "yes" if metric.paired else "no",
+            metric.description,
+        ]
+        for metric in DECLARED_METRICS
+    ]
+    return grid(["metric", "title", "unit", "best", "tested", "what it is"], rows)
+
+
 REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
     {
         "streams": _streams_region,
@@ -174,6 +200,7 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
         "encoding": _encoding_region,
         "rules": _rules_region,
         "limits": _limits_region,
+        "metrics": _metrics_region,
         **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
     }
 )
@@ -194,3 +221,55 @@ def render_regions(text: str) -> str:
         return f"{opening}\n{REGIONS[name]()}\n{closing}"
 
     return _REGION.sub(region, text)
+
+
+CONDITIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "branched": "exactly where the row has a `branch_tick`",
+        "not_complete": "exactly where `status` is not `complete`",
+        "not_nominal": "exactly where `role` is not `nominal`",
+        "valued": "exactly where the rule column of the same actuator is `absolute` or `floor`",
+        "active": "exactly where `active` is true",
+        "optional": "wherever the collector could know it",
+    }
+)
+"""When a value of a conditional column is present, by the name of the condition."""
+
+
+def grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Markdown table; every cell is one line."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def code(names: Iterable[str]) -> str:
+    """Names in back-ticks, separated by commas."""
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if value == int(value) else repr(value)
+
+
+def allowed(column: Column) -> str:
+    """Vocabulary, pattern or range of a column; empty where anything of its type is allowed."""
+    if column.values:
+        return code(column.values)
+    if column.pattern:
+        return f"pattern `{column.pattern}`"
+    match column.min, column.max:
+        case None, None:
+            return ""
+        case low, None if low is not None:
+            return f"at least {_number(low)}"
+        case None, high if high is not None:
+            return f"at most {_number(high)}"
+        case low, high:
+            return f"{_number(low)} to {_number(high)}"  # type: ignore[arg-type]
+
+
+def null(available: Availability | None) -> str:
+    """When a column may hold a null."""
+    if available is None:
+        return "never"
+    return f"mask `{available.mask}`" if available.mask else f"condition `{available.when}`"

@@ -1,0 +1,35 @@
+"""A release as its rules see it, in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.derived import layer_files_task, layers_tasks
+from branchdrive.engine.layers import view_of
+from branchdrive.engine.reading import read_dataset
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.worker import in_process
+from branchdrive.files.survey import take_survey
+from branchdrive.layers.view import RawLayer, ReleaseView
+
+
+def release_view(root: Path) -> ReleaseView:
+    """View of the release at `root`, with its raw layer and all its rows."""
+    survey, selected = take_survey(root), frozenset(CATALOGUE)
+    with Spool.temporary() as spool:
+        task = layer_files_task(survey, spool)
+        assert task is not None
+        reading = read_dataset(survey, selected, in_process, spool=spool, layers=task)
+        assert reading.layers is not None and not reading.errors
+        source = survey.with_shards(tuple(reading.shards))
+        view = view_of(next(layers_tasks(task, reading.layers, source, reading.shards, selected)))
+        assert view.raw.extract is not None
+        raw = RawLayer(dict(view.raw.extract), digest=view.raw.digest, descriptor=view.raw.descriptor)
+        tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}
+        return ReleaseView(
+            view.descriptor, tables, view.documents, view.contents, raw, view.files,
+            digests=view.digests, sizes=view.sizes,
+        )  # fmt: skip

@@ -1,0 +1,226 @@
+"""The synthetic release with a benchmark layer, and what follows of it computed again after an edit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+import tempfile
+from collections.abc import Callable, Collection
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.content_cache import kept, remembered
+from tests.validator.benchmark.samples import noise, paths_of, risk_fit
+from tests.validator.engine.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
+
+from branchdrive.benchmark.checkpoint import CheckpointFacts
+from branchdrive.benchmark.data import TABLES, BenchmarkData, groups_digest
+from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
+from branchdrive.benchmark.metric.outcome import Predictions
+from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
+from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.results import noise_of, results_document
+from branchdrive.benchmark.tables import render_tables
+from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.layout import layer_of
+from branchdrive.formats.manifest import Manifest
+from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with_benchmark_access
+
+FOLDER = "benchmark"
+PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS = (
+    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results")
+)
+TABLES_FILE = f"{FOLDER}/TABLES.md"
+
+
+SCALARS = "benchmark/predictions.parquet"
+
+
+class BenchmarkDraft(ReleaseDraft):
+    """A release with a benchmark to edit.
+
+    `checkpoints` are bytes by path in the layer's folder; `warnings` are what results and tables say.
+    """
+
+    def __init__(self) -> None:
+        self.checkpoints: dict[str, bytes] = {}
+        self.warnings: list[str] = []
+        super().__init__(["raw", *BUILT, FOLDER])
+        self.tables[FOLDER] = {}
+        made = _made()
+        for name in PREDICTED:
+            self.put_first(name, made.frames[name])
+        self.checkpoints = dict(made.checkpoints)
+        self.documents.update(pickle.loads(pickle.dumps(made.documents)))
+        self.texts[TABLES_FILE] = made.text
+        self.before_seal(self._write_checkpoints)
+
+    def put_first(self, table: str, frame: Any) -> None:
+        """Add a table of the layer."""
+        self.tables[FOLDER][table] = None
+        self.put(table, frame)
+
+    @property
+    def protocol(self) -> BenchmarkProtocol:
+        protocol: BenchmarkProtocol = remembered(read_protocol)(self.documents[PROTOCOL])
+        return protocol
+
+    @property
+    def data(self) -> BenchmarkData:
+        bank = ActionBank.model_validate(self.descriptor["action_bank"])
+        return BenchmarkData.of({name: self.frame(name) for name in TABLES}, bank)
+
+    @property
+    def predictions(self) -> PredictionSet:
+        return PredictionSet.from_frames({name: self.frame(name) for name in PREDICTED}, self.data)
+
+    def follow(self, start: str, *, keep: Collection[str] = ()) -> None:
+        """Compute again what follows, from the step `start` on, but for the steps in `keep`."""
+        names = list(FOLLOWING)
+        for name in names[names.index(start) :]:
+            if name not in keep:
+                FOLLOWING[name](self)
+
+    def _write_checkpoints(self, root: Path) -> None:
+        for name, content in self.checkpoints.items():
+            (root / FOLDER / name).parent.mkdir(exist_ok=True)
+            (root / FOLDER / name).write_bytes(content)
+
+
+def _lock(d: BenchmarkDraft) -> None:
+    lock = d.documents[LOCK]
+    lock["protocol_digest"] = d.digest(PROTOCOL)
+    for entry in lock["checkpoints"]:
+        entry["sha256"] = hashlib.sha256(d.checkpoints[entry["file"]]).hexdigest()
+
+
+def _ranking(d: BenchmarkDraft) -> None:
+    lock, scale = d.documents[RANKING_LOCK], utility_scale(d.protocol, d.data)
+    lock["prediction_lock_digest"] = d.digest(LOCK)
+    lock["predictions_digest"] = d.predictions.digest(d.data)
+    lock["utility_scale"].update(q05=scale.q05.tolist(), q95=scale.q95.tolist())
+
+
+def _accesses(d: BenchmarkDraft) -> None:
+    ledger = with_benchmark_access(None, PREDICTION_ACCESS, d.digest(LOCK))
+    d.documents[BENCHMARK_LEDGER] = with_benchmark_access(ledger, SELECTION_ACCESS, d.digest(RANKING_LOCK))
+
+
+def _results(d: BenchmarkDraft) -> None:
+    lock = d.documents[RANKING_LOCK]
+    found = risk_fit_of(lock), noise_of(lock["outcome_noise"])
+    d.documents[RESULTS] = remembered(results_document)(d.protocol, d.data, d.predictions, *found, warnings=d.warnings)
+
+
+def _tables(d: BenchmarkDraft) -> None:
+    d.texts[TABLES_FILE] = render_tables(d.documents[RESULTS])
+
+
+FOLLOWING: dict[str, Callable[[BenchmarkDraft], None]] = {
+    "lock": _lock, "ranking": _ranking, "accesses": _accesses, "results": _results, "tables": _tables,
+}  # fmt: skip
+"""What follows from what."""
+
+
+def checkpoint(facts: CheckpointFacts, payload: bytes = b"") -> bytes:
+    """A safetensors file with one tensor of bytes."""
+    about = json.dumps({"document": {"provenance": facts._asdict()}, "digest": hashlib.sha256(payload).hexdigest()})
+    tensor = {"dtype": "U8", "shape": [len(payload)], "data_offsets": [0, len(payload)]}
+    content = json.dumps({"__metadata__": {"branchdrive": about}, "weights": tensor}).encode()
+    return len(content).to_bytes(8, "little") + content + payload
+
+
+class _Made:
+    """The layer, made once."""
+
+    def __init__(self) -> None:
+        self.draft = release_draft()
+        bank = ActionBank.model_validate(self.draft.descriptor["action_bank"])
+        self.data = BenchmarkData.of({name: self.draft.frame(name) for name in TABLES}, bank)
+        self.protocol = _protocol()
+        self.predictions = _predictions(self.protocol, self.data)
+        self.frames = self.predictions.to_frames(self.data)
+        normalisation, features = (self.draft.digest(f"model/{name}.json") for name in ("normalisation", "features"))
+        split = self.draft.documents[SPLIT]["digest"]
+        trained = groups_digest(self.data.part("train").groups)
+        self.checkpoints = {
+            f"checkpoints/{model.id}-seed{seed}.safetensors": checkpoint(
+                CheckpointFacts(model.id, seed, split, normalisation, model.config_digest, trained)
+            )
+            for model in self.protocol.models
+            for seed in model.seeds
+        }
+        self.documents: dict[str, Any] = {PROTOCOL: self.protocol.document}
+        facts = LockFacts("", identity(self.draft), split, normalisation, features, bank.keys)
+        locked = [
+            LockedCheckpoint(
+                model.id,
+                seed,
+                (file := f"checkpoints/{model.id}-seed{seed}.safetensors"),
+                hashlib.sha256(self.checkpoints[file]).hexdigest(),
+                trained,
+            )
+            for model in self.protocol.models
+            for seed in model.seeds
+        ]
+        lock = lock_document(self.protocol, facts, locked, package="invented", version="1.0.0")
+        self.documents[LOCK] = lock
+        d = self.draft
+        d.documents.update(self.documents)
+        ranking = ranking_lock_document(
+            prediction_lock_digest=d.digest(LOCK),
+            predictions_digest=self.predictions.digest(self.data),
+            scale=utility_scale(self.protocol, self.data),
+            risk_fit=risk_fit(),
+            noise=noise(),
+        )
+        d.documents[RANKING_LOCK] = self.documents[RANKING_LOCK] = ranking
+        _accesses(d)
+        self.documents[BENCHMARK_LEDGER] = d.documents[BENCHMARK_LEDGER]
+        results = results_document(self.protocol, self.data, self.predictions, risk_fit(), noise())
+        self.documents[RESULTS] = results
+        self.text = render_tables(results)
+
+
+@cache
+def _made() -> _Made:
+    return kept("benchmark", _Made)
+
+
+def _protocol() -> BenchmarkProtocol:
+    document = default_protocol().document | {"name": "small"}
+    document["statistics"] = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
+    document["shuffles"]["seeds"] = [0]
+    return read_protocol(document)
+
+
+def _predictions(protocol: BenchmarkProtocol, data: BenchmarkData) -> PredictionSet:
+    by_model: dict[str, dict[int, dict[str, Predictions]]] = {}
+    for place, model in enumerate(protocol.models):
+        for seed in model.seeds:
+            rng = np.random.default_rng([place, seed])
+            for partition in ("val", "test"):
+                truth = data.part(partition).outcomes.scalars
+                values = truth + rng.normal(scale=2.0 / (1 + place), size=truth.shape)
+                predicted = Predictions.of(values, paths_of(values))
+                by_model.setdefault(model.id, {}).setdefault(seed, {})[partition] = predicted
+    return PredictionSet(by_model)
+
+
+def identity(draft: ReleaseDraft) -> str:
+    """Identity of the derived layers as they are written."""
+    with tempfile.TemporaryDirectory() as folder:
+        root = draft.write(Path(folder) / "dataset")
+        files = [path for path in root.rglob("*") if path.is_file()]
+        found = {path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return Manifest.of({path: digest for path, digest in found.items() if layer_of(path) in BUILT}).identity
+
+
+def first_of(d: BenchmarkDraft, partition: str) -> str:
+    """The first group of a partition."""
+    return d.data.part(partition).groups[0]

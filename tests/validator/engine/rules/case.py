@@ -1,0 +1,267 @@
+"""Registered cases of the rules: defects that one rule must find, and limits that it must still accept."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import pyarrow as pa
+import pytest
+from tests import synthetic
+from tests.content_cache import kept, remembered
+from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
+from tests.validator.engine.rules.draft import Draft
+from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, release_draft
+
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.report import Report
+from branchdrive.engine.shard import ShardTask
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.validate import validate
+from branchdrive.engine.worker import in_process
+from branchdrive.formats.parquet import decode_table
+
+Edit: TypeAlias = Callable[[Any], object]
+Base = Literal["full", "media", "bare", "release", "detached", "alone", "benchmark"]
+RELEASES: tuple[Base, ...] = ("release", "detached", "alone", "benchmark")
+
+SHARD_0, SHARD_1 = synthetic.SHARDS
+
+NOMINAL = "g0.nominal.a1"
+REPLAY = "g0.nominal_replay.a1"
+BRAKE = "g0.brake_0.50.a1"
+ACCELERATE = "g0.accelerate_0.50.a1"
+STEER_LEFT = "g0.steer_left_0.10.a1"
+"""Attempts of the first group that cases edit."""
+
+INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
+"""Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
+
+RECOMMENDED = frozenset(rule_id for rule_id, rule in CATALOGUE.items() if rule.level == "SHOULD")
+"""Rules whose failure decides nothing: a defect of another rule may well go against a recommendation too."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One defect, and what exactly the validator must say about it.
+
+    Attributes:
+        rule: The rule that must fail, alone but for the consequences that the catalogue declares.
+        name: Name of the defect, unique within its rule.
+        edit: Puts the defect into a valid draft.
+        base: Which valid dataset to spoil.
+        at: Parts of the location that a finding of the rule must have.
+        findings: Violating subjects of the rule.
+        lost: Groups that the defect costs at the rule's stage; for qualification rules.
+    """
+
+    rule: str
+    name: str
+    edit: Edit
+    base: Base
+    at: dict[str, Any]
+    findings: int
+    lost: int
+
+    @property
+    def is_decisive(self) -> bool:
+        """Whether the defect makes the dataset invalid."""
+        return CATALOGUE[self.rule].decides
+
+    @property
+    def is_release(self) -> bool:
+        """Whether it is a release, whose groups and attempts are not all good."""
+        return self.base in RELEASES
+
+    @property
+    def may_fail(self) -> frozenset[str]:
+        """The rule and its declared consequences."""
+        return frozenset({self.rule, *CATALOGUE[self.rule].consequences})
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """A shape at the limit of what rules accept: the dataset stays valid and none of its groups is lost.
+
+    Attributes:
+        rules: The rules whose limit it is.
+        name: Name of the shape, unique.
+        edit: Puts the shape into a valid draft.
+        base: Which valid dataset to change.
+        status: Status of the rules on it.
+    """
+
+    rules: tuple[str, ...]
+    name: str
+    edit: Edit
+    base: Base
+    status: str
+
+    @property
+    def is_release(self) -> bool:
+        """Whether it is a release, whose groups and attempts are not all good."""
+        return self.base in RELEASES
+
+
+@dataclass
+class Registry:
+    """Cases in the order of their definition."""
+
+    mutants: list[Mutant] = field(default_factory=list)
+    boundaries: list[Boundary] = field(default_factory=list)
+
+
+REGISTRY = Registry()
+
+
+def mutant(
+    rule: str,
+    *,
+    at: dict[str, Any] | None = None,
+    base: Base | None = None,
+    findings: int = 1,
+    lost: int | None = None,
+    name: str | None = None,
+) -> Callable[[Edit], Edit]:
+    """Register a function as a defect of `rule`; one of qualification costs one group unless `lost` differs.
+
+    A rule on derived layers is broken in the release unless `base` differs.
+    """
+
+    def register(edit: Edit) -> Edit:
+        cost = int(CATALOGUE[rule].kind == "qualification") if lost is None else lost
+        label = name or edit.__name__.strip("_")
+        assert all((label, rule) != (known.name, known.rule) for known in REGISTRY.mutants), f"{rule} {label} twice"
+        REGISTRY.mutants.append(Mutant(rule, label, edit, base or _base_of(rule), at or {}, findings, cost))
+        return edit
+
+    return register
+
+
+def boundary(
+    *rules: str, base: Base | None = None, status: str = "pass", name: str | None = None
+) -> Callable[[Edit], Edit]:
+    """Register a function as a shape that `rules` must accept."""
+
+    def register(edit: Edit) -> Edit:
+        assert set(rules) <= set(CATALOGUE), rules
+        label = name or edit.__name__.strip("_")
+        assert all(label != known.name for known in REGISTRY.boundaries), f"{label} twice"
+        REGISTRY.boundaries.append(Boundary(rules, label, edit, base or _base_of(rules[0]), status))
+        return edit
+
+    return register
+
+
+def _base_of(rule: str) -> Base:
+    bases: dict[str | None, Base] = {None: "full", "benchmark": "benchmark"}
+    return bases.get(CATALOGUE[rule].layer, "release")
+
+
+def new_draft(base: Base = "full") -> Draft:
+    """A valid dataset to edit.
+
+    It has actors and evidence, with media too, or neither; or it is a release with media in place, detached beside
+    its raw dataset, or alone, or in place with a benchmark.
+    """
+    match base:
+        case "full":
+            return Draft(synthetic.base_tables(), synthetic.descriptor())
+        case "media":
+            return Draft(synthetic.media_tables(), synthetic.media_descriptor())
+        case "bare":
+            return Draft(synthetic.bare_tables(), synthetic.bare_descriptor())
+        case "release":
+            return release_draft()
+        case "benchmark":
+            return BenchmarkDraft()
+        case _:
+            return detached_draft(with_raw=base == "detached")
+
+
+def judged(draft: Draft, folder: Path) -> Report:
+    """Report on a draft that is written into `folder`; its raw dataset is named where it has one beside it."""
+    root = draft.write(folder / "dataset")
+    return judged_folder(root, raw=draft.raw_root(root) if isinstance(draft, ReleaseDraft) else None)
+
+
+def judged_folder(root: Path, **options: Any) -> Report:
+    """Report on the dataset at `root`; what was computed before of the same files is not computed again."""
+    with pytest.MonkeyPatch.context() as patch:
+        for place in PURE:
+            module, name = place.rsplit(".", 1)
+            patch.setattr(place, remembered(getattr(import_module(module), name)))
+        patch.setattr("branchdrive.engine.layer_files.decode_table", _decoded)
+        return validate(root, executor=remembering, **options)
+
+
+PURE = (
+    "branchdrive.engine.layer_files.schema_mismatches",
+    "branchdrive.benchmark.view.read_protocol",
+    "branchdrive.benchmark.result_rules.results_document",
+    "branchdrive.leakage.rules.held_targets",
+    "branchdrive.leakage.rules.neighbours_p",
+    "branchdrive.leakage.rules.ranked_targets",
+    "branchdrive.leakage.rules.score_mismatches",
+    "branchdrive.leakage.rules.statistic_mismatches",
+    "branchdrive.files.survey.schema_mismatches",
+    "branchdrive.benchmark.protocol.schema_mismatches",
+    "branchdrive.leakage.parity.fit_logistic",
+    "branchdrive.leakage.parity.held_out_score",
+    "branchdrive.leakage.recompute._redrawn",
+    "branchdrive.quality.retention._resampled_sums",
+)
+"""Functions of their arguments alone that most of a judgement's time goes into.
+
+Every rule runs on every case; what one of these said of equal arguments before is not computed again, since most
+defects leave most tables and documents as they are.
+"""
+
+
+_tables: dict[tuple[bytes, str], pa.Table] = {}
+"""Decoded tables, which nobody can change, by content and name."""
+
+
+def _decoded(content: bytes, name: str) -> pa.Table:
+    """Table of a derived layer; the same bytes are decoded once: most defects leave most tables as they are."""
+    key = hashlib.sha256(content).digest(), name
+    if key not in _tables:
+        _tables[key] = decode_table(content, name)
+    return _tables[key]
+
+
+def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    """Executor that audits shards of the same bytes once: most defects leave most shards as they are."""
+    for index, task in enumerate(tasks):
+        if not isinstance(task, ShardTask):
+            yield from ((index, outcome) for _, outcome in in_process(function, [task]))
+            continue
+        files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
+        claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
+        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.spool is None))
+        outcome, spooled = _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
+        for name, content in spooled.items():
+            (task.spool.folder / name).write_bytes(content)
+        yield index, outcome
+
+
+def _alone(function: Callable[[Any], Any], task: ShardTask) -> tuple[Any, dict[str, bytes]]:
+    """Audit of a shard, and what it put into its spool."""
+    with Spool.temporary() as spool:
+        ((_, outcome),) = in_process(function, [replace(task, spool=task.spool and spool)])
+        return outcome, {path.name: path.read_bytes() for path in spool.folder.iterdir()}
+
+
+_shards: dict[str, bytes] = {}
+"""Audits of shards, pickled as between processes, by all that they depend on."""
+
+
+def _audited(key: str, audit: Callable[[], Any]) -> Any:
+    if key not in _shards:
+        _shards[key] = pickle.dumps(kept(f"shard-{key[:32]}", audit))
+    return pickle.loads(_shards[key])

@@ -1,0 +1,163 @@
+"""Defects and limits of predictions, results and tables of the benchmark layer."""
+
+from __future__ import annotations
+
+import numpy as np
+from tests.validator.engine.rules.benchmark_release import (
+    BENCHMARK_LEDGER,
+    LOCK,
+    RANKING_LOCK,
+    RESULTS,
+    SCALARS,
+    TABLES_FILE,
+    BenchmarkDraft,
+    first_of,
+)
+from tests.validator.engine.rules.case import boundary, mutant
+
+from branchdrive.benchmark.guard.calibration import GUARANTEE
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.warning import warnings
+from branchdrive.tables.frame import concat, take
+
+# Limits
+
+
+@boundary("BD-BMK-012", "BD-BMK-013")
+def results_with_other_last_bits(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 1 + 1e-12
+    d.follow("tables")
+
+
+# BD-LYR-007
+
+
+@mutant("BD-LYR-007", at={"file": SCALARS, "column": "min_separation_m"}, base="benchmark")
+def prediction_that_is_no_number(d: BenchmarkDraft) -> None:
+    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "brake_0.50"}
+    d.set("predictions", "min_separation_m", float("nan"), **where)
+
+
+# BD-BMK-007
+
+
+@mutant("BD-BMK-007", at={"file": SCALARS, "model": "M3", "seed": 23, "action_key": "brake_0.50"})
+def prediction_without_a_candidate(d: BenchmarkDraft) -> None:
+    d.drop("predictions", model="M3", seed=23, group_id=first_of(d, "test"), action_key="brake_0.50")
+
+
+@mutant("BD-BMK-007", at={"file": "benchmark/predicted_trajectories.parquet", "step": 4})
+def predicted_trajectory_without_a_step(d: BenchmarkDraft) -> None:
+    where = {"model": "M1", "seed": 11, "group_id": first_of(d, "val"), "action_key": "nominal", "step": 4}
+    d.drop("predicted_trajectories", **where)
+
+
+@mutant("BD-BMK-007", at={"file": SCALARS, "model": "M0"}, findings=2)
+def prediction_of_a_training_group(d: BenchmarkDraft) -> None:
+    for name in TABLES:
+        rows = d.frame(name)
+        wanted = (rows["model"] == "M0") & (rows["group_id"] == first_of(d, "test"))
+        more = take(rows, wanted)
+        more["group_id"] = np.full(int(wanted.sum()), first_of(d, "train"), object)
+        d.put(name, concat([rows, more]))
+
+
+# BD-BMK-008
+
+
+@mutant("BD-BMK-008", at={"file": SCALARS, "model": "M2"})
+def declared_seed_that_does_not_predict(d: BenchmarkDraft) -> None:
+    for name in TABLES:
+        d.drop(name, model="M2", seed=37)
+    d.follow("ranking")
+
+
+# BD-BMK-009
+
+
+@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/kind"})
+def ranking_lock_of_another_kind(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK] = dict(d.documents[LOCK])
+    d.follow("accesses", keep={"results", "tables"})
+
+
+@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/utility_scale/q05/0"})
+def utility_scaled_by_other_quantiles(d: BenchmarkDraft) -> None:
+    d.documents[RANKING_LOCK]["utility_scale"]["q05"][0] -= 1
+    d.follow("accesses", keep={"results", "tables"})
+
+
+@mutant("BD-BMK-009", at={"file": RANKING_LOCK, "pointer": "/predictions_digest"})
+def prediction_changed_after_the_ranking_lock(d: BenchmarkDraft) -> None:
+    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "nominal"}
+    d.set("predictions", "displacement_m", lambda value: value + 1, **where)
+    d.follow("results")
+
+
+# BD-BMK-012
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def better_metric_than_predicted(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 0.99
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def smaller_p_value_than_the_family_has(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["ranking"]["families"][0]["members"][0]["p_holm"] = 0.001
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/prediction/comparisons/0/p_clusters"})
+def smaller_p_value_by_clusters(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["prediction"]["comparisons"][0]["p_clusters"] -= 1e-3
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/intervals/value/cluster_low"})
+def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["intervals"]["value"]["cluster_low"] += 1e-6
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def guarantee_of_a_guard_that_was_not_judged(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["guard"]["guarantee"]["conformal"] = GUARANTEE
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def fewer_repeats_that_lose_than_were_locked(d: BenchmarkDraft) -> None:
+    d.documents[RESULTS]["noise"]["losses"]["num_repeats_losing"] -= 1
+    d.follow("tables")
+
+
+# BD-BMK-013
+
+
+@mutant("BD-BMK-013", at={"file": TABLES_FILE})
+def tables_without_results(d: BenchmarkDraft) -> None:
+    del d.documents[RESULTS]
+
+
+@mutant("BD-BMK-013", at={"file": TABLES_FILE})
+def tables_that_flatter(d: BenchmarkDraft) -> None:
+    text = d.texts[TABLES_FILE]
+    line = next(line for line in text.split("\n") if line.startswith("| M3 "))
+    d.texts[TABLES_FILE] = text.replace(line, line.replace("0.", "0.0", 1), 1)
+
+
+# BD-BMK-015
+
+
+@mutant("BD-BMK-015", at={"file": SCALARS, "model": "theirs"})
+def predictions_that_nobody_locked(d: BenchmarkDraft) -> None:
+    for name in TABLES:
+        rows = d.frame(name)
+        is_test = np.isin(rows["group_id"].astype(str), d.data.part("test").groups)
+        more = take(rows, is_test & (rows["model"] == "M3") & (rows["seed"] == 11))
+        more["model"] = np.full(len(more["model"]), "theirs", object)
+        d.put(name, concat([rows, more]))
+    d.warnings = warnings(d.documents[BENCHMARK_LEDGER], unlocked=["theirs"])
+    d.follow("ranking")

@@ -1,0 +1,304 @@
+"""Defects and limits of the files of derived layers: tables, documents, keys, values, nulls and order."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow as pa
+from tests.synthetic_release import TWINS, raw_tables
+from tests.validator.engine.rules.case import boundary, mutant
+from tests.validator.engine.rules.cases.tables import other_settings
+from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
+
+STATE = "model/state.parquet"
+GROUPS = "quality/group_quality.parquet"
+
+
+def _rewrite(d: ReleaseDraft, path: str, change: Callable[[bytes], bytes]) -> None:
+    def edit(root: Path) -> None:
+        (root / path).write_bytes(change((root / path).read_bytes()))
+
+    d.before_seal(edit)
+
+
+def _with_metadata(rows: pa.Table, column: str, **changes: str) -> pa.Table:
+    field = rows.schema.field(column)
+    metadata = {**(field.metadata or {}), **{key.encode(): value.encode() for key, value in changes.items()}}
+    return rows.set_column(rows.schema.get_field_index(column), field.with_metadata(metadata), rows[column])
+
+
+# BD-LYR-001
+
+
+@mutant("BD-LYR-001", at={"file": LEDGER})
+def ledger_missing(d: ReleaseDraft) -> None:
+    d.before_seal(lambda root: (root / LEDGER).unlink())
+
+
+@mutant("BD-LYR-001", at={"file": STATE})
+def table_missing(d: ReleaseDraft) -> None:
+    del d.tables["model"]["state"]
+
+
+@mutant("BD-LAY-009", at={"file": "model"}, base="release")
+def last_layer_without_a_claim(d: ReleaseDraft) -> None:
+    d.descriptor["layers"] = ["raw", "canonical", "quality"]
+    d.reseal("card")
+
+
+@boundary(
+    "BD-LYR-001", "BD-LYR-002", "BD-LYR-003", "BD-LYR-005", "BD-LYR-006", "BD-LYR-007", "BD-LYR-008", "BD-LYR-009"
+)
+def release_without_an_audit_of_leakage(d: ReleaseDraft) -> None:
+    del d.documents[LEAKAGE]
+    d.reseal("card")
+
+
+@boundary("BD-LYR-001", "BD-QUA-013")
+def release_that_ends_with_the_quality_layer(d: ReleaseDraft) -> None:
+    d.descriptor["layers"] = ["raw", "canonical", "quality"]
+    del d.tables["model"]
+    d.documents = {path: document for path, document in d.documents.items() if not path.startswith("model/")}
+    d.reseal("card")
+
+
+@mutant("BD-LAY-009", at={"file": "raw"}, base="alone")
+def raw_layer_in_a_detached_release(d: ReleaseDraft) -> None:
+    d.tables.update(raw_tables())
+
+
+# BD-LYR-002
+
+
+@mutant("BD-LYR-002", at={"file": STATE})
+def derived_table_truncated(d: ReleaseDraft) -> None:
+    _rewrite(d, STATE, lambda content: content[: len(content) // 2])
+
+
+@mutant("BD-LYR-002", at={"file": GROUPS})
+def derived_table_is_no_parquet(d: ReleaseDraft) -> None:
+    _rewrite(d, GROUPS, lambda _: b"group_id,partition\n" * 100)
+
+
+@mutant("BD-LYR-002", at={"file": GROUPS})
+def derived_page_overwritten(d: ReleaseDraft) -> None:
+    _rewrite(d, GROUPS, lambda content: content[:4] + bytes(200) + content[204:])
+
+
+@boundary("BD-LYR-002", "BD-LYR-003", "BD-LYR-004")
+def derived_tables_inother_settings(d: ReleaseDraft) -> None:
+    for layer in BUILT:
+        for name in d.tables[layer]:
+            _rewrite(d, f"{layer}/{name}.parquet", other_settings)
+
+
+# BD-LYR-003
+
+
+@mutant("BD-LYR-003", at={"file": STATE, "column": "separation_m"})
+def privileged_column_among_sensor_histories(d: ReleaseDraft) -> None:
+    def widen(rows: pa.Table) -> pa.Table:
+        seen = d.tables["model"]["surroundings"]
+        assert rows["group_id"].equals(seen["group_id"])
+        assert rows["offset_ticks"].equals(seen["offset_ticks"])
+        return rows.append_column(seen.schema.field("separation_m"), seen["separation_m"])
+
+    d.map_table("state", widen, folder="model")
+
+
+@mutant("BD-LYR-003", at={"file": GROUPS, "column": "near_duplicate"})
+def derived_column_missing(d: ReleaseDraft) -> None:
+    d.map_table("group_quality", lambda rows: rows.drop_columns("near_duplicate"), folder="quality")
+
+
+@mutant("BD-LYR-003", at={"file": "model/past_controls.parquet", "column": "steer"})
+def derived_column_of_another_type(d: ReleaseDraft) -> None:
+    def widen(rows: pa.Table) -> pa.Table:
+        place = rows.schema.get_field_index("steer")
+        return rows.set_column(
+            place, rows.schema.field(place).with_type(pa.float64()), rows["steer"].cast(pa.float64())
+        )
+
+    d.map_table("past_controls", widen, folder="model")
+
+
+@boundary("BD-LYR-003", "BD-LYR-004", "BD-LYR-006", "BD-LYR-009")
+def derived_columns_in_reverse_order(d: ReleaseDraft) -> None:
+    for layer in BUILT:
+        for name in d.tables[layer]:
+            d.map_table(name, lambda rows: rows.select(rows.column_names[::-1]), folder=layer)
+
+
+@boundary("BD-LYR-003", "BD-LYR-006", "BD-LYR-007", "BD-LYR-008", "BD-LYR-009")
+def derived_text_as_dictionary(d: ReleaseDraft) -> None:
+    def encode(rows: pa.Table) -> pa.Table:
+        for place, field in enumerate(rows.schema):
+            if pa.types.is_string(field.type):
+                values = rows[field.name].dictionary_encode()
+                rows = rows.set_column(place, field.with_type(values.type), values)
+        return rows
+
+    for layer in BUILT:
+        for name in d.tables[layer]:
+            d.map_table(name, encode, folder=layer)
+
+
+# BD-LYR-004
+
+
+@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"})
+def derived_unit_in_other_words(d: ReleaseDraft) -> None:
+    d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", unit="km/h"), folder="model")
+
+
+@mutant("BD-LYR-004", at={"file": "model/surroundings.parquet", "column": "separation_m"})
+def privileged_column_called_a_sensor(d: ReleaseDraft) -> None:
+    d.map_table("surroundings", lambda rows: _with_metadata(rows, "separation_m", track="sensor"), folder="model")
+
+
+@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"})
+def outcomes_in_the_metadata_of_a_column(d: ReleaseDraft) -> None:
+    d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", note="12.5 11.0 3.4"), folder="model")
+
+
+@mutant("BD-LYR-004", at={"file": STATE})
+def outcomes_in_the_metadata_of_a_file(d: ReleaseDraft) -> None:
+    d.map_table("state", lambda rows: rows.replace_schema_metadata({"outcomes": "12.5 11.0 3.4"}), folder="model")
+
+
+# BD-LYR-005
+
+
+@mutant("BD-LYR-005", at={"file": SPLIT, "pointer": "/"})
+def document_with_a_further_property(d: ReleaseDraft) -> None:
+    d.documents[SPLIT]["drawn_on"] = "2026-01-01"
+
+
+@mutant("BD-LYR-005", at={"file": POPULATION})
+def document_with_nan(d: ReleaseDraft) -> None:
+    _rewrite(d, POPULATION, lambda content: content.replace(b'"num_policies": 13', b'"num_policies": NaN'))
+
+
+@mutant("BD-LYR-005", at={"file": VARIANTS})
+def document_cut_off(d: ReleaseDraft) -> None:
+    _rewrite(d, VARIANTS, lambda content: content[: len(content) // 2])
+
+
+@mutant("BD-LYR-005", at={"file": "quality/ledger.json"})
+def key_of_a_document_twice(d: ReleaseDraft) -> None:
+    _rewrite(d, LEDGER, lambda content: content.replace(b'"entries"', b'"entries": [],\n  "entries"', 1))
+
+
+@mutant("BD-LYR-005", at={"file": "canonical/source.json", "pointer": "/num_groups"})
+def count_below_zero(d: ReleaseDraft) -> None:
+    d.documents["canonical/source.json"]["num_groups"] = -21
+
+
+@boundary("BD-LYR-005")
+def documents_in_other_layout(d: ReleaseDraft) -> None:
+    for path in (POPULATION, VARIANTS, SPLIT):
+        _rewrite(d, path, lambda content: json.dumps(dict(reversed(json.loads(content).items()))).encode())
+
+
+# BD-LYR-006
+
+
+@mutant("BD-LYR-006", at={"file": GROUPS, "table": "group_quality", "group_id": "g13"})
+def group_listed_in_two_partitions(d: ReleaseDraft) -> None:
+    d.duplicate("group_quality", {"partition": "train"}, group_id="g13")
+    d.sort("group_quality")
+
+
+@mutant("BD-LYR-006", at={"table": "records", "group_id": "g2", "action_key": "brake_0.50"})
+def two_records_of_an_action(d: ReleaseDraft) -> None:
+    d.duplicate("records", {"rollout_id": "g2.brake_0.50.a2", "attempt": 2}, group_id="g2", action_key="brake_0.50")
+    d.sort("records")
+
+
+@mutant("BD-LYR-006", at={"table": "state", "group_id": "g0", "offset_ticks": -10})
+def history_row_twice(d: ReleaseDraft) -> None:
+    d.duplicate("state", group_id="g0", offset_ticks=-10)
+    d.sort("state")
+
+
+# BD-LYR-007
+
+
+@mutant("BD-LYR-007", at={"table": "state", "column": "rel_x_m", "group_id": "g0", "offset_ticks": -10})
+def history_that_is_no_number(d: ReleaseDraft) -> None:
+    d.set("state", "rel_x_m", float("nan"), group_id="g0", offset_ticks=-10)
+
+
+@mutant("BD-LYR-007", at={"table": "pairs", "column": "speed_mps", "rollout_id": "g13.brake_0.50.a1"})
+def negative_discrepancy(d: ReleaseDraft) -> None:
+    d.set("pairs", "speed_mps", -0.001, rollout_id="g13.brake_0.50.a1")
+
+
+@mutant("BD-LYR-007", at={"table": "attempts", "column": "disposition", "rollout_id": "g8.brake_0.50.a1"})
+def disposition_in_own_words(d: ReleaseDraft) -> None:
+    d.set("attempts", "disposition", "lost", rollout_id="g8.brake_0.50.a1")
+
+
+@mutant("BD-LYR-007", at={"table": "group_quality", "column": "lost_rules", "group_id": "g3"})
+def rules_separated_by_commas(d: ReleaseDraft) -> None:
+    d.set("group_quality", "lost_rules", "BD-BNK-001,BD-BNK-002", group_id="g3")
+
+
+# BD-LYR-008
+
+
+@mutant("BD-LYR-008", at={"table": "group_quality", "column": "partition", "group_id": "g13"})
+def partition_missing_under_its_mask(d: ReleaseDraft) -> None:
+    d.set("group_quality", "partition", None, group_id="g13")
+
+
+@mutant("BD-LYR-008", at={"table": "attempt_quality", "column": "failed_rules", "rollout_id": "g9.brake_0.50.a1"})
+def mask_off_above_a_value(d: ReleaseDraft) -> None:
+    d.set("attempt_quality", "fails", False, rollout_id="g9.brake_0.50.a1")
+
+
+@mutant("BD-LYR-008", at={"table": "scalars", "column": "mean_jerk_mps3", "group_id": "g0"})
+def target_without_its_mask(d: ReleaseDraft) -> None:
+    d.set("scalars", "mean_jerk_available", False, group_id="g0", action_key="nominal")
+
+
+@mutant("BD-LYR-008", at={"table": "contexts", "column": "town", "group_id": "g0"})
+def required_column_with_a_null(d: ReleaseDraft) -> None:
+    d.set("contexts", "town", None, group_id="g0")
+
+
+@mutant("BD-LYR-008", at={"table": "state", "column": "offset_ticks", "row": 15})
+def key_with_a_null(d: ReleaseDraft) -> None:
+    d.set("state", "offset_ticks", None, group_id="g0", offset_ticks=0)
+
+
+# BD-LYR-009
+
+
+@mutant("BD-LYR-008", at={"table": "pairs", "column": "rollout_id", "row": 0})
+def key_text_with_a_null(d: ReleaseDraft) -> None:
+    first = d.take("pairs", kind="intervention")["rollout_id"][0].as_py()
+    d.set("pairs", "rollout_id", None, rollout_id=first)
+
+
+@mutant("BD-LYR-009", at={"table": "contexts", "group_id": "g9"})
+def contexts_in_reverse(d: ReleaseDraft) -> None:
+    d.map_table("contexts", lambda rows: rows.take(list(range(len(rows)))[::-1]), folder="model")
+
+
+@mutant("BD-LYR-009", at={"table": "actions", "action_key": "accelerate_0.30"})
+def actions_in_alphabetical_order(d: ReleaseDraft) -> None:
+    d.map_table("actions", lambda rows: rows.sort_by("action_key"), folder="model")
+
+
+@mutant("BD-LYR-009", at={"table": "group_quality", "group_id": TWINS[1]})
+def two_rows_exchanged(d: ReleaseDraft) -> None:
+    def exchange(rows: pa.Table) -> pa.Table:
+        order = list(range(len(rows)))
+        first = rows["group_id"].to_pylist().index(TWINS[0])
+        order[first], order[first + 1] = order[first + 1], order[first]
+        return rows.take(order)
+
+    d.map_table("group_quality", exchange, folder="quality")

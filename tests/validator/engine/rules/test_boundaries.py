@@ -1,0 +1,28 @@
+"""Shapes at the limit of what rules accept: nothing fails, and no group is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.mutation import BOUNDARIES, Boundary, new_draft
+from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, judged
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES, ids=lambda b: b.name)
+def test_boundary_is_accepted(boundary: Boundary, tmp_path: Path) -> None:
+    draft = new_draft(boundary.base)
+    boundary.edit(draft)
+    report = judged(draft, tmp_path)
+
+    assert report.errors == ()
+    accepted = (INHERITED if boundary.is_release else frozenset[str]()) | (RECOMMENDED - {*boundary.rules})
+    assert [finding.message for finding in report.findings if finding.rule not in accepted] == []
+    assert report.verdict == ("valid" if boundary.base != "alone" else "partial")
+    status = {tally.rule_id: tally.status for tally in report.tallies}
+    assert {rule: status[rule] for rule in boundary.rules} == dict.fromkeys(boundary.rules, boundary.status)
+    if not boundary.is_release:
+        assert report.exit_code == 0
+        assert report.funnel is not None
+        assert report.funnel.discovered
+        assert report.funnel.lost.total() == 0

@@ -1,0 +1,170 @@
+"""Catalogue, functions and cases belong together: every rule is bound, can pass, can fail, and has a limit."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from tests.each import each
+from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
+from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, judged
+from tests.validator.engine.rules.release import BUILT
+
+import branchdrive
+from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.rule import CATALOGUE, RULES, Grain, RuleInfo, Scope, rules_of
+from branchdrive.contract.rule import rule as bind
+from branchdrive.engine.rules import RULE_MODULES
+from branchdrive.engine.validate import validate
+from branchdrive.errors import BranchDriveError
+
+each_rule = each("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
+
+
+def test_rules_and_functions_correspond_one_to_one() -> None:
+    assert RULES.keys() == CATALOGUE.keys()
+    assert len(set(RULES.values())) == len(RULES)
+
+
+@pytest.mark.parametrize("rule_id", ["BD-LAY-001", "BD-XXX-001"])
+def test_a_rule_is_bound_once_and_must_be_in_the_catalogue(rule_id: str) -> None:
+    with pytest.raises(BranchDriveError, match=rule_id):
+        bind(rule_id)(lambda view: ())
+    assert RULES.keys() == CATALOGUE.keys()
+
+
+@each_rule
+def test_kind_fits_the_scope(rule: RuleInfo) -> None:
+    """Qualification judges attempts and groups; what decides about the dataset judges everything else."""
+    if rule.kind == "qualification":
+        assert rule.scope == rule.grain
+        assert rule.stage is not None
+    else:
+        assert rule.scope in ("dataset", "rows", "layers", "layer_rows")
+        assert rule.stage is None
+
+
+@each_rule
+def test_layer_fits_the_scope(rule: RuleInfo) -> None:
+    """Rules on derived layers, and no others, are about a claimed layer and may need the raw one."""
+    assert (rule.layer is not None) == rule.scope.startswith("layer")
+    assert rule.layer is not None or not rule.needs_raw
+    assert rule.layer is None or not rule.streams
+
+
+def test_rules_need_raw_where_the_catalogue_says_so(tmp_path: Path) -> None:
+    """Without its raw layer a release is judged by every other rule on derived layers, and by no more."""
+    report = judged(new_draft("alone"), tmp_path)
+    layers = set(BUILT)
+    words = {tally.rule_id: tally.status for tally in report.tallies if tally.info.layer in layers}
+    known = [rule_id for rule_id in rules_of("layers", "layer_rows") if CATALOGUE[rule_id].layer in layers]
+    assert words == {rule_id: "skipped" if CATALOGUE[rule_id].needs_raw else "pass" for rule_id in known}
+    assert report.verdict == "partial"
+
+
+@each_rule
+def test_grain_fits_the_scope(rule: RuleInfo) -> None:
+    grains: dict[Scope, set[Grain]] = {
+        "dataset": {"dataset", "file", "document", "rollout", "group"},
+        "rows": {"row", "rollout"},
+        "rollout": {"rollout"},
+        "group": {"group"},
+        "layer_rows": {"row"},
+        "layers": {"dataset", "file", "document", "row", "group"},
+    }
+    assert rule.grain in grains[rule.scope]
+
+
+@each_rule
+def test_preconditions_come_first_and_can_exclude_a_subject(rule: RuleInfo) -> None:
+    order = list(CATALOGUE)
+    for other in rule.requires:
+        assert order.index(other) < order.index(rule.id)
+        assert CATALOGUE[other].scope.startswith("layer") == rule.scope.startswith("layer")
+
+
+@each_rule
+def test_rule_has_a_mutant(rule: RuleInfo) -> None:
+    assert [mutant for mutant in MUTANTS if mutant.rule == rule.id]
+
+
+@each_rule
+def test_rule_has_a_boundary_on_which_it_passes(rule: RuleInfo) -> None:
+    assert [case for case in BOUNDARIES if rule.id in case.rules and case.status == "pass"]
+
+
+def test_every_module_of_rules_is_imported() -> None:
+    package = Path(str(branchdrive.__file__)).parent
+    binding = {path for path in package.rglob("*.py") if re.search(r"^@rule\(", path.read_text("utf-8"), re.MULTILINE)}
+    assert binding == {Path(str(module.__file__)) for module in RULE_MODULES}
+
+
+def test_every_module_of_cases_is_an_area() -> None:
+    folder = Path(__file__).parent / "cases"
+    assert {path.stem for path in folder.glob("[a-z]*.py")} == {area.__name__.rsplit(".", 1)[1] for area in AREAS}
+
+
+def test_mutants_say_where() -> None:
+    unplaced = [f"{mutant.rule} {mutant.name}" for mutant in MUTANTS if not mutant.at]
+    # The name of these files cannot be stated in a source file or depends on the system.
+    assert unplaced == ["BD-LAY-005 name_reverses_the_line", "BD-LAY-005 name_is_not_unicode"]
+
+
+@pytest.mark.parametrize("rule", [rule for rule in CATALOGUE.values() if rule.consequences], ids=lambda rule: rule.id)
+def test_declared_consequences_are_real(rule: RuleInfo, tmp_path: Path) -> None:
+    """Each is broken by a defect of the rule, so that a declaration never outlives its reason."""
+    seen: set[str] = set()
+    for number, mutant in enumerate(mutant for mutant in MUTANTS if mutant.rule == rule.id):
+        draft = new_draft(mutant.base)
+        mutant.edit(draft)
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        report = judged(draft, folder)
+        seen |= {tally.rule_id for tally in report.tallies if tally.status == "fail"} - {rule.id}
+        if mutant.is_release:
+            seen -= INHERITED
+    seen -= RECOMMENDED
+    assert seen == set(rule.consequences)
+
+
+def test_consequences_are_few() -> None:
+    assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 6
+
+
+def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
+    """On the raw layer, where all is good, and on a release, where some attempts and groups are not."""
+    for base, failing in (("media", frozenset[str]()), ("release", INHERITED), ("benchmark", INHERITED)):
+        folder = tmp_path / base
+        folder.mkdir()
+        report = judged(new_draft(base), folder)
+        assert report.errors == ()
+        layers = {"media": [], "release": BUILT, "benchmark": LAYERS}[base]
+        claimed = {rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None or rule.layer in layers}
+        words = {tally.rule_id: tally.status for tally in report.tallies}
+        assert {rule_id for rule_id, word in words.items() if word != "not-claimed"} == claimed
+        assert {rule_id for rule_id in claimed if words[rule_id] != "pass"} == failing
+        assert {rule_id for rule_id in claimed if words[rule_id] == "fail"} == failing
+        assert all(0 < tally.examined <= tally.total for tally in report.tallies if tally.rule_id in claimed)
+        assert (report.verdict, report.exit_code) == ("valid", 0)
+
+
+def test_what_a_release_inherits_is_qualification() -> None:
+    assert {CATALOGUE[rule_id].kind for rule_id in INHERITED} == {"qualification"}
+
+
+def test_every_group_of_the_dataset_qualifies(tmp_path: Path) -> None:
+    report = validate(new_draft().write(tmp_path / "dataset"), require_groups=3)
+    assert report.funnel is not None
+    assert set(report.funnel.groups.values()) == {3}
+    assert report.exit_code == 0
+
+
+def test_rules_on_streams_that_are_not_claimed_say_so(tmp_path: Path) -> None:
+    report = validate(new_draft("bare").write(tmp_path / "dataset"))
+    unclaimed = {rule.id for rule in CATALOGUE.values() if rule.streams or rule.layer is not None}
+    status = {tally.rule_id: tally.status for tally in report.tallies}
+    assert {rule_id for rule_id, word in status.items() if word == "not-claimed"} == unclaimed
+    # Every mask is a mask of evidence.
+    assert {rule_id for rule_id, word in status.items() if word == "skipped"} == {"BD-NUL-002"}
+    assert (report.verdict, report.exit_code) == ("valid", 0)

@@ -1,0 +1,92 @@
+"""Tasks of executors: functions of a module, because they travel to other processes, which import no more than this."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Any
+
+
+def double(value: int) -> int:
+    return 2 * value
+
+
+def die_on_three(value: int) -> int:
+    if value == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * value
+
+
+def die_once(task: tuple[str, int]) -> int:
+    """Kill the own process the first time that the task is seen."""
+    marks, value = task
+    mark = Path(marks) / str(value)
+    if value == 3 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * value
+
+
+def raise_on_three(value: int) -> int:
+    if value == 3:
+        raise ValueError("three\x1b[31m\nsecond line")
+    return 2 * value
+
+
+def exhaust_memory_on_three(value: int) -> int:
+    if value == 3:
+        raise MemoryError
+    return 2 * value
+
+
+def allocate(num_bytes: int) -> int:
+    return len(bytearray(num_bytes))
+
+
+def converts_with_pandas(value: int) -> bool:
+    """Whether pyarrow has loaded pandas for a conversion."""
+    import pyarrow as pa
+
+    pa.array([value]).to_numpy()
+    return sys.modules.get("pandas") is not None
+
+
+def interrupt(value: int) -> int:
+    raise KeyboardInterrupt
+
+
+def leave_quietly(value: int) -> int:
+    os._exit(0)
+
+
+def broken_import(value: int) -> int:
+    return value
+
+
+def sleep_and_tell(place: str) -> None:
+    Path(place).write_text(str(os.getpid()))
+    time.sleep(600)
+
+
+def die_at_rules(task: Any) -> Any:
+    from branchdrive.engine.shard import audit_shard
+
+    if task.folder == "raw/shard-00001" and task.descriptor is not None:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return audit_shard(task)
+
+
+def die_at_file(task: Any) -> Any:
+    from branchdrive.engine.shard import audit_shard
+
+    if "raw/shard-00001/actors.parquet" in task.files:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return audit_shard(task)
+
+
+if parent_process() is not None and "BROKEN_IMPORT" in os.environ:
+    raise ImportError("libarrow cannot be opened", name="pyarrow")

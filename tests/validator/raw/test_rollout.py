@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import pickle
+from itertools import permutations
+
+import numpy as np
+import pytest
+from tests.validator.writer.invented import make_descriptor, write_rollout
+
+from branchdrive.raw.rollout import Rollout, canonical_key
+from branchdrive.writer.writer import DatasetWriter
+
+
+@pytest.fixture(scope="module")
+def rollout(tmp_path_factory: pytest.TempPathFactory) -> Rollout:
+    """An intervention whose policy is active at its last ticks."""
+    root = tmp_path_factory.mktemp("dataset")
+    with DatasetWriter(root, make_descriptor()) as writer, writer.begin_group("g") as group:
+        return write_rollout(group, "intervention", "brake_0.50", num_ticks=100)
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "dtype"),
+    [
+        ("controls", "tick", np.int32),
+        ("controls", "active", np.bool_),
+        ("controls", "applied_steer", np.float32),
+        ("observations", "x_m", np.float64),
+        ("observations", "command", object),
+    ],
+)
+def test_a_column_that_is_never_null_is_a_plain_array(rollout: Rollout, table: str, column: str, dtype: type) -> None:
+    values = rollout.column(table, column)
+    assert type(values) is np.ndarray
+    assert values.dtype == dtype
+    assert values.tolist() == rollout.tables[table].column(column).to_pylist()
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "dtype"),
+    [
+        ("controls", "intended_brake", np.float32),
+        ("evidence", "separation_m", np.float64),
+        ("evidence", "separation_actor_id", np.int32),
+        ("evidence", "traffic_light", object),
+    ],
+)
+def test_a_column_that_may_be_null_is_masked_exactly_at_nulls(
+    rollout: Rollout, table: str, column: str, dtype: type
+) -> None:
+    values = rollout.column(table, column)
+    assert isinstance(values, np.ma.MaskedArray)
+    assert values.dtype == dtype
+    assert values.tolist() == rollout.tables[table].column(column).to_pylist()
+    assert 0 < values.count() < values.size
+
+
+def test_a_rollout_shows_identity_and_shapes(rollout: Rollout) -> None:
+    assert repr(rollout) == (
+        "Rollout('g.brake_0.50.v1.a1', intervention 'brake_0.50', attempt 1, complete, "
+        "RolloutTables(controls [100, 16], observations [20, 22], actors [19, 12], evidence [20, 19]))"
+    )
+
+
+def test_a_rollout_travels_between_processes(rollout: Rollout) -> None:
+    assert pickle.loads(pickle.dumps(rollout)) == rollout
+
+
+def test_rollouts_are_ordered_by_role_bank_and_attempt() -> None:
+    ordered = [
+        ("nominal", "nominal", "v1", 1),
+        ("nominal", "nominal", "v1", 2),
+        ("intervention", "accelerate_0.30", "v1", 1),
+        ("intervention", "brake_0.30", "v1", 1),
+        ("intervention", "brake_0.30", "v1", 2),
+        ("intervention", "brake_0.30", "v2", 1),
+        ("intervention", "unknown", "v1", 1),
+        ("nominal_replay", "nominal", "v1", 1),
+    ]
+    names = ("role", "action_key", "protocol_variant", "attempt")
+    records = [dict(zip(names, values, strict=True)) | {"rollout_id": str(i)} for i, values in enumerate(ordered)]
+    for shuffled in list(permutations(records))[::997]:
+        assert sorted(shuffled, key=lambda record: canonical_key(record, make_descriptor())) == records

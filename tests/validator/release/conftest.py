@@ -1,0 +1,68 @@
+"""A small raw layer to build from, a release that was built from it undisturbed, and audits without a classifier."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.content_cache import kept_folder
+from tests.synthetic_release import raw_descriptor, raw_tables
+from tests.validator.engine.rules.draft import Draft
+from tests.validator.release.running import build
+
+from branchdrive.leakage.classifier import Unavailable
+from branchdrive.release.builder import STAGES
+
+
+@pytest.fixture(scope="session")
+def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of a dataset with a raw layer alone; read-only by agreement."""
+
+    def write(root: Path) -> None:
+        Draft(raw_tables(), raw_descriptor()).write(root)
+
+    return kept_folder("raw-dataset", write, tmp_path_factory.mktemp("raw") / "dataset")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_classifier() -> Iterator[None]:
+    """Recurrent tests are the subject of others, and slow."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("branchdrive.release.leakage.sequence_classifier", lambda: Unavailable("none in this test"))
+        yield
+
+
+@pytest.fixture(scope="session")
+def built(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of the release of `raw` with every layer in place, without an audit; read-only by agreement."""
+
+    def write(root: Path) -> None:
+        shutil.copytree(raw, root)
+        build(root)
+
+    return kept_folder("built-release", write, tmp_path_factory.mktemp("built") / "dataset")
+
+
+@pytest.fixture(scope="session")
+def audited(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of the same release with an audit; read-only by agreement."""
+
+    def write(root: Path) -> None:
+        shutil.copytree(built, root)
+        build(root, stages=STAGES)
+
+    return kept_folder("audited-release", write, tmp_path_factory.mktemp("audited") / "dataset")
+
+
+@pytest.fixture
+def dataset(raw: Path, tmp_path: Path) -> Path:
+    """A copy of `raw` of one's own."""
+    return shutil.copytree(raw, tmp_path / "dataset")
+
+
+@pytest.fixture
+def release(built: Path, tmp_path: Path) -> Path:
+    """A copy of `built` of one's own."""
+    return shutil.copytree(built, tmp_path / "release")

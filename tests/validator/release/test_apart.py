@@ -1,0 +1,182 @@
+"""The audit's process has one thread of linear algebra, serves parts through its parent, and dies with the call."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.hostile_folder import infest, marks
+from tests.reference_impl.collect.running import session_of, wait_for
+from tests.repo.checkout import ROOT
+from tests.validator.engine.tasks import sleep_and_tell
+from tests.validator.release.running import QUICK
+
+from branchdrive.engine.worker import in_process
+from branchdrive.errors import ToolError
+from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.leakage.replays import replay_inputs
+from branchdrive.release import apart
+from branchdrive.release.apart import AuditTask, audit_apart, audit_here
+from branchdrive.release.layers import load_layers
+from branchdrive.release.scan import scan_raw
+
+
+@dataclass(frozen=True)
+class Teller:
+    """A classifier that tells by its number of epochs how many threads it may have."""
+
+    settings: Mapping[str, int | float | str] = field(default_factory=lambda: {"name": "teller"})
+
+    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
+        threads = int(os.environ["OPENBLAS_NUM_THREADS"])
+        num_actions = task.test.shape[1]
+        scores = np.full((len(task.test), num_actions, num_actions), -np.log(num_actions))
+        return SequenceScores(scores, num_epochs=threads, best_epoch=int(os.environ["OMP_NUM_THREADS"]))
+
+
+@dataclass(frozen=True)
+class Killer:
+    """A classifier that ends its process."""
+
+    settings: Mapping[str, int | float | str] = field(default_factory=lambda: {"name": "killer"})
+
+    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+
+@dataclass(frozen=True)
+class Failing:
+    """A classifier with scores of no shape."""
+
+    settings: Mapping[str, int | float | str] = field(default_factory=lambda: {"name": "failing"})
+
+    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
+        return SequenceScores(np.zeros(3), 1, 1)
+
+
+class Parts(dict[str, dict[str, Any]]):
+    """Parts in memory."""
+
+    def put(self, name: str, part: dict[str, Any]) -> None:
+        self[name] = part
+
+
+@pytest.fixture(scope="module")
+def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTask]:
+    """A task on the groups of the built release."""
+    scan = scan_raw(built, in_process)
+    bank = scan.descriptor.action_bank
+    inputs = replay_inputs(scan.extract["replays"], load_layers(built, bank.keys).frames["group_quality"], bank)
+    return lambda classifier: AuditTask(inputs, 3, QUICK, classifier)
+
+
+NOBODY = Unavailable("none in this test")
+
+
+def test_it_has_one_thread_whatever_the_environment_says(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        monkeypatch.setenv(name, "2")
+    document = audit_apart(task_of(Teller()), Parts())
+    trained = [test["training"] for way in document["battery"]["ways"] for test in way["tests"] if test["training"]]
+    assert trained == [{"num_epochs": 1, "best_epoch": 1}] * 6
+    assert os.environ["OMP_NUM_THREADS"] == "2"
+
+
+def test_it_finds_what_an_audit_here_finds(task_of: Any) -> None:
+    told: list[tuple[int, int, str]] = []
+    parts, same = Parts(), Parts()
+    document = audit_apart(task_of(NOBODY), parts, lambda *step: told.append(step))
+    here = audit_here(task_of(NOBODY), same)
+    assert [numbers(document), parts.keys()] == [pytest.approx(numbers(here), rel=1e-6, abs=1e-9), same.keys()]
+    assert [step[2] for step in told] == [*parts, "done"]
+    assert {step[1] for step in told} == {len(parts)}
+
+
+def numbers(document: Any) -> list[float]:
+    """Every number of a document, in order."""
+    if isinstance(document, dict):
+        return [number for key in sorted(document) for number in numbers(document[key])]
+    if isinstance(document, list):
+        return [number for item in document for number in numbers(item)]
+    return [document] if isinstance(document, int | float) else []
+
+
+def test_a_known_part_is_not_computed(task_of: Any) -> None:
+    parts = Parts()
+    document = audit_apart(task_of(NOBODY), parts)
+    parts["gate"] = {**parts["gate"], "reason": "known"}
+    again = audit_apart(task_of(NOBODY), parts)
+    assert again == {**document, "gate": parts["gate"]}
+
+
+def test_its_death_is_told(task_of: Any) -> None:
+    with pytest.raises(ToolError, match="the process of the leakage audit died; give it more memory"):
+        audit_apart(task_of(Killer()), Parts())
+
+
+def test_its_errors_are_the_callers(task_of: Any) -> None:
+    with pytest.raises(ValueError, match="scores have shape"):
+        audit_apart(task_of(Failing()), Parts())
+
+
+def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[int] = []
+    start = apart.subprocess.Popen
+
+    def noted(*arguments: Any, **options: Any) -> Any:
+        process = start(*arguments, **options)
+        started.append(process.pid)
+        return process
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(apart.subprocess, "Popen", noted)
+    with pytest.raises(KeyboardInterrupt):
+        audit_apart(task_of(NOBODY), Parts(), interrupt)
+    (pid,) = started
+    wait_for(lambda: not session_of(pid), timeout_s=5.0)
+
+
+@dataclass(frozen=True)
+class Endless:
+    """Inputs that are never read to their end: the process that reads them tells its number, and sleeps."""
+
+    told: Path
+
+    def __reduce__(self) -> tuple[Callable[[str], None], tuple[str]]:
+        return sleep_and_tell, (str(self.told),)
+
+
+def test_it_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    told = tmp_path / "pid"
+    script = (
+        "from pathlib import Path\n"
+        "from tests.validator.release.test_apart import NOBODY, AuditTask, Endless, Parts, audit_apart\n"
+        f"audit_apart(AuditTask(Endless(Path({str(told)!r})), 3, None, NOBODY), Parts())\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    wait_for(lambda: told.exists() and told.read_text() != "")
+    pid = int(told.read_text())
+    assert session_of(pid) == [pid]
+    parent.kill()
+    parent.wait()
+    wait_for(lambda: not session_of(pid), timeout_s=5.0)
+
+
+def test_it_runs_nothing_of_the_current_folder(task_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    infest(tmp_path, tmp_path / "marks")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", ["", ".", "packages", *sys.path])
+    monkeypatch.setenv("PYTHONPATH", ":.:packages")
+    assert audit_apart(task_of(NOBODY), Parts())["gate"]
+    assert marks(tmp_path / "marks") == []

@@ -1,0 +1,45 @@
+"""Builds from a changed dataset of a stranger, with changed variants, and releases beside a changed raw layer."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.changed_input import changed_contents, poor_end, poor_ends
+
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, SOURCE_FILE
+from branchdrive.engine.worker import in_process
+
+VARIANTS = [{"name": "mine", "title": "Mine", "where": {"extended_valid": True, "core_valid": True}}]
+
+
+@pytest.fixture(autouse=True)
+def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+
+
+@pytest.mark.parametrize("path", [DESCRIPTOR_FILE, MANIFEST_FILE])
+def test_a_changed_dataset_is_built_or_refused_in_words(raw: Path, tmp_path: Path, path: str) -> None:
+    for number, (what, content) in enumerate(changed_contents(path, (raw / path).read_bytes(), 10)):
+        root = shutil.copytree(raw, tmp_path / str(number))
+        (root / path).write_bytes(content)
+        assert poor_end("build", root, "--no-leakage") == "", what
+        shutil.rmtree(root)
+
+
+def test_changed_variants_are_built_or_refused_in_words(raw: Path, tmp_path: Path) -> None:
+    file = tmp_path / "variants.json"
+    for number, (what, content) in enumerate(changed_contents(file.name, json.dumps(VARIANTS).encode(), 12)):
+        file.write_bytes(content)
+        end = poor_end("build", raw, "--no-leakage", "--output", tmp_path / str(number), "--variants", file)
+        assert end == "", what
+
+
+def test_a_release_beside_a_changed_raw_layer_ends_in_a_verdict(raw: Path, tmp_path: Path) -> None:
+    release, dataset = tmp_path / "release", shutil.copytree(raw, tmp_path / "dataset")
+    assert poor_end("build", raw, "--no-leakage", "--output", release) == ""
+    command = ("validate", release, "--raw", dataset)
+    ends = [*poor_ends(dataset, DESCRIPTOR_FILE, 5, command), *poor_ends(dataset, MANIFEST_FILE, 3, command)]
+    assert ends + poor_ends(release, SOURCE_FILE, 3, command) == []

@@ -1,0 +1,225 @@
+"""A build that was killed or interrupted goes on: the same bytes in the end, nothing left over, no part made twice."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.reference_impl.collect.running import heed_interrupts, session_of, wait_for
+from tests.synthetic_release import SEED
+from tests.validator.release.running import build, call, contents, raw_state
+
+from branchdrive.contract.layout import STAGING_DIR
+from branchdrive.engine.worker import in_process
+from branchdrive.errors import UsageError
+from branchdrive.leakage import audit
+from branchdrive.release import parts as stored
+from branchdrive.release import publish as publication
+from branchdrive.release.apart import audit_here
+from branchdrive.release.publish import staging
+from branchdrive.release.scan import RawScan, scan_raw
+
+
+class PowerCut(BaseException):
+    """The end, without a chance to clean up."""
+
+
+@pytest.fixture
+def quick_scan(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read the raw layer once: it is the same in every copy."""
+    known = scan_raw(raw, in_process)
+
+    def scan(root: Path, *_: Any) -> RawScan:
+        return replace(known, root=root)
+
+    monkeypatch.setattr("branchdrive.release.builder.scan_raw", scan)
+
+
+def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """Let the power fail after so many steps of publication; returns how many were taken."""
+    taken = count()
+    last = [0]
+
+    def counted(step: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*arguments: Any) -> Any:
+            last[0] = next(taken)
+            if last[0] == steps:
+                raise PowerCut
+            return step(*arguments)
+
+        return wrapper
+
+    for name in ("move", "replace_file", "write_file", "write_manifest", "delete"):
+        monkeypatch.setattr(publication, name, counted(getattr(publication, name)))
+    return lambda: last[0]
+
+
+def test_a_build_goes_on_after_a_cut_at_any_step(
+    raw: Path, built: Path, tmp_path: Path, quick_scan: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected, at = contents(built), 0
+    while True:
+        root = shutil.copytree(raw, tmp_path / f"{at}")
+        before = raw_state(root)
+        with monkeypatch.context() as patch:
+            num_taken = cut_after(at, patch)
+            try:
+                build(root)
+            except PowerCut:
+                assert at == 0 or (root / STAGING_DIR / "build").is_dir(), at
+            else:
+                assert contents(root) == expected
+                break
+        assert raw_state(root) == before, at
+        build(root)
+        assert contents(root) == expected, at
+        assert raw_state(root) == before, at
+        shutil.rmtree(root)
+        at += 3
+    assert num_taken() > 40
+
+
+def test_a_rebuild_goes_on_after_a_cut_at_any_step(
+    built: Path, tmp_path: Path, quick_scan: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The ledger of the first build is never lost, and no stage builds on a mixture of both."""
+    undisturbed = shutil.copytree(built, tmp_path / "undisturbed")
+    build(undisturbed, seed=SEED + 1)
+    expected, at, is_cut = contents(undisturbed), 0, True
+    while is_cut:
+        root = shutil.copytree(built, tmp_path / f"{at}")
+        with monkeypatch.context() as patch:
+            cut_after(at, patch)
+            try:
+                build(root, seed=SEED + 1)
+                is_cut = False
+            except PowerCut:
+                is_cut = True
+        build(root, seed=SEED + 1)
+        assert contents(root) == expected, at
+        shutil.rmtree(root)
+        at += 5
+
+
+@pytest.fixture
+def audit_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a test can look at it."""
+    monkeypatch.setattr("branchdrive.release.leakage.audit_apart", audit_here)
+
+
+def test_finished_parts_of_an_audit_are_not_computed_again(
+    built: Path, audited: Path, tmp_path: Path, audit_in_this_process: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = shutil.copytree(built, tmp_path / "release")
+    gates: list[int] = []
+    gate, write = audit.leakage_gate, stored.replace_file
+    parts: list[str] = []
+
+    def counted_gate(*arguments: Any, **options: Any) -> Any:
+        gates.append(1)
+        return gate(*arguments, **options)
+
+    def counted_write(path: Path, content: bytes) -> None:
+        parts.append(path.name)
+        write(path, content)
+
+    monkeypatch.setattr(audit, "leakage_gate", counted_gate)
+    monkeypatch.setattr(stored, "replace_file", counted_write)
+
+    def interrupt(stage: str, done: int, _: int, _note: str) -> None:
+        if (stage, done) == ("leakage", 3):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build(root, stages=["leakage"], progress=interrupt)
+    assert (len(gates), len(parts)) == (1, 3)
+    (kept,) = (root / STAGING_DIR / "build").glob("leakage-*")
+    (kept / parts[1]).write_bytes(b"{")  # of a disk that was full
+    build(root, stages=["leakage", "model"])
+    assert len(gates) == 1
+    assert sorted(parts.count(name) for name in set(parts)) == [1] * (len(set(parts)) - 1) + [2]
+    assert contents(root) == contents(audited)
+
+
+def test_parts_of_an_audit_with_another_seed_are_not_taken(
+    built: Path, tmp_path: Path, audit_in_this_process: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = shutil.copytree(built, tmp_path / "release")
+    gates: list[int] = []
+
+    def gate(*_: Any, seed: int, **__: Any) -> Any:
+        gates.append(seed)
+        raise PowerCut
+
+    monkeypatch.setattr(audit, "leakage_gate", gate)
+    for seed in (1, 2):
+        with pytest.raises(PowerCut):
+            build(root, stages=["leakage"], seed=seed)
+    assert gates == [1, 2]
+
+
+def test_two_builds_at_once_are_refused(built: Path, dataset: Path) -> None:
+    with staging(dataset):
+        with pytest.raises(UsageError, match="a build or a benchmark is at work there; wait until it has finished"):
+            build(dataset)
+        assert (dataset / STAGING_DIR).is_dir()
+    build(dataset)
+    assert contents(dataset) == contents(built)
+
+
+def test_an_interrupt_is_one_line_and_exit_code_130(
+    built: Path, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("branchdrive.release.builder.build_quality", interrupted)
+        assert call("build", dataset, "--no-leakage") == (130, "", "branchdrive: interrupted\n")
+    build(dataset)
+    assert contents(dataset) == contents(built)
+
+
+def interrupted(*_: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def start(root: Path) -> subprocess.Popen[str]:
+    """`branchdrive build` in a session of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "branchdrive.cli", "build", str(root), "--no-leakage", "--seed", str(SEED)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heed_interrupts,
+    )
+
+
+@pytest.mark.parametrize("sign", [STAGING_DIR, "canonical/source.json", "quality/split.json", "model/contexts.parquet"])
+def test_a_killed_build_goes_on(dataset: Path, built: Path, sign: str) -> None:
+    before = raw_state(dataset)
+    process = start(dataset)
+    wait_for(lambda: (dataset / sign).exists() or process.poll() is not None)
+    process.kill()
+    process.communicate()
+    build(dataset)
+    assert contents(dataset) == contents(built)
+    assert raw_state(dataset) == before
+
+
+def test_a_build_that_is_interrupted_from_the_keyboard_stops_in_one_line(dataset: Path) -> None:
+    before = contents(dataset)
+    process = start(dataset)
+    wait_for(lambda: len(session_of(process.pid)) >= 2)  # with a worker, which reads the raw layer
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "branchdrive: interrupted\n")
+    assert contents(dataset) == before
+    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)

@@ -1,1 +1,0 @@
-"""The validator: rules over columnar views, an engine, verdicts and reports."""

@@ -1,0 +1,1 @@
+"""The benchmark layer: protocol, locks, predictions, results and tables."""

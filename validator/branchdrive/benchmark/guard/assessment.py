@@ -1,0 +1,301 @@
+"""Guards side by side: the paper's and the selection-path guard, one profile, from predictions and outcomes.
+
+The global margin is fitted on the validation partition, as in the paper; the selection path is calibrated on its own
+partition; every selection is then looked up in the test partition. Groups in which a candidate has no utility or
+no separation take no part and are counted. `action_prior`, which takes the same candidate everywhere, stands beside
+them without a guard: a selector has to be worth more than that.
+
+Source: paper VI-E for the global margin; the rest is this project's choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.benchmark.guard.calibration import (
+    ALPHA,
+    DELTA,
+    MIN_CLUSTERS,
+    MIN_GROUPS,
+    Calibration,
+    conformal,
+    learn_then_test,
+)
+from branchdrive.benchmark.guard.figure import RATES, Figure, cluster_weights, figures, terms
+from branchdrive.benchmark.guard.path import (
+    COVERAGE,
+    TOLERANCE_M,
+    GlobalMargin,
+    MarginReport,
+    SelectionPath,
+    fit_margin,
+    margin_report,
+    margin_selection,
+    violations,
+)
+from branchdrive.benchmark.guard.risk import RiskFit, guarded_path
+from branchdrive.benchmark.ranking.ranking import SEPARATION
+from branchdrive.driving.target import Targets
+from branchdrive.driving.utility import Profile, Scale, predicted_utility, utility
+from branchdrive.statistics.bootstrap import NUM_RESAMPLES
+
+__all__ = ["SELECTIONS", "Assessment", "GuardData", "Limits", "TradeOff", "assess"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SELECTIONS = ("nominal", "action_prior", "unguarded", "global_margin", "conformal", "learn_then_test")
+"""Names of the selections, in the order of `Assessment.selections`."""
+
+
+class Limits(NamedTuple):
+    """What guards are held to.
+
+    Attributes:
+        alpha: Largest rate of violations.
+        delta: Of learn then test.
+        tolerance_m: Of a violation, metres.
+        min_groups: Calibration groups below which the selection path is not judged.
+        min_clusters: Their clusters.
+        coverage: Of the global margin.
+    """
+
+    alpha: float = ALPHA
+    delta: float = DELTA
+    tolerance_m: float = TOLERANCE_M
+    min_groups: int = MIN_GROUPS
+    min_clusters: int = MIN_CLUSTERS
+    coverage: float = COVERAGE
+
+
+_LIMITS = Limits()
+
+
+class GuardData(NamedTuple):
+    """One partition.
+
+    Attributes:
+        scalars: Predicted targets ``[seeds, groups, candidates, 6]``.
+        outcomes: Executed targets ``[groups, candidates, 6]``.
+        groups: Identifier of every group.
+        clusters: Route cluster of every group.
+    """
+
+    scalars: Array
+    outcomes: Targets
+    groups: Sequence[str]
+    clusters: Sequence[str]
+
+
+class TradeOff(NamedTuple):
+    """The whole path on the test partition, each ``[prices]``: a figure, from which nothing may be chosen.
+
+    Attributes:
+        prices: ``lambda``, from ``inf`` to 0.
+        violation: Share of groups with a violation.
+        violation_of_clusters: The same with equal weight for every cluster, which the guarantee is about.
+        intervention: Share of groups that leave nominal.
+        gain: Mean executed utility gained over nominal.
+    """
+
+    prices: Array
+    violation: Array
+    violation_of_clusters: Array
+    intervention: Array
+    gain: Array
+
+
+class Assessment(NamedTuple):
+    """What the guards do.
+
+    Attributes:
+        kept: Groups of the test partition that take part, ``[groups]``.
+        num_left_out: Groups that take no part, by partition: validation, calibration, test.
+        margin: The paper's margin.
+        margin_validation: Its report on the validation groups it was fitted on.
+        margin_test: Its report on the test groups.
+        conformal: Calibration of the selection path.
+        learn_then_test: The variant beside it.
+        selections: Chosen candidate of every test group that takes part, by the names `SELECTIONS`.
+        figures: Figures of every selection, by selection and name.
+        trade_off: The path on the test partition.
+    """
+
+    kept: NDArray[np.bool_]
+    num_left_out: Mapping[str, int]
+    margin: GlobalMargin
+    margin_validation: MarginReport
+    margin_test: MarginReport
+    conformal: Calibration
+    learn_then_test: Calibration
+    selections: Mapping[str, Indices]
+    figures: Mapping[str, Mapping[str, Figure]]
+    trade_off: TradeOff
+
+
+class _Known(NamedTuple):
+    """The groups of a partition that take part."""
+
+    kept: NDArray[np.bool_]
+    scalars: Array
+    utilities: Array
+    separation_m: Array
+    groups: list[str]
+    clusters: list[str]
+    predicted_m: Array
+    predicted_utilities: Array
+
+
+def assess(
+    fit: RiskFit,
+    *,
+    validation: GuardData,
+    calibration: GuardData,
+    test: GuardData,
+    nominal: int,
+    action_prior: int,
+    scale: Scale,
+    profile: Profile,
+    profile_name: str,
+    seed: int,
+    num_resamples: int = NUM_RESAMPLES,
+    limits: Limits = _LIMITS,
+) -> Assessment:
+    """Fit the margin, calibrate the path, and look both up in the test partition.
+
+    Args:
+        fit: Learned risk, from training.
+        validation: Partition of the global margin.
+        calibration: Partition of the selection path.
+        test: Partition of the figures.
+        nominal: Place of the nominal candidate.
+        action_prior: Candidate with the greatest mean utility in training.
+        scale: Quantiles of the training partition.
+        profile: What is preferred.
+        profile_name: Its name in `RiskFit.grids`.
+        seed: Of the draw of learn then test and of intervals.
+        num_resamples: Of intervals.
+        limits: What guards are held to.
+
+    Raises:
+        ValueError: The risk was fitted for another tolerance, a prediction is not finite, shapes do not match, or a
+            partition has no group that takes part.
+    """
+    if fit.tolerance_m != limits.tolerance_m:
+        raise ValueError(f"the risk was fitted for a tolerance of {fit.tolerance_m:g} m, not {limits.tolerance_m:g} m")
+    val, cal, tested = (_known(data, scale, profile) for data in (validation, calibration, test))
+
+    def path_of(found: _Known) -> SelectionPath:
+        return guarded_path(
+            fit, found.scalars, nominal=nominal, scale=scale, profile=profile, profile_name=profile_name
+        )
+
+    def lost(path: SelectionPath, found: _Known) -> NDArray[np.bool_]:
+        return violations(path.selections, found.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
+
+    losses = lost(path_of(cal), cal)
+    least = {"min_groups": limits.min_groups, "min_clusters": limits.min_clusters}
+    exact = conformal(losses, cal.clusters, alpha=limits.alpha, **least)
+    tail = learn_then_test(losses, cal.clusters, cal.groups, seed=seed, alpha=limits.alpha, delta=limits.delta, **least)
+    margin = fit_margin(val.predicted_m, val.separation_m, nominal=nominal, coverage=limits.coverage)
+    path = path_of(tested)
+    selections = dict(
+        zip(
+            SELECTIONS,
+            (
+                path.selections[0],
+                np.full(len(tested.groups), action_prior, np.intp),
+                path.selections[-1],
+                margin_selection(tested.predicted_m, tested.predicted_utilities, margin, nominal=nominal),
+                path.selections[exact.place],
+                path.selections[tail.place],
+            ),
+            strict=True,
+        )
+    )
+    settled = _settled(exact, tail, always_nominal=action_prior == nominal)
+    found = {
+        name: figures(
+            terms(
+                chosen,
+                path.selections[-1],
+                tested.utilities,
+                tested.separation_m,
+                tested.clusters,
+                nominal=nominal,
+                tolerance_m=limits.tolerance_m,
+            ),
+            tested.clusters,
+            seed=seed,
+            num_resamples=num_resamples,
+            settled=settled.get(name, ()),
+        )
+        for name, chosen in selections.items()
+    }
+    losses = lost(path, tested)
+    weights = cluster_weights(tested.clusters)
+    gains = tested.utilities[np.arange(len(tested.groups)), path.selections] - tested.utilities[:, nominal]
+    return Assessment(
+        kept=tested.kept,
+        num_left_out={
+            name: int((~part.kept).sum())
+            for name, part in (("validation", val), ("calibration", cal), ("test", tested))
+        },
+        margin=margin,
+        margin_validation=_report(val, margin, nominal),
+        margin_test=_report(tested, margin, nominal),
+        conformal=exact,
+        learn_then_test=tail,
+        selections=selections,
+        figures=found,
+        trade_off=TradeOff(
+            path.prices,
+            losses.mean(axis=1),
+            (losses * weights).sum(axis=1) / weights.sum(),
+            (path.selections != nominal).mean(axis=1),
+            gains.mean(axis=1),
+        ),
+    )
+
+
+def _settled(exact: Calibration, tail: Calibration, *, always_nominal: bool) -> dict[str, Sequence[str]]:
+    """Rates that follow from what a selection is: nominal never loses, ActionPrior always intervenes."""
+    nominal = {"conformal": exact.place == 0, "learn_then_test": tail.place == 0, "action_prior": always_nominal}
+    return {
+        "action_prior": ("intervention",),
+        **{name: RATES for name, holds in (("nominal", True), *nominal.items()) if holds},
+    }
+
+
+def _known(data: GuardData, scale: Scale, profile: Profile) -> _Known:
+    shape = data.outcomes.values.shape
+    if data.scalars.ndim != 4 or data.scalars.shape[1:] != shape or not len(data.scalars):
+        raise ValueError(f"predictions {list(data.scalars.shape)} and outcomes {list(shape)} do not match")
+    if not len(data.groups) == len(data.clusters) == shape[0]:
+        raise ValueError(
+            f"{len(data.groups)} groups and {len(data.clusters)} clusters do not match {shape[0]} outcomes"
+        )
+    utilities, separation = utility(data.outcomes, scale, profile), data.outcomes.values[..., SEPARATION]
+    kept = np.asarray(np.isfinite(utilities).all(axis=1) & np.isfinite(separation).all(axis=1))
+    if not kept.any():
+        raise ValueError(f"none of {len(kept)} groups has every utility and separation; a guard needs one")
+    scalars = data.scalars[:, kept]
+    mean = scalars.mean(axis=0)
+    return _Known(
+        kept=kept,
+        scalars=scalars,
+        utilities=utilities[kept],
+        separation_m=separation[kept],
+        groups=[name for name, keeps in zip(data.groups, kept, strict=True) if keeps],
+        clusters=[name for name, keeps in zip(data.clusters, kept, strict=True) if keeps],
+        predicted_m=mean[..., SEPARATION],
+        predicted_utilities=predicted_utility(mean, scale, profile),
+    )
+
+
+def _report(found: _Known, margin: GlobalMargin, nominal: int) -> MarginReport:
+    return margin_report(found.predicted_m, found.separation_m, found.predicted_utilities, margin, nominal=nominal)

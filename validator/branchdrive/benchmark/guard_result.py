@@ -1,0 +1,191 @@
+"""Results of guards: the paper's and the selection-path guard side by side, with what each promises.
+
+Source: paper VI-E; spec/14-benchmark.md#guard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.guard.assessment import Assessment, GuardData, Limits, assess
+from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST, Calibration
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, selected_differences
+from branchdrive.benchmark.guard.path import MarginReport
+from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.ranking_result import action_prior
+from branchdrive.driving.utility import Scale
+from branchdrive.statistics.rounding import number, numbers
+
+__all__ = ["guard_results"]
+
+
+def guard_results(
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    predictions: PredictionSet,
+    scale: Scale,
+    risk_fit: RiskFit | None,
+    noise: OutcomeNoise | None,
+) -> dict[str, Any]:
+    """The section ``guard``: empty of profiles, with the reason, where something that it needs is missing."""
+    reason = _reason(protocol, data, predictions, risk_fit)
+    profiles: list[dict[str, Any]] = []
+    if reason is None and risk_fit is not None:
+        try:
+            for name in protocol.preferences:
+                profiles.append(_profile(protocol, data, predictions, scale, risk_fit, noise, name))  # noqa: PERF401
+        except ValueError as error:
+            reason, profiles = str(error), []
+    return {
+        "model": protocol.guard.model,
+        "tolerance_m": protocol.guard.tolerance_m,
+        "reason": reason,
+        "guarantee": {
+            "conformal": _claimed(GUARANTEE, "conformal", profiles),
+            "learn_then_test": _claimed(LEARN_THEN_TEST, "learn_then_test", profiles),
+            "global_margin": GLOBAL_MARGIN if profiles else None,
+        },
+        "profiles": profiles,
+    }
+
+
+def _claimed(text: str, method: str, profiles: Sequence[Mapping[str, Any]]) -> str | None:
+    """A guarantee; ``None`` where the method was judged under no profile."""
+    return text if any(profile[method]["refusal"] is None for profile in profiles) else None
+
+
+def _reason(
+    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, risk_fit: RiskFit | None
+) -> str | None:
+    if risk_fit is None:
+        return "No risk was fitted."
+    for partition in protocol.predicted:
+        if partition not in data.parts:
+            return f"The release has no partition {partition!r}."
+        if not predictions.covers(protocol.guard.model, partition):
+            return f"{protocol.guard.model} does not predict the partition {partition!r}."
+    lacking = [name for name in protocol.preferences if name not in risk_fit.grids]
+    return f"The fitted risk has no prices for the profile {lacking[0]!r}." if lacking else None
+
+
+def _profile(
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    predictions: PredictionSet,
+    scale: Scale,
+    risk_fit: RiskFit,
+    noise: OutcomeNoise | None,
+    name: str,
+) -> dict[str, Any]:
+    partitions, guard = protocol.partitions, protocol.guard
+
+    def given(partition: str) -> GuardData:
+        part = data.part(partition)
+        return GuardData(predictions.scalars(guard.model, partition), part.targets, part.groups, part.clusters)
+
+    found = assess(
+        risk_fit,
+        validation=given(partitions.select),
+        calibration=given(partitions.calibrate),
+        test=given(partitions.report),
+        nominal=data.nominal,
+        action_prior=action_prior(protocol, data, scale, name),
+        scale=scale,
+        profile=protocol.preferences[name],
+        profile_name=name,
+        seed=int(protocol.statistics.seed),
+        num_resamples=int(protocol.statistics.resamples),
+        limits=Limits(
+            alpha=guard.alpha,
+            delta=guard.delta,
+            tolerance_m=guard.tolerance_m,
+            min_groups=int(guard.min_groups),
+            min_clusters=int(guard.min_clusters),
+            coverage=guard.coverage,
+        ),
+    )
+    return {
+        "profile": name,
+        "num_groups": int(found.kept.sum()),
+        "num_left_out": {key: int(count) for key, count in found.num_left_out.items()},
+        "global_margin": {
+            "margin_m": found.margin.margin_m,
+            "rank": found.margin.rank,
+            "num_groups": found.margin.num_groups,
+            "val": _report_record(found.margin_validation),
+            "test": _report_record(found.margin_test),
+        },
+        "conformal": _calibration_record(found.conformal, found),
+        "learn_then_test": _calibration_record(found.learn_then_test, found),
+        "selections": [
+            _selection_record(selection, chosen, found, data, partitions.report, noise)
+            for selection, chosen in found.selections.items()
+        ],
+        "trade_off": {key: numbers(values.tolist()) for key, values in found.trade_off._asdict().items()},
+    }
+
+
+def _report_record(found: MarginReport) -> dict[str, Any]:
+    return {
+        "covered_candidates": found.covered_candidates,
+        "covered_groups": found.covered_groups,
+        "acceptance": found.acceptance,
+        "num_actions": found.num_actions,
+        "vacuous": bool(found.vacuous),
+    }
+
+
+def _calibration_record(found: Calibration, assessment: Assessment) -> dict[str, Any]:
+    return {
+        "method": found.method,
+        "price": number(float(assessment.trade_off.prices[found.place])),
+        "place": int(found.place),
+        "num_groups": found.num_groups,
+        "num_clusters": found.num_clusters,
+        "curve": numbers(found.curve.tolist()),
+        "limit": found.limit,
+        "refusal": found.refusal,
+    }
+
+
+def _selection_record(
+    selection: str,
+    chosen: NDArray[np.intp],
+    found: Assessment,
+    data: BenchmarkData,
+    partition: str,
+    noise: OutcomeNoise | None,
+) -> dict[str, Any]:
+    beyond = None
+    if noise is not None:
+        outcomes = data.part(partition).targets
+        kept = type(outcomes)(outcomes.values[found.kept], outcomes.available[found.kept])
+        differences = selected_differences(kept, chosen, noise, nominal=data.nominal)
+        beyond = {
+            "num_worse": differences.worse.sum(axis=0).tolist(),
+            "num_better": differences.better.sum(axis=0).tolist(),
+            "num_compared": differences.num_compared.tolist(),
+            "standard_error": numbers(differences.standard_error.tolist()),
+        }
+    figures = {
+        name: {
+            "value": number(figure.value),
+            "low": number(figure.low),
+            "high": number(figure.high),
+            "num_undefined": int(figure.num_undefined),
+        }
+        for name, figure in found.figures[selection].items()
+    }
+    return {
+        "selection": selection,
+        "num_actions": len(np.unique(chosen)),
+        "figures": figures,
+        "beyond_noise": beyond,
+    }

@@ -1,0 +1,99 @@
+"""The document `results.json`: everything that follows from predictions, outcomes and what was locked.
+
+The same inputs give the same document, whatever the order of rows: nothing is drawn but from named streams of the
+protocol's seed. What is unknown or not defined is null.
+
+Source: spec/14-benchmark.md#results.
+
+Numbers of results as JSON data: what is unknown is null, and what is infinite too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.diagnostic_result import diagnostic_results
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
+from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.guard_result import guard_results
+from branchdrive.benchmark.prediction_result import prediction_results, training_scale
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.ranking_result import ranking_results, utility_scale
+from branchdrive.statistics.rounding import numbers
+
+__all__ = ["noise_of", "noise_record", "results_document"]
+
+
+def results_document(
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    predictions: PredictionSet,
+    risk_fit: RiskFit | None = None,
+    noise: OutcomeNoise | None = None,
+    *,
+    warnings: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The document.
+
+    Args:
+        protocol: What is compared, and how.
+        data: The model layer.
+        predictions: Of declared models and of others; models that do not predict the reported partition are left out.
+        risk_fit: Learned risk of the guard, from training; the guard is not judged without it.
+        noise: How far outcomes move between nominal replays, from training.
+        warnings: Sentences that every table carries, see `warning.warnings`.
+
+    Raises:
+        DatasetError: The model layer has no group in the partition that is fitted on or reported.
+    """
+    scale = training_scale(protocol, data)
+    quantiles = utility_scale(protocol, data)
+    judged = predictions.of(protocol.partitions.report)
+    return {
+        "protocol": {"name": protocol.name, "version": protocol.version, "digest": protocol_digest(protocol)},
+        "warnings": list(warnings),
+        "population": {
+            "groups": {name: len(part.groups) for name, part in data.parts.items()},
+            "clusters": {name: len(set(part.clusters)) for name, part in data.parts.items()},
+            "candidates": list(data.candidates),
+            "nominal": data.candidates[data.nominal],
+        },
+        "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
+        "prediction": prediction_results(protocol, data, predictions, scale),
+        "diagnostics": diagnostic_results(protocol, data, predictions, scale),
+        "ranking": ranking_results(protocol, data, predictions, quantiles),
+        "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
+        "noise": None if noise is None else noise_record(noise),
+    }
+
+
+def _model_record(protocol: BenchmarkProtocol, model: str, seeds: Sequence[int]) -> dict[str, Any]:
+    declared = protocol.model(model)
+    title = model if declared is None else declared.title
+    return {"id": model, "title": title, "seeds": list(seeds), "declared": declared is not None}
+
+
+def noise_record(noise: OutcomeNoise) -> dict[str, Any]:
+    """Noise as JSON data, as the ranking lock has them."""
+    return {
+        "tolerance": numbers(noise.tolerance.tolist()),
+        "rms": numbers(noise.rms.tolist()),
+        "num_groups": noise.num_groups.tolist(),
+        "num_one_sided": noise.num_one_sided.tolist(),
+        "losses": noise.losses._asdict(),
+    }
+
+
+def noise_of(record: Mapping[str, Any]) -> OutcomeNoise:
+    """Noise of a record."""
+    tolerance, rms = (
+        np.array([np.nan if value is None else float(value) for value in record[name]]) for name in ("tolerance", "rms")
+    )
+    num_groups, num_one_sided = (np.array(record[name], np.int64) for name in ("num_groups", "num_one_sided"))
+    losses = RepeatLosses(**{name: int(count) for name, count in record["losses"].items()})
+    return OutcomeNoise(tolerance, rms, num_groups, num_one_sided, losses)

@@ -1,0 +1,160 @@
+"""Benchmark rules on what is fixed: protocol, locks, checkpoints and test-set accesses.
+
+Source: paper IV; spec/14-benchmark.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
+from branchdrive.benchmark.data import groups_digest
+from branchdrive.benchmark.lock import LockFacts, checkpoint_mismatches, lock_mismatches
+from branchdrive.benchmark.protocol import protocol_problem
+from branchdrive.benchmark.view import CHECKPOINTS, data_of, digest_of, layer_files, lock_of, other_kind, protocol_of
+from branchdrive.contract.layout import (
+    BENCHMARK,
+    BENCHMARK_LEDGER_FILE,
+    LEDGER_FILE,
+    LOCK_FILE,
+    PROTOCOL_FILE,
+    RANKING_LOCK_FILE,
+    RESULTS_FILE,
+)
+from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
+from branchdrive.formats.manifest import derived_identity
+from branchdrive.layers.compare import document_check, text_mismatches
+from branchdrive.layers.view import ReleaseView
+from branchdrive.model.rules import FEATURES, NORMALISATION
+from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses
+from branchdrive.quality.ledger_check import benchmark_mismatches
+from branchdrive.quality.split_rules import SPLIT
+
+
+@rule("BD-BMK-001")
+def protocol_is_consistent(view: ReleaseView) -> Iterator[Check]:
+    """Names differ, profiles are weighed to 1, and families and guard name what is declared."""
+    problem = protocol_problem(view.document(PROTOCOL_FILE))
+    yield document_check(
+        PROTOCOL_FILE,
+        1,
+        [] if problem is None else [Mismatch({"pointer": "/"}, "a protocol without contradiction", problem)],
+    )
+
+
+@rule("BD-BMK-002")
+def lock_is_of_this_release(view: ReleaseView) -> Iterator[Check]:
+    """Protocol, identity, split, normalisation, features and candidates are those of the release."""
+    if (other := other_kind(view, LOCK_FILE)) is not None:
+        yield other
+        return
+    document = lock_of(view)
+    facts = LockFacts(
+        digest_of(view, PROTOCOL_FILE),
+        derived_identity(view.digests) if view.digests else None,
+        view.document(SPLIT)["digest"],
+        digest_of(view, NORMALISATION),
+        digest_of(view, FEATURES),
+        view.descriptor.action_bank.keys,
+    )
+    yield document_check(LOCK_FILE, len(facts), lock_mismatches(document, facts))
+
+
+@rule("BD-BMK-003")
+def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[Check]:
+    """One checkpoint for each declared model and seed, each in a file of its own."""
+    document = lock_of(view)
+    yield document_check(
+        LOCK_FILE, len(document["checkpoints"]), checkpoint_mismatches(document, view.once(protocol_of))
+    )
+
+
+@rule("BD-BMK-004")
+def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[Check]:
+    """Every locked checkpoint is there with the digest of the lock, and no other."""
+    entries = lock_of(view)["checkpoints"]
+    if not view.digests:
+        raise PreconditionError("digests are off")
+    found = layer_files(view)
+    mismatches = [
+        Mismatch(
+            {"file": f"{BENCHMARK}/{entry['file']}"},
+            f"sha256 {entry['sha256']}",
+            f"sha256 {found[entry['file']]}" if entry["file"] in found else "no such file",
+        )
+        for entry in entries
+        if found.get(entry["file"]) != entry["sha256"]
+    ]
+    stray = sorted(name for name in found.keys() - {entry["file"] for entry in entries} if name.startswith(CHECKPOINTS))
+    mismatches += [Mismatch({"file": f"{BENCHMARK}/{n}"}, "a checkpoint that the lock names", "another") for n in stray]
+    yield Check.of(len(entries) + len(stray), mismatches)
+
+
+@rule("BD-BMK-005")
+def locks_name_the_training_groups(view: ReleaseView) -> Iterator[Check]:
+    """Every checkpoint was trained on the training groups of the frozen population, and on no other."""
+    data, protocol, entries = view.once(data_of), view.once(protocol_of), lock_of(view)["checkpoints"]
+    fit = data.parts.get(protocol.partitions.fit)
+    expected = groups_digest(() if fit is None else fit.groups)
+    name = "training_groups_digest"
+    for i, entry in enumerate(entries):
+        yield document_check(LOCK_FILE, 1, text_mismatches(f"/checkpoints/{i}/{name}", expected, entry[name]))
+
+
+@rule("BD-BMK-006")
+def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
+    """Provenance in the header of a checkpoint: model, seed, configuration, split, normalisation, training groups."""
+    lock, protocol = lock_of(view), view.once(protocol_of)
+    configurations = {model.id: model.config_digest for model in protocol.models}
+    mismatches, examined = [], 0
+    for entry in lock["checkpoints"]:
+        path = f"{BENCHMARK}/{entry['file']}"
+        if path not in view.contents:
+            continue
+        examined += 1
+        expected = CheckpointFacts(
+            entry["model"],
+            int(entry["seed"]),
+            lock["split_digest"],
+            lock["normalisation_digest"],
+            configurations.get(entry["model"], "no declared configuration"),
+            entry["training_groups_digest"],
+        )
+        try:
+            found = checkpoint_facts(view.contents[path], view.sizes[path])
+        except (ValueError, RecursionError) as error:
+            mismatches.append(Mismatch({"file": path}, "a header with provenance", str(error)))
+            continue
+        mismatches += [
+            Mismatch({"file": path}, f"{name} {wanted!r}", f"{name} {said!r}")
+            for name, wanted, said in zip(CheckpointFacts._fields, expected, found, strict=True)
+            if wanted != said
+        ][:1]
+    yield Check.of(examined, mismatches)
+
+
+@rule("BD-BMK-011")
+def accesses_are_under_the_locks(view: ReleaseView) -> Iterator[Check]:
+    """Entries count up, predictions before selections, and those of each kind name the lock of the layer."""
+    ledger = view.document(BENCHMARK_LEDGER_FILE)
+    mismatches = benchmark_mismatches(
+        ledger,
+        lock_digest=digest_of(view, LOCK_FILE),
+        ranking_lock_digest=digest_of(view, RANKING_LOCK_FILE) if RANKING_LOCK_FILE in view.files else None,
+        has_results=RESULTS_FILE in view.files,
+    )
+    yield document_check(BENCHMARK_LEDGER_FILE, max(1, len(ledger["entries"])), mismatches)
+
+
+@rule("BD-BMK-014")
+def test_was_accessed_once_for_the_benchmark(view: ReleaseView) -> Iterator[Check]:
+    """One access for predictions and one for selections, those on the ledger of the release among them."""
+    ledgers = view.document(BENCHMARK_LEDGER_FILE), view.document(LEDGER_FILE)
+    counts = {event: len(accesses(event, *ledgers)) for event in BENCHMARK_ACCESSES}
+    mismatches = [
+        Mismatch({"pointer": "/entries"}, f"one {event} here and in {LEDGER_FILE}", f"{count} of them")
+        for event, count in counts.items()
+        if count > 1
+    ]
+    yield document_check(BENCHMARK_LEDGER_FILE, len(counts), mismatches)

@@ -1,0 +1,107 @@
+"""Tables of guards and of the noise of outcomes, with what the guards promise."""
+
+from __future__ import annotations
+
+from branchdrive.benchmark.promise import UNGUARDED, noise_floor, promises
+from branchdrive.benchmark.ranking.ranking import SEPARATION
+from branchdrive.benchmark.table.cell import Document, number, with_ends
+from branchdrive.driving.target import TARGETS
+from branchdrive.text.table import Column, Passage, Table
+
+__all__ = ["guard_sections", "noise_tables"]
+
+_FIGURES = {
+    "coverage": Column("Coverage", is_detail=True),
+    "violation": Column("Violation"),
+    "violation_of_clusters": Column("Violation, clusters"),
+    "violation_of_interventions": Column("Violation, interventions", is_detail=True),
+    "intervention": Column("Intervention"),
+    "gain": Column("Gain"),
+    "retained_gain": Column("Retained gain"),
+    "separation_difference_m": Column("Separation, m", is_detail=True),
+}
+"""Columns of a selection's figures."""
+
+
+def guard_sections(results: Document) -> list[Table | Passage]:
+    """A table for each profile and what the guards promise, or why the guard was not judged."""
+    guard = results["guard"]
+    if not guard["profiles"]:
+        return [Passage("Guard", [f"Not judged: {guard['reason']}"])]
+    tables = [_profile_table(profile, results) for profile in guard["profiles"]]
+    return [*tables, Passage("What the guards promise", promises(results))]
+
+
+def _profile_table(profile: Document, results: Document) -> Table:
+    rows = []
+    for selection in profile["selections"]:
+        figures = [selection["figures"][name] for name in _FIGURES]
+        cells = [with_ends(number(found["value"]), found) for found in figures]
+        rows.append([selection["selection"], *cells, str(selection["num_actions"])])
+    margin = profile["global_margin"]
+    test = margin["test"]
+    notes = [
+        f"N = {profile['num_groups']} groups. Global margin {margin['margin_m']:.3f} m, order statistic "
+        f"{margin['rank']} of {margin['num_groups']}; on test it covers {test['covered_candidates']:.3f} of candidates "
+        f"and {test['covered_groups']:.3f} of groups, and accepts {test['acceptance']:.3f} of interventions."
+    ]
+    if test["vacuous"]:
+        notes.append("The global margin is vacuous: it accepts no intervention in any group.")
+    for name, title in (("conformal", "Selection-path conformal"), ("learn_then_test", "Learn then test")):
+        found = profile[name]
+        price = "nominal alone" if found["price"] is None else f"price {found['price']:.4g}"
+        refused = "" if found["refusal"] is None else f" Not judged: {found['refusal']}."
+        size = f"{found['num_groups']} groups in {found['num_clusters']} clusters"
+        notes.append(f"{title}: {price}, calibrated on {size}.{refused}")
+    notes.append(UNGUARDED)
+    if (floor := noise_floor(results)) is not None:
+        notes.append(floor)
+    columns = [Column.name("Selection"), *_FIGURES.values(), Column("Actions", is_detail=True)]
+    return Table(f"Guard, profile {profile['profile']}", columns, rows, notes)
+
+
+def noise_tables(results: Document) -> list[Table]:
+    """How far repetition moves outcomes, and selections beyond it; none where no nominal was repeated."""
+    noise = results["noise"]
+    if noise is None:
+        return []
+    rows = [
+        [f"{t.symbol}, {t.unit}", number(noise["tolerance"][i], 4), number(noise["rms"][i], 4),
+         str(noise["num_groups"][i])]
+        for i, t in enumerate(TARGETS)
+    ]  # fmt: skip
+    floor = noise_floor(results)
+    columns = [Column.name("Target"), *map(Column, ("Tolerance", "Root mean square", "N groups, training"))]
+    tables = [Table("Noise of outcomes", columns, rows, [] if floor is None else [floor])]
+    counted = [
+        [profile["profile"], selection["selection"], *_beyond(selection["beyond_noise"]), _separation(selection)]
+        for profile in results["guard"]["profiles"]
+        for selection in profile["selections"]
+        if selection["beyond_noise"] is not None
+    ]
+    if counted:
+        note = (
+            "Groups whose selected difference to nominal exceeds the tolerance, for the worse and for the better, of "
+            "those that have one. The tolerance is that of one group; the mean difference of separation stands beside "
+            "the standard error that repetition alone gives it."
+        )
+        columns = [
+            Column.name("Profile"),
+            Column.name("Selection"),
+            *(Column(target.symbol) for target in TARGETS),
+            Column("Mean D_min, m"),
+        ]
+        tables.append(Table("Selected differences beyond noise", columns, counted, [note], is_detail=True))
+    return tables
+
+
+def _beyond(found: Document) -> list[str]:
+    counts = zip(found["num_worse"], found["num_better"], found["num_compared"], strict=True)
+    return [f"{worse} + {better} / {compared}" for worse, better, compared in counts]
+
+
+def _separation(found: Document) -> str:
+    """Mean difference of separation with the standard error from repetition."""
+    error = found["beyond_noise"]["standard_error"][SEPARATION]
+    mean = number(found["figures"]["separation_difference_m"]["value"])
+    return mean if error is None else f"{mean} (noise {error:.3f})"

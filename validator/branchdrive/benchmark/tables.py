@@ -1,0 +1,53 @@
+"""Tables of results: values made once, printed in full as Markdown, `TABLES.md`, and as headlines on a terminal.
+
+They are a pure function of the document `results.json`, in the layout of the paper. Whatever prints them puts the
+warnings of the results below each title, so that none can be quoted without them. Tables print the number of groups,
+never of trajectories.
+
+Source: paper, tables of V and VI; spec/14-benchmark.md#tables.
+"""
+
+from __future__ import annotations
+
+from branchdrive.benchmark.table.cell import Document
+from branchdrive.benchmark.table.guard import guard_sections, noise_tables
+from branchdrive.benchmark.table.prediction import prediction_tables
+from branchdrive.benchmark.table.ranking import ranking_sections
+from branchdrive.text.markdown import section_lines
+from branchdrive.text.table import Passage, Table
+
+__all__ = ["render_tables", "result_sections"]
+
+
+def result_sections(results: Document) -> list[Table | Passage]:
+    """All tables, with what stands between them.
+
+    Args:
+        results: Document ``results.json``, which conforms to its schema.
+    """
+    return [
+        *prediction_tables(results),
+        *ranking_sections(results),
+        *guard_sections(results),
+        *noise_tables(results),
+    ]
+
+
+def render_tables(results: Document) -> str:
+    """The tables as Markdown.
+
+    Args:
+        results: Document ``results.json``, which conforms to its schema.
+    """
+    protocol = results["protocol"]
+    head = [
+        "# Benchmark results",
+        "",
+        f"Protocol `{protocol['name']}` {protocol['version']}, digest `{protocol['digest']}`.",
+        "Values are means over seeds, and what follows ± is their standard deviation over seeds unless a table says "
+        "otherwise. Intervals of 95 % resample whole route clusters; those that resample groups stand beside them.",
+        "Of errors and regret less is better, of correlations, utility and what selectors capture more. "
+        "What is not defined is -.",
+    ]
+    sections = [head, *(section_lines(section, results["warnings"]) for section in result_sections(results))]
+    return "\n\n".join("\n".join(section) for section in sections) + "\n"

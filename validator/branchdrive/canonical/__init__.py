@@ -1,0 +1,1 @@
+"""The canonical layer: one record for each group and action."""

@@ -1,0 +1,124 @@
+"""What a rule finds: at one place something was expected, and something else is there.
+
+Source: spec/07-rules.md#findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Check", "Location", "Mask", "Mismatch", "PreconditionError"]
+
+Location: TypeAlias = dict[str, str | int]
+"""Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id.
+
+A pointer is a JSON pointer (RFC 6901) into the document, and ``/`` stands for the whole of it.
+"""
+
+Mask: TypeAlias = NDArray[np.bool_]
+
+
+class PreconditionError(Exception):
+    """A rule cannot be judged, because something it needs is missing or broken; other rules report that."""
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """At one place something else was found than was expected.
+
+    Attributes:
+        location: The place, as far as it is known where the mismatch is found; who knows more adds it, see `within`.
+        expected: What the clause demands there, as text.
+        found: What the dataset has there, as text.
+        count: Mismatching items that this one stands for.
+    """
+
+    location: Location
+    expected: str
+    found: str
+    count: int = 1
+
+    def within(self, location: Location) -> Mismatch:
+        """This mismatch at a place inside of `location`, whose parts come first: a file, a table, a subject."""
+        return Mismatch({**location, **self.location}, self.expected, self.found, self.count)
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a rule examined, or a part of it, and which of its subjects mismatch.
+
+    Attributes:
+        examined: Subjects looked at: how many, or a mask of the attempts or groups of a shard.
+        bad: Subjects that mismatch, ascending: rows of `table`, or indices of attempts, groups or of a list.
+        mismatch: The mismatch of one of them; called for those alone that a report keeps.
+        table: Table whose rows are the subjects; ``None`` where they are no rows of a shard or a layer.
+    """
+
+    examined: int | Mask
+    bad: NDArray[np.intp]
+    mismatch: Callable[[int], Mismatch]
+    table: str | None = None
+
+    @classmethod
+    def of(cls, examined: int, mismatches: Iterable[Mismatch] = ()) -> Check:
+        """Check of files, documents or rows with one mismatch for every subject that has one."""
+        found = tuple(mismatches)
+        return cls(max(examined, len(found)), np.arange(len(found)), found.__getitem__)
+
+    @classmethod
+    def of_rows(
+        cls,
+        table: str,
+        column: str | None,
+        examined: int,
+        bad: NDArray[np.intp],
+        describe: Callable[[int], tuple[str, str]],
+    ) -> Check:
+        """Check of rows of a table.
+
+        Args:
+            table: The table.
+            column: Column at fault, if it is one.
+            examined: Rows looked at.
+            bad: Mismatching rows, ascending.
+            describe: Expected and found text of one of them.
+        """
+        location: Location = {"column": column} if column else {}
+        return cls(examined, bad, lambda row: Mismatch(dict(location), *describe(row)), table)
+
+    @classmethod
+    def of_subjects(cls, examined: Mask, bad: Mask, mismatch: Callable[[int], Mismatch]) -> Check:
+        """Check of attempts or groups of a shard, both as masks; `bad` is a subset of `examined`."""
+        return cls(examined, np.flatnonzero(bad), mismatch)
+
+    @classmethod
+    def of_any(cls, first: Check, *others: Check) -> Check:
+        """Check of the same subjects by several; a subject's mismatch is that of the first check that has one."""
+        homes = {int(i): check for check in (*others[::-1], first) for i in check.bad}
+        return cls(first.examined, np.array(sorted(homes), np.intp), lambda i: homes[i].mismatch(i))
+
+    @property
+    def mask(self) -> Mask:
+        """Attempts or groups that were looked at.
+
+        Raises:
+            TypeError: The subjects are neither.
+        """
+        if isinstance(self.examined, int):
+            raise TypeError("subjects that are counted have no mask")
+        return self.examined
+
+    @property
+    def num_examined(self) -> int:
+        """Subjects looked at."""
+        return self.examined if isinstance(self.examined, int) else int(self.examined.sum())
+
+    @property
+    def num_subjects(self) -> int:
+        """Subjects there are, looked at or not."""
+        return self.examined if isinstance(self.examined, int) else len(self.examined)

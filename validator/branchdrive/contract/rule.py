@@ -1,0 +1,122 @@
+"""Rules: what the catalogue `schemas/v0.1/rules.json` declares of each, and the registry of their functions.
+
+A rule is a function of a view of its scope. It yields checks: what it examined, which subjects mismatch, and how
+to describe one of them; the engine counts, caps, locates and decides. Code binds to rules by id only; ids are
+opaque and never change meaning.
+
+==============  ==========================================================================================
+scope           arguments of the rule
+==============  ==========================================================================================
+``dataset``     the survey of the dataset's files and documents, with what the shards say of themselves
+``rows``        the view of a shard
+``rollout``     the view of a shard, and a mask of the attempts to examine
+``group``       the view of a shard, the selection of its candidates, and a mask of the groups to examine
+``layers``      the view of the derived layers
+``layer_rows``  that view, restricted to the rows of the attempts and groups of one shard
+==============  ==========================================================================================
+
+Source: spec/07-rules.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal, TypeAlias, TypeVar
+
+from branchdrive.contract.mismatch import Check
+from branchdrive.contract.resources import load_resource
+from branchdrive.errors import BranchDriveError
+
+__all__ = ["AREAS", "CATALOGUE", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "Scope", "Stage", "rule", "rules_of"]
+
+Kind = Literal["structure", "claim", "qualification", "diagnostic"]
+Grain = Literal["dataset", "file", "document", "row", "rollout", "group"]
+Scope = Literal["dataset", "rows", "rollout", "group", "layers", "layer_rows"]
+Stage = Literal["bank", "controls", "integrity", "eligibility"]
+
+
+@dataclass(frozen=True)
+class RuleInfo:
+    """What the catalogue says about one rule.
+
+    Attributes:
+        id: Stable identity, ``BD-`` area ``-`` number.
+        kind: What a failure means (spec/07-rules.md#kinds).
+        grain: The subject that the rule counts.
+        scope: What the rule is a function of, see above.
+        clause: Chapter and anchor that the rule enforces.
+        stage: Funnel stage that a qualification failure costs a group.
+        streams: The rule is not claimed unless the descriptor claims one of these.
+        layer: The rule is not claimed unless the descriptor claims this derived layer.
+        needs_raw: Whether judging the rule takes the raw layer, in place or named beside the release.
+        requires: Rules whose failure excludes a subject from this one.
+        reads: Tables or columns that the rule reads, where that is narrower than its area.
+        consequences: Rules that a single defect of this rule breaks with it.
+    """
+
+    id: str
+    title: str
+    kind: Kind
+    level: Literal["MUST", "SHOULD"]
+    grain: Grain
+    scope: Scope
+    clause: str
+    remedy: str
+    stage: Stage | None = None
+    streams: tuple[str, ...] = ()
+    layer: str | None = None
+    needs_raw: bool = False
+    requires: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    consequences: tuple[str, ...] = ()
+
+    @property
+    def decides(self) -> bool:
+        """Whether the rule can make a dataset invalid."""
+        return self.kind in ("structure", "claim") and self.level == "MUST"
+
+
+def _rule(declared: Mapping[str, Any]) -> RuleInfo:
+    lists = {key: tuple(declared.get(key, ())) for key in ("streams", "requires", "reads", "consequences")}
+    return RuleInfo(**{**declared, **lists})
+
+
+CATALOGUE: Mapping[str, RuleInfo] = MappingProxyType(
+    {declared["id"]: _rule(declared) for declared in load_resource("rules.json")["rules"]}
+)
+"""Every rule by id, in catalogue order."""
+
+Rule: TypeAlias = Callable[..., Iterable[Check]]
+AnyRule = TypeVar("AnyRule", bound=Rule)
+
+RULES: dict[str, Rule] = {}
+"""Functions of the rules by id, as far as their modules are imported."""
+
+
+def rule(rule_id: str) -> Callable[[AnyRule], AnyRule]:
+    """Bind a function to a rule of the catalogue.
+
+    Raises:
+        BranchDriveError: The catalogue has no such rule, or it is bound already.
+    """
+
+    def bind(function: AnyRule) -> AnyRule:
+        if rule_id not in CATALOGUE:
+            raise BranchDriveError(f"rule {rule_id!r} is not in schemas/v0.1/rules.json")
+        if rule_id in RULES:
+            raise BranchDriveError(f"rule {rule_id!r} is bound twice")
+        RULES[rule_id] = function
+        return function
+
+    return bind
+
+
+def rules_of(*scopes: Scope) -> tuple[str, ...]:
+    """Rules of some scopes, in order of the catalogue."""
+    return tuple(rule_id for rule_id, info in CATALOGUE.items() if info.scope in scopes)
+
+
+AREAS: Mapping[str, str] = MappingProxyType(load_resource("rules.json")["areas"])
+"""What the three letters of a rule id stand for."""

@@ -1,0 +1,39 @@
+"""Values as text for people: safe to print whatever a dataset holds."""
+
+from __future__ import annotations
+
+__all__ = ["NONE", "count_text", "counted", "percent", "printable", "quote"]
+
+NONE = "-"
+"""Stands where a value is not defined."""
+
+MAX_QUOTED = 160
+"""Characters of a quoted value in a finding."""
+
+
+def printable(text: str) -> str:
+    """`text` on one line of printable ASCII, every other character escaped: safe on any terminal."""
+    return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in text)
+
+
+def quote(value: object) -> str:
+    """`value` by repr, shortened, in printable ASCII: a report must be safe to print whatever a dataset holds."""
+    text = ascii(value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value)
+    return text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 3] + "..."
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """A share as per cent; what is not all is never rounded to 100, what is not nothing never to 0."""
+    least = 0.51 * 10.0 ** -(digits + 2)
+    shown = min(max(share, least), 1 - least) if 0 < share < 1 else share
+    return f"{100 * shown:.{digits}f}%"
+
+
+def count_text(count: int | None) -> str:
+    """A count with its thousands apart."""
+    return NONE if count is None else f"{count:,}"
+
+
+def counted(count: int, noun: str) -> str:
+    """A count of things, `noun` in the singular."""
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"

@@ -1,1 +1,0 @@
-"""Reading and writing datasets: layout, manifest, tables, staging, writers, reader and group view."""

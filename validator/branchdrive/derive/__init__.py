@@ -1,1 +1,0 @@
-"""Formulas that collectors, builders and auditors share. Pure numpy."""

@@ -1,1 +1,0 @@
-"""Tables of results in Markdown, one module for each part of the results."""

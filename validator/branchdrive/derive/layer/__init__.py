@@ -1,1 +1,0 @@
-"""Derived layers as columns: what a release's tables and documents must say, computed from the layer before."""

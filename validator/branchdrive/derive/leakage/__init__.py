@@ -1,1 +1,0 @@
-"""Leakage audit: whether what a model sees before the branch tells which action follows. Pure numpy."""

@@ -1,1 +1,0 @@
-"""Metrics of predictions, their uncertainty and the tests between models. Pure numpy."""

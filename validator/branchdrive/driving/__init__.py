@@ -1,0 +1,1 @@
+"""Formulas of driving: boxes, risk, routes, histories, targets, utility."""

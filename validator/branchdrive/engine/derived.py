@@ -1,0 +1,159 @@
+"""The second step of a validation: rules on the derived layers, as a map over shards and a few tasks on the whole.
+
+Source: spec/07-rules.md#order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from branchdrive.contract.layout import RAW_DIR
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.rule import CATALOGUE, rules_of
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.layer_files import STRUCTURE_RULES, LayerFiles, LayerFilesTask
+from branchdrive.engine.layers import POPULATION_RULE, LayersResult, LayersTask, RawRows, judge_part
+from branchdrive.engine.reading import Reading
+from branchdrive.engine.shard import ShardResult, spooled_name
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.tally import Tally
+from branchdrive.engine.worker import Executor, Failed
+from branchdrive.files.survey import Survey
+from branchdrive.formats.manifest import Manifest
+
+__all__ = ["Derived", "judge_derived", "layer_files_task", "layers_tasks", "needs_raw"]
+
+_DECODING = "BD-LYR-002"
+"""The rule that tables of derived layers decode within the limits."""
+
+_LONG = ("BD-LKG", "BD-BMK")
+"""Areas whose rules take long enough for a task of their own."""
+
+
+@dataclass
+class Derived:
+    """What became of the derived layers.
+
+    Attributes:
+        tallies: Totals of the selected rules on them; empty where no layer is claimed.
+        digests: SHA-256 of their files, by path.
+        unreadable: Why files could not be read, by path.
+        population: The stored population by partition; ``None`` without one that recomputes.
+    """
+
+    tallies: dict[str, Tally] = field(default_factory=dict)
+    digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    population: dict[str, Any] | None = None
+
+
+def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
+    """The task that reads the derived layers; ``None`` without a spool, or where the dataset claims none."""
+    if spool is None or survey.descriptor is None or not survey.descriptor.derived_layers:
+        return None
+    names = tuple(entry.path for entry in survey.files)
+    return LayerFilesTask(survey.root, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)
+
+
+def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:
+    """Whether selected rules on the derived layers take rows of the raw one."""
+    claimed = survey.descriptor.derived_layers if survey.descriptor else ()
+    wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
+    return any(info.needs_raw and info.layer in claimed for info in wanted)
+
+
+def judge_derived(
+    task: LayerFilesTask | None, reading: Reading, source: Survey, selected: frozenset[str], executor: Executor
+) -> Derived:
+    """Judge the selected rules on the derived layers.
+
+    Args:
+        task: What read them; ``None`` where there are none.
+        reading: What was read; failures of the tool are added to it.
+        source: The dataset with the raw layer, with the shards' digests.
+        selected: Rules to run.
+        executor: How tasks are run.
+    """
+    if task is None:
+        return Derived()
+    files = reading.layers
+    rules = [rule_id for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
+    if files is None:
+        return Derived(_unjudged(rules, is_killed=not reading.errors))
+    tallies, population = dict(files.tallies), None
+    for _, outcome in executor(judge_part, list(layers_tasks(task, files, source, reading.shards, selected))):
+        if isinstance(outcome, LayersResult):
+            for rule_id, tally in outcome.tallies.items():
+                if rule_id in tallies:
+                    tallies[rule_id].add(tally)
+                else:
+                    tallies[rule_id] = tally
+            population = population or outcome.population
+        else:
+            if isinstance(outcome, Failed):
+                reading.errors.append(f"derived layers: {outcome.message}")
+            return Derived(_unjudged(rules, is_killed=not isinstance(outcome, Failed)), files.digests, files.unreadable)
+    judged = {rule_id: tallies[rule_id] for rule_id in rules if rule_id in tallies}
+    return Derived(judged, files.digests, files.unreadable, population)
+
+
+def _unjudged(rules: Sequence[str], *, is_killed: bool) -> dict[str, Tally]:
+    """Tallies where a process failed; one that was killed twice within the memory limit met files that need more."""
+    unjudged = {rule_id: Tally(rule_id, unjudged="the derived layers could not be judged") for rule_id in rules}
+    if is_killed and _DECODING in unjudged:
+        killed_by = Mismatch({}, "tables that decode within the memory limit", "a process that died of them, twice")
+        killed = unjudged[_DECODING] = Tally(_DECODING, examined=1, total=1, num_findings=1)
+        killed.keep([Finding.of(_DECODING, killed_by)])
+    return unjudged
+
+
+def layers_tasks(
+    task: LayerFilesTask, files: LayerFiles, source: Survey, shards: Sequence[ShardResult], selected: frozenset[str]
+) -> Iterator[LayersTask]:
+    """Tasks on the whole, the longest first, and then one for each shard and one for the rows of nobody."""
+    wanted = selected | {POPULATION_RULE}
+    whole = [r for r in rules_of("layers", "layer_rows") if r in wanted and r not in STRUCTURE_RULES]
+    rows = [rule_id for rule_id in whole if CATALOGUE[rule_id].scope == "layer_rows"]
+    raw = _raw_rows(source, shards)
+    if raw.shards:
+        whole = [rule_id for rule_id in whole if rule_id not in rows]
+    every = LayersTask(
+        (),
+        "all",
+        frozenset(),
+        raw,
+        task.spool,
+        task.descriptor,
+        files.tables,
+        files.documents,
+        task.names,
+        files.digests,
+        files.sizes,
+        files.broken,
+    )
+    for area in _LONG:
+        yield replace(every, rules=tuple(r for r in whole if r.startswith(area)))
+    yield replace(every, rules=tuple(r for r in whole if not r.startswith(_LONG)))
+    if not (raw.shards and rows):
+        return
+    for shard in shards:
+        own = replace(raw, shards=(spooled_name(shard.folder),))
+        identities = frozenset((*shard.rollout_ids, *shard.group_ids))
+        yield replace(every, rules=tuple(rows), part="shard", identities=identities, raw=own)
+    known = frozenset(identity for shard in shards for identity in (*shard.rollout_ids, *shard.group_ids))
+    yield replace(every, rules=tuple(rows), part="nobody", identities=known)
+
+
+def _raw_rows(source: Survey, shards: Sequence[ShardResult]) -> RawRows:
+    if not shards:
+        return RawRows(reason="the raw layer is not at hand; name its dataset with --raw")
+    digest = Manifest.of(source.digests).layers.get(RAW_DIR) if source.is_hashed else None
+    reason = next((shard.no_frames for shard in shards if not shard.frames), "")
+    if not reason and source.descriptor is None:
+        reason = "the descriptor beside the raw layer is unusable"
+    if reason:
+        return RawRows(reason=reason, digest=digest, descriptor=source.descriptor)
+    names = tuple(spooled_name(shard.folder) for shard in shards)
+    return RawRows(names, shards[0].frames, digest=digest, descriptor=source.descriptor)

@@ -1,0 +1,135 @@
+"""Run the rules of a shard in order: structure, then attempts, then candidates and groups.
+
+A rollout that breaks a structure rule is excluded from later rules by name; it never switches a
+rule off for the others. Source: spec/07-rules.md#order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from functools import partial
+
+import numpy as np
+
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
+from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
+from branchdrive.engine.judge import judge
+from branchdrive.engine.tally import Tally
+from branchdrive.raw.examination import Examination
+from branchdrive.raw.funnel import standings_of
+from branchdrive.raw.rules.status import ATTEMPT_IS_COMPLETE
+from branchdrive.raw.selection import select_candidates
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import StreamView
+
+__all__ = ["VIEW_RULES", "examine"]
+
+VIEW_RULES = rules_of("rows", "rollout", "group")
+"""Rules that read the rows of shards, in catalogue order."""
+
+
+@np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
+def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[dict[str, Tally], Examination]:
+    """Run the selected rules (all by default) on one shard: totals by rule, and what became of its attempts."""
+    result, tallies = Examination(), {}
+    for rule_id in VIEW_RULES:
+        if selected is None or rule_id in selected:
+            streams = CATALOGUE[rule_id].streams
+            is_claimed = not streams or any(name in view.descriptor.streams for name in streams)
+            tallies[rule_id] = Tally(rule_id, is_claimed=is_claimed)
+    place = view.file_prefix or "memory"
+    claimed = {rule_id: tally for rule_id, tally in tallies.items() if tally.is_claimed}
+    in_scope = {scope: [r for r in rules_of(scope) if r in claimed] for scope in ("rows", "rollout", "group")}
+
+    for rule_id in in_scope["rows"]:
+        bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place)
+        if (failed := _any((_rollouts(view, check) for check in bad), view.num_rollouts)).any():
+            result.failed[rule_id] = failed
+    broken = _any(result.failed.values(), view.num_rollouts)
+
+    for rule_id in in_scope["rollout"]:
+        subjects = ~broken if rule_id == ATTEMPT_IS_COMPLETE else view.complete & ~broken
+        requires = (result.failed[other] for other in CATALOGUE[rule_id].requires if other in result.failed)
+        subjects = subjects & ~_any(requires, view.num_rollouts)
+        bad = judge(claimed[rule_id], partial(RULES[rule_id], view, subjects), partial(_of_rollouts, view), place=place)
+        if bad:
+            result.failed[rule_id] = _any((_marked(check.bad, view.num_rollouts) for check in bad), view.num_rollouts)
+
+    result.complies = view.complete & ~_any(result.failed.values(), view.num_rollouts)
+    selection = result.selection = select_candidates(view, result.complies)
+    num_groups = len(view.group_ids)
+    touched = np.any(broken[selection.chosen] & (selection.chosen >= 0), axis=1)
+    for rule_id in in_scope["group"]:
+        tally = claimed[rule_id]
+        bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)
+        if not tally.errors:
+            result.failed_groups[rule_id] = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
+    result.standings = standings_of(view, selection, result.failed, result.failed_groups)
+    return tallies, result
+
+
+def _any(masks: Iterable[Mask], size: int) -> Mask:
+    merged = np.zeros(size, bool)
+    for mask in masks:
+        merged |= mask
+    return merged
+
+
+def _marked(subjects: np.ndarray, size: int) -> Mask:
+    mask = np.zeros(size, bool)
+    mask[subjects] = True
+    return mask
+
+
+def _owner(view: ShardView, check: Check) -> np.ndarray:
+    """Attempt of each bad row; -1 where it is unknown."""
+    return check.bad if check.table == "rollouts" else view.stream(str(check.table)).rollout[check.bad]
+
+
+def _rollouts(view: ShardView, check: Check) -> Mask:
+    owner = _owner(view, check)
+    return _marked(owner[owner >= 0], view.num_rollouts)
+
+
+def _of_rows(view: ShardView, check: Check) -> Iterator[Mismatch]:
+    """One mismatch for each rollout, at its first bad row."""
+    owner = _owner(view, check)
+    # Rows without a known rollout stand for themselves.
+    key = np.where(owner >= 0, owner, -1 - check.bad)
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    for place, rows in sorted(zip(first.tolist(), count.tolist(), strict=True)):
+        row = int(check.bad[place])
+        found = check.mismatch(row)
+        yield Mismatch(_row_location(view, str(check.table), row, found.location), found.expected, found.found, rows)
+
+
+def _row_location(view: ShardView, name: str, row: int, known: Location) -> Location:
+    location: Location = {"table": name}
+    if view.file_prefix:
+        location = {"file": f"{view.file_prefix}/{name}.parquet", **location}
+    location |= known
+    table = view[name]
+    rollout_id = table["rollout_id"][row]
+    if rollout_id:
+        location["rollout_id"] = str(rollout_id)
+    if isinstance(table, StreamView):
+        location["tick"] = int(table.tick[row])
+        if "actor_id" in table:
+            location["actor_id"] = int(table["actor_id"][row])
+    return location
+
+
+def _of_rollouts(view: ShardView, check: Check) -> Iterator[Mismatch]:
+    for i in check.bad.tolist():
+        identity: Location = {"group_id": str(view.rollouts["group_id"][i]), "rollout_id": view.rollout_ids[i]}
+        yield _identified(check.mismatch(i), identity)
+
+
+def _of_groups(view: ShardView, check: Check) -> Iterator[Mismatch]:
+    for group in check.bad.tolist():
+        yield _identified(check.mismatch(group), {"group_id": view.group_ids[group]})
+
+
+def _identified(found: Mismatch, identity: Location) -> Mismatch:
+    return Mismatch({**identity, **found.location}, found.expected, found.found, found.count)

@@ -1,0 +1,76 @@
+"""Rows that a shard of the raw layer gives for the derived layers: small, so that they travel between processes.
+
+Shards hold whole groups, so a map over them gives every row; what needs all groups at once (clusters,
+split, thresholds, population, normalisation) is computed from these rows by the room of its layer.
+
+Source: spec/10-layers.md#derivation.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from branchdrive.canonical.record import attempts, records
+from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
+from branchdrive.leakage.replays import replay_facts
+from branchdrive.model.inputs import inputs_of
+from branchdrive.model.media_index import media_columns
+from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
+from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
+from branchdrive.quality.standing import attempt_quality, group_standing
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.frame import Frame
+
+if TYPE_CHECKING:
+    from branchdrive.raw.examination import Examination
+
+__all__ = ["REPLAYS", "ROUTES", "extract_shard"]
+
+REPLAYS = "replays"
+ROUTES = "routes"
+
+
+def extract_shard(view: ShardView, examination: Examination) -> dict[str, Frame]:
+    """What the shard says, given which of its attempts and groups hold which rules.
+
+    Args:
+        view: The shard, without a structure failure.
+        examination: What the rules found on it.
+
+    Returns:
+        Frames by name. Those of the model layer hold every integrity-complete group, and so do two that are no
+        tables: `ROUTES` with the resampled route of each group (`points`, ``[groups, 32, 2]``, metres in the frame
+        of the town), and `REPLAYS` with what a leakage audit may see of it.
+    """
+    selection = examination.selection
+    complete = examination.complete_groups
+    nominals = selection.nominal[complete]
+    candidates = selection.chosen[complete]  # [groups, policies], all there
+    bank = view.descriptor.action_bank
+    interventions, replays = canonical_pairs(view, examination)
+    pairs = Pairs(*(np.concatenate(sides) for sides in zip(interventions, replays, strict=True)))
+    paired = pair_columns(view, pairs)
+    executed = candidates.ravel()
+    route_x, route_y = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
+    points = [resample_polyline(route_x[i], route_y[i]) for i in nominals]
+    group_ids = np.array(view.group_ids, object)[complete]
+    return {
+        "records": records(view, examination),
+        "attempts": attempts(view, examination),
+        "attempt_quality": attempt_quality(view, examination),
+        "group_quality": group_standing(view, examination),
+        "pairs": paired,
+        **inputs_of(view, nominals),
+        "candidates": candidate_columns(view, executed, np.repeat(nominals, len(bank.policies))),
+        "scalars": scalar_columns(view, executed),
+        "trajectories": trajectory_columns(view, executed),
+        "media_index": media_columns(view, nominals),
+        ROUTES: {
+            "group_id": group_ids,
+            "town": view.rollouts["town"][nominals],
+            "points": np.array(points).reshape(len(points), CLUSTER_POINTS, 2),
+        },
+        REPLAYS: replay_facts(view, complete, candidates, replays.replay, pairs, paired),
+    }

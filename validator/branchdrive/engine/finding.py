@@ -1,0 +1,68 @@
+"""Findings: where something is wrong, what was expected, what was found and what to do.
+
+Source: spec/07-rules.md#findings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from branchdrive.contract.mismatch import Location, Mismatch
+from branchdrive.contract.rule import CATALOGUE, Kind
+from branchdrive.contract.text import printable
+
+__all__ = ["Finding", "location_text"]
+
+
+def location_text(location: Location) -> str:
+    """A place as one line, for people and for waiver globs: ``file=raw/.. rollout_id=.. tick=..``."""
+    return " ".join(f"{key}={value}" for key, value in location.items()) or "dataset"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One violation of a rule, as reports carry it."""
+
+    rule: str
+    location: Location
+    count: int
+    expected: str
+    found: str
+    waived: bool = False
+
+    @classmethod
+    def of(cls, rule_id: str, mismatch: Mismatch) -> Finding:
+        """Finding of a rule from a mismatch; free text is made safe to print."""
+        location = {
+            key: value if isinstance(value, int) else printable(value[:500])[:500]
+            for key, value in mismatch.location.items()
+        }
+        expected, found = (printable(text[:300])[:300] for text in (mismatch.expected, mismatch.found))
+        return cls(rule_id, location, mismatch.count, expected, found)
+
+    @property
+    def kind(self) -> Kind:
+        """Kind of the violated rule."""
+        return CATALOGUE[self.rule].kind
+
+    @property
+    def message(self) -> str:
+        """The finding as one sentence."""
+        more = f" ({self.count} places)" if self.count > 1 else ""
+        title = CATALOGUE[self.rule].title
+        return f"{title}: {location_text(self.location)}{more}: expected {self.expected}, found {self.found}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The finding as the report schema has it."""
+        return {
+            "rule": self.rule,
+            "kind": self.kind,
+            "location": self.location,
+            "count": self.count,
+            "expected": self.expected,
+            "found": self.found,
+            "message": self.message,
+            "remedy": CATALOGUE[self.rule].remedy,
+            "waived": self.waived,
+        }

@@ -1,0 +1,187 @@
+"""Rules on the derived layers: on the layers as a whole, or on the rows of one shard's groups.
+
+Rules of the scope `layer_rows` compare stored rows with what raw rows of the same groups give, so they are judged
+shard by shard, on the stored rows of its attempts and groups, and once more on the stored rows of nobody; totals
+add up. Rules of the scope `layers` need all rows. Source: spec/07-rules.md#order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layer import table_path
+from branchdrive.contract.mismatch import Check, Location, Mismatch
+from branchdrive.contract.rule import CATALOGUE, RULES
+from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
+from branchdrive.engine.judge import judge
+from branchdrive.engine.spool import Spool, SpooledFrames, SpooledTables
+from branchdrive.engine.tally import Tally
+from branchdrive.layers.compare import place
+from branchdrive.layers.view import RawLayer, ReleaseView
+from branchdrive.quality.rules import POPULATION
+from branchdrive.tables.frame import Frame, take
+from branchdrive.tables.view import TableView
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["POPULATION_RULE", "LayersResult", "LayersTask", "RawRows", "judge_layers", "judge_part", "view_of"]
+
+POPULATION_RULE = "BD-QUA-011"
+"""The rule that a population must pass before a report shows it."""
+
+
+@dataclass(frozen=True)
+class RawRows:
+    """Rows that the raw layer gives for the derived ones, in a spool; none where `reason` says why.
+
+    Attributes:
+        shards: Prefixes of the shards in the spool.
+        names: Frames of each shard.
+        reason: Why there are none.
+        digest: Digest of the raw layer; ``None`` where it was not computed.
+        descriptor: Its dataset's descriptor; ``None`` where it is unusable.
+    """
+
+    shards: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    reason: str = ""
+    digest: str | None = None
+    descriptor: Descriptor | None = None
+
+
+@dataclass(frozen=True)
+class LayersTask:
+    """What a worker needs to judge rules on the derived layers, or on a part of their rows.
+
+    Attributes:
+        rules: The rules, in order of the catalogue.
+        part: All rows; those of the attempts and groups of one shard; or those of nobody.
+        identities: Identities of the attempts and groups of the shard, or of all shards for the rows of nobody.
+        raw: Rows of the raw layer: of the shard, or of all shards.
+        spool: Where tables, documents and rows are.
+        descriptor: The dataset's descriptor.
+        tables: Tables in the spool.
+        documents: Documents in the spool.
+        names: Every regular file with a safe path below the root.
+        digests: SHA-256 of the files of the layers; empty where digests are off.
+        sizes: Bytes of the checkpoints.
+        broken: Tables that fail each rule on structure.
+    """
+
+    rules: tuple[str, ...]
+    part: Literal["all", "shard", "nobody"]
+    identities: frozenset[str]
+    raw: RawRows
+    spool: Spool
+    descriptor: Descriptor
+    tables: tuple[str, ...]
+    documents: tuple[str, ...]
+    names: tuple[str, ...]
+    digests: Mapping[str, str]
+    sizes: Mapping[str, int]
+    broken: Mapping[str, frozenset[str]]
+
+
+@dataclass
+class LayersResult:
+    """What became of the rules: their totals, and the population if its rule is among them and passes."""
+
+    tallies: dict[str, Tally] = field(default_factory=dict)
+    population: dict[str, Any] | None = None
+
+
+def judge_part(task: LayersTask) -> LayersResult:
+    """Judge the rules of a task."""
+    view = view_of(task)
+    tallies, _ = judge_layers(view, task.rules, task.broken)
+    is_told = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
+    return LayersResult(tallies, view.document(POPULATION) if is_told else None)
+
+
+def view_of(task: LayersTask) -> ReleaseView:
+    """What the rules of a task see."""
+    tables: Mapping[str, pa.Table] = SpooledTables(task.spool, task.tables)
+    if task.part != "all":
+        tables = {name: _rows_of(task, name, table) for name, table in tables.items()}
+    return ReleaseView(
+        task.descriptor,
+        tables,
+        task.spool.get("documents"),
+        task.spool.get("contents"),
+        _raw_layer(task),
+        frozenset(task.names),
+        digests=task.digests,
+        sizes=task.sizes,
+    )
+
+
+def _rows_of(task: LayersTask, name: str, table: pa.Table) -> pa.Table:
+    """Stored rows of the task's part, by the first column of the table's key; tables without identities stay whole."""
+    import pyarrow as pa
+
+    key = LAYER_TABLES[name].key[0]
+    if key not in ("group_id", "rollout_id"):
+        return table
+    codes, texts = TableView(name, table).words(key)
+    wanted = np.array([(text in task.identities) == (task.part == "shard") for text in texts] + [False], bool)
+    return table.filter(pa.array(wanted[codes]))
+
+
+def _raw_layer(task: LayersTask) -> RawLayer:
+    raw = task.raw
+    if raw.reason:
+        return RawLayer(None, raw.reason, digest=raw.digest, descriptor=raw.descriptor)
+    rows: Mapping[str, Frame] = SpooledFrames(task.spool, raw.shards, raw.names)
+    if task.part == "nobody":
+        none = np.zeros(0, np.int64)
+        rows = {name: take(frame, none) for name, frame in SpooledFrames(task.spool, raw.shards[:1], raw.names).items()}
+    return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)
+
+
+@np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
+def judge_layers(
+    view: ReleaseView, rule_ids: Iterable[str], known: Mapping[str, frozenset[str]] = MappingProxyType({})
+) -> tuple[dict[str, Tally], dict[str, frozenset[str]]]:
+    """Judge rules on derived layers in order; tables that fail a rule are kept from those that require it.
+
+    Args:
+        view: The layers, or a part of their rows.
+        rule_ids: Rules of the scopes `layers` and `layer_rows`, in order of the catalogue.
+        known: Tables that fail rules which were judged before.
+
+    Returns:
+        Totals of the rules, and the tables that fail each.
+    """
+    tallies, broken = {}, dict(known)
+    for rule_id in rule_ids:
+        info = CATALOGUE[rule_id]
+        tally = tallies[rule_id] = Tally(rule_id, is_claimed=info.layer is None or view.claims(info.layer))
+        if tally.is_claimed:
+            trusted = view.without({name for other in info.requires for name in broken.get(other, ())})
+            bad = judge(tally, partial(RULES[rule_id], trusted), partial(_mismatches, view))
+            broken[rule_id] = frozenset(check.table for check in bad if check.table is not None)
+    return tallies, broken
+
+
+def _mismatches(view: ReleaseView, check: Check) -> Iterator[Mismatch]:
+    for row in check.bad.tolist():
+        found = check.mismatch(row)
+        if check.table is not None:
+            found = found.within(_row_location(view, check.table, row))
+        yield found
+
+
+def _row_location(view: ReleaseView, name: str, row: int) -> Location:
+    """Location of a row: by its key, or by its number where a part of the key is null."""
+    if all(view.tables[name][part][row].is_valid for part in LAYER_TABLES[name].key):
+        return place(name, view.rows(name), row)
+    return {"file": table_path(name), "table": name, "row": row}

@@ -1,0 +1,118 @@
+"""The first step of a validation: every file is read once, by workers; shards are judged, layers are spooled.
+
+Source: spec/07-rules.md#trust.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from branchdrive.engine.examine import VIEW_RULES
+from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_layers
+from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.tally import Tally
+from branchdrive.engine.worker import Executor, Failed
+from branchdrive.files.survey import Survey
+
+__all__ = ["Progress", "Reading", "read_dataset"]
+
+Progress = Callable[[int, int], None]
+"""Called with the number of finished shards and the number of shards."""
+
+
+@dataclass
+class Reading:
+    """What was read of a dataset.
+
+    Attributes:
+        shards: Results of all shards, in order of their folders.
+        layers: The derived layers; ``None`` where there are none, or reading them killed or failed its process.
+        errors: Failures of the tool.
+    """
+
+    shards: list[ShardResult]
+    layers: LayerFiles | None
+    errors: list[str]
+
+
+def read_dataset(
+    survey: Survey,
+    selected: frozenset[str],
+    executor: Executor,
+    progress: Progress | None = None,
+    *,
+    spool: Spool | None = None,
+    layers: LayerFilesTask | None = None,
+) -> Reading:
+    """Read and judge all shards, and read the derived layers beside them.
+
+    Args:
+        survey: The dataset with the shards.
+        selected: Rules to run on rows.
+        executor: How shards are run.
+        progress: Called after every shard.
+        spool: Where shards put rows for the derived layers; ``None`` where nobody needs them.
+        layers: The derived layers, of this dataset or of another.
+    """
+    tasks: list[ShardTask | LayerFilesTask] = [] if layers is None else [layers]
+    for folder, files in survey.shard_folders.items():
+        paths = tuple(entry.path for entry in files)
+        tasks.append(ShardTask(survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool))
+    results: dict[int, ShardResult] = {}
+    reading = Reading([], None, [])
+    num_shards = len(survey.shard_folders)
+    if progress:
+        progress(0, num_shards)
+    for index, outcome in executor(_read, tasks):
+        task = tasks[index]
+        if isinstance(task, LayerFilesTask):
+            if isinstance(outcome, LayerFiles):
+                reading.layers = outcome
+            elif isinstance(outcome, Failed):
+                reading.errors.append(f"derived layers: {outcome.message}")
+            continue
+        if isinstance(outcome, ShardResult):
+            results[index] = outcome
+        elif isinstance(outcome, Failed):
+            reading.errors.append(f"{task.folder}: {outcome.message}")
+            results[index] = _unjudged(task)
+        else:
+            results[index] = _post_mortem(task, executor, reading.errors)
+        if progress:
+            progress(len(results), num_shards)
+    reading.shards = [results[index] for index in sorted(results)]
+    return reading
+
+
+def _read(task: ShardTask | LayerFilesTask) -> ShardResult | LayerFiles:
+    return audit_shard(task) if isinstance(task, ShardTask) else read_layers(task)
+
+
+def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> ShardResult:
+    """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
+    result = _unjudged(task)
+    for path in task.files:
+        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed)
+        for _, outcome in executor(_read, [part]):
+            if isinstance(outcome, Failed):
+                errors.append(f"{path}: {outcome.message}")
+            elif not isinstance(outcome, ShardResult):
+                result.over_limit[path] = "killed the process that decoded it within the memory limit, twice"
+            else:
+                result.digests.update(outcome.digests)
+                result.unreadable.update(outcome.unreadable)
+                result.undecodable.update(outcome.undecodable)
+                result.over_limit.update(outcome.over_limit)
+                result.present += outcome.present
+                result.num_tables += outcome.num_tables
+    if not result.over_limit and not result.undecodable:
+        errors.append(f"{task.folder}: the worker died twice although every file decodes on its own")
+    return result
+
+
+def _unjudged(task: ShardTask) -> ShardResult:
+    reason = f"{task.folder} could not be judged"
+    tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected}
+    return ShardResult(task.folder, tallies=tallies)

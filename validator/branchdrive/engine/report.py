@@ -1,0 +1,129 @@
+"""The report: everything a validation found out, as data. Source: spec/07-rules.md#report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.tally import Tally
+from branchdrive.engine.verdict import EXIT_CODES, Verdict
+from branchdrive.engine.waiver import WaiverOutcome
+from branchdrive.raw.funnel import Funnel
+
+__all__ = ["DatasetFacts", "Report", "RunOptions"]
+
+
+@dataclass(frozen=True)
+class DatasetFacts:
+    """What was validated.
+
+    `raw_path` is ``None`` unless the raw layer lies elsewhere; `identity` is computed from the digests of this
+    run, ``None`` without them.
+    """
+
+    path: str
+    raw_path: str | None
+    dataset_id: str | None
+    dataset_version: str | None
+    identity: str | None
+    num_shards: int
+    num_files: int
+    num_bytes: int
+    num_groups: int
+    num_rollouts: int
+    rows: dict[str, int]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How it was validated."""
+
+    selected: tuple[str, ...] | None
+    ignored: tuple[str, ...]
+    hashed: bool
+    require_groups: int | None
+
+
+@dataclass(frozen=True)
+class Report:
+    """Result of one validation.
+
+    Attributes:
+        verdict: What the rules together mean.
+        tallies: One per rule of the catalogue, in catalogue order.
+        funnel: ``None`` where rules that it needs were deselected or no shard could be judged.
+        population: The stored population of a release by partition; ``None`` without one that recomputes.
+        errors: Failures of the tool itself.
+    """
+
+    verdict: Verdict
+    dataset: DatasetFacts
+    options: RunOptions
+    tallies: tuple[Tally, ...]
+    funnel: Funnel | None
+    population: dict[str, Any] | None
+    waivers: tuple[WaiverOutcome, ...]
+    errors: tuple[str, ...]
+    validator_version: str
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Kept findings of all rules, in catalogue order."""
+        return tuple(finding for tally in self.tallies for finding in tally.findings)
+
+    @property
+    def lacks_groups(self) -> bool:
+        """Whether fewer groups qualify than `--require-groups` demands."""
+        required = self.options.require_groups
+        return required is not None and (self.num_qualified or 0) < required
+
+    @property
+    def num_qualified(self) -> int | None:
+        """Groups that qualify: of the frozen population of a release, else by the funnel; ``None`` if not judged."""
+        if self.population is not None:
+            return int(self.population["stages"][-1]["total"])
+        return None if self.funnel is None else self.funnel.qualified
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: the verdict's, or 1 where too few groups qualify."""
+        code = EXIT_CODES[self.verdict]
+        return 1 if self.lacks_groups and code != EXIT_CODES["error"] else code
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as `schemas/v0.1/report.schema.json` has it."""
+        return {
+            "verdict": self.verdict,
+            "exit_code": self.exit_code,
+            "spec_version": SPEC_VERSION,
+            "validator_version": self.validator_version,
+            "dataset": vars(self.dataset),
+            "options": {
+                "selected": None if self.options.selected is None else list(self.options.selected),
+                "ignored": list(self.options.ignored),
+                "hashed": self.options.hashed,
+                "require_groups": self.options.require_groups,
+            },
+            "rules": [
+                {
+                    "id": tally.rule_id,
+                    "title": tally.info.title,
+                    "kind": tally.info.kind,
+                    "status": tally.status,
+                    "reason": tally.reason,
+                    "grain": tally.info.grain,
+                    "examined": tally.examined,
+                    "total": tally.total,
+                    "num_findings": tally.num_findings,
+                    "num_waived": tally.places(f for f in tally.findings if f.waived),
+                }
+                for tally in self.tallies
+            ],
+            "findings": [finding.to_json() for finding in self.findings],
+            "funnel": None if self.funnel is None else self.funnel.to_json(),
+            "population": self.population,
+            "waivers": [outcome.to_json() for outcome in self.waivers],
+            "errors": list(self.errors),
+        }

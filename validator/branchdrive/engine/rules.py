@@ -1,0 +1,23 @@
+"""Every module of rules; importing this one binds each rule of the catalogue to its function."""
+
+from branchdrive.benchmark import result_rules
+from branchdrive.benchmark import rules as benchmark_rules
+from branchdrive.canonical import rules as canonical_rules
+from branchdrive.card import rules as card_rules
+from branchdrive.files import document_rules, layout_rules, table_rules
+from branchdrive.layers import rules as layer_rules
+from branchdrive.leakage import rules as leakage_rules
+from branchdrive.model import near_duplicate_rules
+from branchdrive.model import rules as model_rules
+from branchdrive.quality import fidelity_rules, split_rules
+from branchdrive.quality import rules as quality_rules
+from branchdrive.raw.rules import controls, evidence, groups, keys, media, status, ticks, values
+from branchdrive.raw.rules import ticks as windows
+from branchdrive.raw.rules import values as nulls
+
+RULE_MODULES = (
+    layout_rules, document_rules, table_rules, keys, nulls, values, ticks, windows, status, controls, evidence, groups,
+    media, layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules, near_duplicate_rules,
+    leakage_rules, benchmark_rules, result_rules, card_rules,
+)  # fmt: skip
+"""Modules of rules, in order of the layers."""

@@ -1,0 +1,189 @@
+"""Audit of one shard, from bytes to tallies: the function that workers run.
+
+Each file is read once; that buffer is hashed and decoded in full, so what was judged is what was
+digested. Source: spec/07-rules.md#trust.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.limits import spec_limits
+from branchdrive.engine.examine import VIEW_RULES, examine
+from branchdrive.engine.extract import extract_shard
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.tally import Tally
+from branchdrive.errors import DatasetError, DecodeError, LimitError
+from branchdrive.files.shard_facts import ShardFacts
+from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted import open_file
+from branchdrive.raw.funnel import Funnel
+from branchdrive.raw.media import media_mismatches
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.schema import metadata_mismatches, type_mismatches
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = [
+    "ShardResult",
+    "ShardTask",
+    "audit_shard",
+    "spooled_name",
+]
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """What a worker needs to audit one shard.
+
+    Attributes:
+        root: The dataset folder.
+        folder: The shard's folder, relative to the root.
+        files: Its regular files, relative to the root.
+        descriptor: ``None`` where the dataset's descriptor is unusable: then rows cannot be judged.
+        selected: Rules to run on rows.
+        is_hashed: Whether to digest the files.
+        spool: Where rows for the derived layers go; ``None`` where they need none.
+    """
+
+    root: Path
+    folder: str
+    files: tuple[str, ...]
+    descriptor: Descriptor | None
+    selected: frozenset[str]
+    is_hashed: bool
+    spool: Spool | None = None
+
+
+@dataclass
+class ShardResult(ShardFacts):
+    """What became of one shard: small, so that it travels between processes.
+
+    Attributes:
+        tallies: Totals of the rules on its rows.
+        funnel: How far its groups get.
+        frames: Frames for the derived layers that are in the spool, under the name of the shard.
+        no_frames: Why there are none.
+    """
+
+    tallies: dict[str, Tally] = field(default_factory=dict)
+    funnel: Funnel = field(default_factory=Funnel)
+    frames: tuple[str, ...] = ()
+    no_frames: str = "the raw layer could not be read"
+
+
+def spooled_name(folder: str) -> str:
+    """Name of a shard in a spool."""
+    return folder.replace("/", "-")
+
+
+def audit_shard(task: ShardTask) -> ShardResult:
+    """Read, hash, decode and judge one shard; whatever the files hold becomes part of the result."""
+    result = ShardResult(task.folder)
+    tables: dict[str, pa.Table] = {}
+    # A table lies right in the shard's folder; whatever lies deeper is hashed, never read in its place.
+    table_of = {f"{task.folder}/{table.file_name}": name for name, table in TABLES.items()}
+    for path in task.files:
+        name = table_of.get(path)
+        if name is None:
+            _digest_media(task, path, result)
+            continue
+        result.num_tables += 1
+        result.present = (*result.present, name)
+        table = _read_table(task, path, name, result)
+        if table is not None:
+            result.rows[name] = table.num_rows
+            wrong = result.type_mismatches[path] = list(type_mismatches(table.schema, name))
+            result.metadata_mismatches[path] = [] if wrong else list(metadata_mismatches(table.schema, name))
+            tables[name] = table
+    frames = tables.get("frames")
+    if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
+        result.num_images = frames.num_rows
+        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames))
+    _judge(task, tables, result)
+    return result
+
+
+def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
+    if not task.is_hashed:
+        return
+    try:
+        with open_file(task.root, path) as stream:
+            if os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
+                result.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
+                return
+            result.digests[path] = hashlib.file_digest(stream, "sha256").hexdigest()
+    except (DatasetError, OSError) as error:
+        result.unreadable[path] = str(error)
+
+
+def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
+    max_bytes = spec_limits().max_table_bytes
+    try:
+        with open_file(task.root, path) as stream:
+            content = stream.read(min(os.fstat(stream.fileno()).st_size, max_bytes) + 1)
+    except (DatasetError, OSError) as error:
+        result.undecodable[path] = str(error)
+        return None
+    if task.is_hashed and len(content) <= max_bytes:
+        result.digests[path] = hashlib.sha256(content).hexdigest()
+    try:
+        return decode_table(content, name)
+    except LimitError as error:
+        result.over_limit[path] = str(error)
+    except DecodeError as error:
+        result.undecodable[path] = str(error)
+    _release_memory()
+    return None
+
+
+def _release_memory() -> None:
+    """Give back what a failed decoding holds, so that the next file finds room under the memory limit."""
+    import pyarrow as pa
+
+    pa.default_memory_pool().release_unused()
+
+
+def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> None:
+    reason = None
+    if task.descriptor is None:
+        reason = "the descriptor is unusable"
+    elif missing := [name for name in task.descriptor.tables if name not in tables]:
+        reason = f"{task.folder} has no readable {', '.join(missing)}"
+    elif tables["rollouts"].num_rows > spec_limits().max_shard_rollouts:
+        path, limit = f"{task.folder}/{TABLES['rollouts'].file_name}", spec_limits().max_shard_rollouts
+        reason = f"{task.folder} has {tables['rollouts'].num_rows} rollouts; the limit is {limit}"
+        result.over_limit[path] = reason
+    elif any(result.type_mismatches.values()):
+        reason = f"{task.folder} has tables with undeclared columns or types"
+    if task.descriptor is None or reason is not None:
+        result.tallies = {
+            rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected
+        }
+        return
+    claimed = {name: tables[name] for name in task.descriptor.tables}
+    view = ShardView(claimed, task.descriptor, file_prefix=task.folder)
+    result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
+    result.group_ids = [group_id for group_id in view.group_ids if group_id]
+    # What attempts comply with takes every rule, also where only some are asked for.
+    tallies, examination = examine(view, None if task.spool else task.selected)
+    result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
+    result.funnel = examination.funnel
+    if task.spool is None:
+        return
+    broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
+    if broken:
+        result.no_frames = f"the raw layer breaks {broken[0]}"
+    elif any(tally.errors for tally in tallies.values()):
+        result.no_frames = "a rule on the raw layer failed"
+    else:
+        for name, frame in extract_shard(view, examination).items():
+            task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
+            result.frames += (name,)

@@ -1,0 +1,104 @@
+"""Running totals of one rule: what was examined, what was found, what could not be judged."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Literal
+
+from branchdrive.contract.rule import CATALOGUE, RuleInfo
+from branchdrive.contract.text import printable
+from branchdrive.engine.finding import Finding
+
+__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally", "failure_text"]
+
+MAX_FINDINGS_PER_RULE = 100
+"""Findings kept per rule; counts stay exact."""
+
+_MAX_LINE = 500
+"""Characters of a line of a traceback, whose message may quote a value."""
+
+_NO_STREAM = "the descriptor claims no stream that this rule is about"
+
+RuleStatus = Literal["pass", "fail", "skipped", "not-claimed", "inconclusive", "error"]
+
+
+def failure_text(place: str) -> str:
+    """The exception that is being handled, with its traceback, in printable lines."""
+    lines = f"{place}:\n{traceback.format_exc()}".rstrip().split("\n")
+    return "\n".join(printable(line[:_MAX_LINE]) for line in lines)
+
+
+@dataclass
+class Tally:
+    """Totals of one rule on a shard or on the whole dataset; totals of shards add up.
+
+    Attributes:
+        rule_id: The rule.
+        examined: Subjects looked at.
+        total: Subjects there are, examined or not.
+        num_findings: Violating subjects, exact.
+        findings: The first of them, at most `MAX_FINDINGS_PER_RULE`.
+        is_claimed: Whether the descriptor claims what the rule is about.
+        unjudged: Why the rule could not be judged although there may be subjects; ``None`` if it could.
+        errors: Failures of the tool itself.
+    """
+
+    rule_id: str
+    examined: int = 0
+    total: int = 0
+    num_findings: int = 0
+    findings: list[Finding] = field(default_factory=list)
+    is_claimed: bool = True
+    unjudged: str | None = None
+    errors: list[str] = field(default_factory=list)
+
+    @property
+    def info(self) -> RuleInfo:
+        """The rule's catalogue entry."""
+        return CATALOGUE[self.rule_id]
+
+    def add(self, other: Tally) -> None:
+        """Merge the totals of another part of the dataset."""
+        self.examined += other.examined
+        self.total += other.total
+        self.num_findings += other.num_findings
+        self.keep(other.findings)
+        self.is_claimed &= other.is_claimed
+        self.unjudged = self.unjudged or other.unjudged
+        self.errors += other.errors
+
+    def keep(self, findings: Iterable[Finding]) -> None:
+        """Keep findings as far as the cap allows."""
+        room = MAX_FINDINGS_PER_RULE - len(self.findings)
+        self.findings += islice(findings, max(room, 0))
+
+    def places(self, findings: Iterable[Finding]) -> int:
+        """What `findings` count for in `num_findings`: their rows for rules on rows, else one each."""
+        return sum(f.count if self.info.grain == "row" else 1 for f in findings)
+
+    @property
+    def status(self) -> RuleStatus:
+        """Status of the rule; nothing examined is never a pass."""
+        if self.errors:
+            return "error"
+        if self.num_findings:
+            return "fail"
+        if not self.is_claimed:
+            return "not-claimed"
+        if self.unjudged or not self.examined:
+            return "skipped"
+        return "pass"
+
+    @property
+    def reason(self) -> str | None:
+        """Why the rule did not run, or not everywhere."""
+        if self.errors:
+            return self.errors[0].splitlines()[-1][:300]
+        if not self.is_claimed:
+            return f"the descriptor does not claim the {self.info.layer} layer" if self.info.layer else _NO_STREAM
+        if self.unjudged:
+            return self.unjudged
+        return None if self.examined else "no subject"

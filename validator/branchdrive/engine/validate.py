@@ -1,0 +1,214 @@
+"""The engine: survey the files, audit every shard, judge the whole, decide.
+
+A map over shards of whole branch groups and a merge of small results: worker count, order of
+files and sizes of row groups cannot change a verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from datetime import date
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
+from branchdrive.contract.text import printable
+from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
+from branchdrive.engine.examine import VIEW_RULES
+from branchdrive.engine.judge import judge
+from branchdrive.engine.reading import Progress, read_dataset
+from branchdrive.engine.report import DatasetFacts, Report, RunOptions
+from branchdrive.engine.shard import ShardResult
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.tally import Tally
+from branchdrive.engine.verdict import decide
+from branchdrive.engine.waiver import Waiver, apply_waivers
+from branchdrive.engine.worker import Executor, in_process
+from branchdrive.errors import UsageError
+from branchdrive.files.survey import Survey, take_survey
+from branchdrive.formats.manifest import Manifest
+from branchdrive.raw.funnel import Funnel
+
+__all__ = ["judge_files", "select_rules", "validate"]
+
+
+def select_rules(patterns: Iterable[str]) -> frozenset[str]:
+    """Rules that ids or id prefixes (``BD-CTL``, ``BD-CTL-004``) name.
+
+    Raises:
+        UsageError: A pattern names no rule.
+    """
+    chosen: set[str] = set()
+    for pattern in patterns:
+        named = {rule_id for rule_id in CATALOGUE if rule_id == pattern or rule_id.startswith(f"{pattern}-")}
+        if not named:
+            raise UsageError(
+                f"no rule is called {pattern!r}; `branchdrive rules` lists ids, prefixes such as 'BD-CTL' work too"
+            )
+        chosen |= named
+    return frozenset(chosen)
+
+
+def validate(
+    root: Path | str,
+    *,
+    raw: Path | str | None = None,
+    select: Sequence[str] | None = None,
+    ignore: Sequence[str] = (),
+    hash_files: bool = True,
+    waivers: Sequence[Waiver] = (),
+    require_groups: int | None = None,
+    executor: Executor = in_process,
+    progress: Progress | None = None,
+    today: date | None = None,
+) -> Report:
+    """Validate the dataset at `root`.
+
+    Args:
+        root: The dataset folder.
+        raw: Folder of the dataset with the raw layer, for a detached release.
+        select: Rule ids or prefixes to run; all by default.
+        ignore: Rule ids or prefixes to leave out.
+        hash_files: Whether to compare digests; without them the verdict is at best partial.
+        waivers: Accepted failures.
+        require_groups: Groups that must qualify for exit code 0.
+        executor: How shards are run; `branchdrive.engine.worker.isolated` bounds memory.
+        progress: Told after every shard.
+        today: The date against which waivers expire; the current date by default.
+
+    Raises:
+        UsageError: There is no dataset at `root` or `raw`, or the options contradict each other.
+    """
+    selected = (select_rules(select) if select is not None else frozenset(CATALOGUE)) - select_rules(ignore)
+    qualifying = {rule_id for rule_id, info in CATALOGUE.items() if info.kind in ("structure", "qualification")}
+    is_whole = qualifying & set(VIEW_RULES) <= selected
+    if require_groups is not None and not is_whole:
+        raise UsageError(
+            "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
+        )
+    # Without the rule on digests, a damaged table is the matter of the rule on decoding.
+    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
+    source = _raw_survey(survey, raw)
+    is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
+    with Spool.temporary() if is_layered else nullcontext() as spool:
+        layers = layer_files_task(survey, spool)
+        reading = read_dataset(
+            source, selected, executor, progress, spool=spool if needs_raw(survey, selected) else None, layers=layers
+        )
+        results, errors = reading.shards, reading.errors
+        source = source.with_shards(tuple(results))
+        survey = source if source.root == survey.root else replace(survey, shards=source.shards)
+        derived = judge_derived(layers, reading, source, selected, executor)
+    survey = survey.with_digests(derived.digests, derived.unreadable)
+    tallies = _merge(survey, results, selected, derived.tallies)
+    outcomes = apply_waivers(tallies, waivers, today or date.today())
+    funnel = Funnel()
+    for result in results:
+        funnel.add(result.funnel)
+    is_read = not any(tally.unjudged for result in results for tally in result.tallies.values())
+    is_judged = source.descriptor is not None and is_whole and is_read and bool(results or source.has_raw)
+    rule_errors = [message for tally in tallies.values() for message in tally.errors]
+    return Report(
+        decide(tallies.values(), errors),
+        _facts(survey, source),
+        RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups),
+        tuple(tallies.values()),
+        funnel if is_judged else None,
+        derived.population,
+        tuple(outcomes),
+        tuple(errors + rule_errors),
+        _own_version(),
+    )
+
+
+def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
+    """The survey whose shards are the raw layer: of `survey` itself, or of the dataset at `raw`."""
+    if raw is None:
+        return survey
+    if survey.has_raw:
+        raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
+    source = take_survey(Path(raw), hash_files=survey.is_hashed)
+    if not source.shard_folders:
+        raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
+    return source
+
+
+def _merge(
+    survey: Survey, results: Sequence[ShardResult], selected: frozenset[str], derived: Mapping[str, Tally]
+) -> dict[str, Tally]:
+    """One tally per rule of the catalogue over the whole dataset."""
+    tallies: dict[str, Tally] = {}
+    for rule_id in CATALOGUE:
+        tally = tallies[rule_id] = Tally(rule_id)
+        if rule_id not in selected:
+            tally.unjudged = "deselected"
+        elif tally.info.scope == "dataset":
+            _judge_survey(survey, tally, tallies)
+        elif tally.info.scope in ("layers", "layer_rows"):
+            if rule_id in derived:
+                tallies[rule_id] = derived[rule_id]
+            elif survey.descriptor is None:
+                tally.unjudged = "the descriptor is unusable"
+            else:
+                tally.is_claimed = False
+        else:
+            for shard in results:
+                tally.add(shard.tallies[rule_id])
+            if survey.descriptor is None:
+                tally.unjudged = "the descriptor is unusable"
+    return tallies
+
+
+def judge_files(survey: Survey) -> list[Tally]:
+    """Tallies of the rules on files and documents alone."""
+    tallies: dict[str, Tally] = {}
+    for rule_id in rules_of("dataset"):
+        tallies[rule_id] = Tally(rule_id)
+        _judge_survey(survey, tallies[rule_id], tallies)
+    return list(tallies.values())
+
+
+def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> None:
+    streams = tally.info.streams
+    if streams and survey.descriptor is not None and not set(streams) & set(survey.descriptor.streams):
+        tally.is_claimed = False
+        return
+    failed = [other for other in tally.info.requires if other in tallies and tallies[other].status == "fail"]
+    if failed:
+        tally.unjudged = f"precondition {failed[0]} failed"
+    elif tally.rule_id == "BD-LAY-002" and not survey.is_hashed:
+        tally.unjudged = "digests are off"
+    else:
+        judge(tally, lambda: RULES[tally.rule_id](survey))
+
+
+def _facts(survey: Survey, source: Survey) -> DatasetFacts:
+    rows: dict[str, int] = {}
+    for shard in survey.shards:
+        for name, count in shard.rows.items():
+            rows[name] = rows.get(name, 0) + count
+    descriptor = survey.descriptor
+    return DatasetFacts(
+        path=printable(str(survey.root)),
+        raw_path=None if source is survey or source.root == survey.root else printable(str(source.root)),
+        dataset_id=descriptor.dataset_id if descriptor else None,
+        dataset_version=descriptor.dataset_version if descriptor else None,
+        identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
+        num_shards=len(survey.shards),
+        num_files=len(survey.files),
+        num_bytes=sum(entry.size for entry in survey.files),
+        num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
+        num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
+        rows=rows,
+    )
+
+
+@cache
+def _own_version() -> str:
+    try:
+        return version("branchdrive")
+    except PackageNotFoundError:
+        return "unknown"

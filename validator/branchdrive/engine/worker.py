@@ -1,0 +1,213 @@
+"""Executors: run one function over many shards, here or in bounded processes.
+
+An executor is a plain function, so that others (a cluster) can take its place. Decoding untrusted
+files belongs into processes with a memory limit; a process that dies takes one shard with it.
+Source: spec/09-security.md#limits.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol, TypeVar
+
+from branchdrive.contract.limits import spec_limits
+from branchdrive.engine.tally import failure_text
+from branchdrive.environment import import_fault, leave_out_pandas
+from branchdrive.errors import PlatformError
+from branchdrive.process import exit_after, spawn_context
+
+__all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Died:
+    """The process that worked on a task died, twice, without an exception, or ran out of memory."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The tool failed on a task, for no reason in the data: an exception, or no process to be had."""
+
+    message: str
+
+
+class Executor(Protocol):
+    """Runs a picklable function over tasks; yields each task's index with its result, in any order.
+
+    A `PlatformError` of a task ends the run: what the machine lacks is no matter of one task.
+    """
+
+    def __call__(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], /
+    ) -> Iterator[tuple[int, Result | Died | Failed]]:
+        """Start the work and yield results as they come."""
+        ...
+
+
+def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
+    """Result of a task, or what its exception says.
+
+    Raises:
+        PlatformError: The machine lacks something; that is the fault of no task.
+    """
+    try:
+        return function(task)
+    except MemoryError:
+        return Died()
+    except PlatformError:
+        raise
+    except ImportError as error:
+        raise import_fault(error, "this command") from error
+    except Exception:  # it must not hide the results of the other tasks
+        return Failed(failure_text(function.__name__))
+
+
+def in_process(
+    function: Callable[[Task], Result], tasks: Sequence[Task], /
+) -> Iterator[tuple[int, Result | Died | Failed]]:
+    """Run every task in this process, in order, without a memory limit."""
+    for index, task in enumerate(tasks):
+        yield index, _attempt(function, task)
+
+
+def _prepare_process(max_bytes: int) -> None:
+    """Let an interrupt end the process at once and in silence, let it end with its parent, and bound its memory."""
+    leave_out_pandas()
+    if (parent := multiprocessing.parent_process()) is not None:
+        exit_after(parent.join)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    try:
+        import resource
+    except ImportError:  # no such limit on this platform
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    soft = max_bytes if hard == resource.RLIM_INFINITY else min(max_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+
+
+@contextmanager
+def _quiet_start() -> Iterator[None]:
+    """Hold interrupts back until a process is started: one that is cut off while it starts tells so at length."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    noted: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    if callable(handler):  # other threads may take the signal, whatever this one blocks
+        signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the new process inherits it
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if callable(handler):
+            signal.signal(signal.SIGINT, handler)
+        if noted:
+            signal.raise_signal(signal.SIGINT)
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(
+        jobs, spawn_context(is_single_threaded=True), _prepare_process, (spec_limits().max_worker_bytes,)
+    )
+
+
+def _import(module: str) -> None:
+    """Load the module of a function, whose tasks would die where it cannot be loaded."""
+    try:
+        import_module(module)
+    except ImportError as error:
+        raise import_fault(error, "a worker process") from error
+
+
+def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
+    """Run one task in a process of its own, so that only its own death is seen."""
+    with _pool(1) as pool:
+        try:
+            with _quiet_start():
+                first = pool.submit(_import, function.__module__)
+            first.result()
+        except BrokenProcessPool:
+            return Failed(
+                "worker processes die before they take up work; a script that validates with worker processes "
+                "needs the guard `if __name__ == '__main__':`"
+            )
+        try:
+            result = pool.submit(_attempt, function, task).result()
+        except BrokenProcessPool:
+            result = Died()
+    if isinstance(result, Died) and (allowed := _allowed_bytes()) < spec_limits().max_worker_bytes:
+        raise PlatformError(
+            f"a worker process died, and processes may take no more than {allowed / 2**30:.1f} GiB of memory here, "
+            f"where a dataset may need {spec_limits().max_worker_bytes / 2**30:.1f} GiB; raise `ulimit -v` and "
+            "`ulimit -d`"
+        )
+    return result
+
+
+def _allowed_bytes() -> float:
+    """Memory that the system lets a process of this one take."""
+    try:
+        import resource
+    except ImportError:  # no such limit on this platform
+        return math.inf
+    limits = [limit for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA) for limit in resource.getrlimit(kind)]
+    return min((float(limit) for limit in limits if limit != resource.RLIM_INFINITY), default=math.inf)
+
+
+def isolated(jobs: int) -> Executor:
+    """Executor over `jobs` processes with the spec's memory limit.
+
+    When a process dies, the tasks that were under way run again, each in a process of its own:
+    the one that kills again is reported as `Died`, the others are not affected.
+    """
+
+    def run(
+        function: Callable[[Task], Result], tasks: Sequence[Task], /
+    ) -> Iterator[tuple[int, Result | Died | Failed]]:
+        waiting = list(range(len(tasks)))[::-1]
+        while waiting:
+            suspects: list[int] = []
+            pool = _pool(min(jobs, len(waiting)))
+            is_broken = False
+            running: dict[Future[Result | Died | Failed], int] = {}
+            try:
+                while (waiting and not is_broken) or running:
+                    while waiting and not is_broken and len(running) < jobs:
+                        try:
+                            with _quiet_start():
+                                future = pool.submit(_attempt, function, tasks[waiting[-1]])
+                        except BrokenProcessPool:  # another task's process died a moment ago
+                            is_broken = True
+                        else:
+                            running[future] = waiting.pop()
+                    done, _ = wait(running, return_when=FIRST_COMPLETED)
+                    for future in done:
+                        index = running.pop(future)
+                        if isinstance(future.exception(), BrokenProcessPool):
+                            is_broken = True
+                            suspects.append(index)
+                        elif isinstance(result := future.result(), Died):
+                            suspects.append(index)
+                        else:
+                            yield index, result
+            finally:
+                pool.shutdown(wait=not is_broken, cancel_futures=True)
+            for index in suspects:
+                yield index, _alone(function, tasks[index])
+
+    return run

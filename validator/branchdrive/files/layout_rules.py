@@ -1,0 +1,198 @@
+"""Layout rules: manifest, digests, paths, kinds of files and limits.
+
+Source: spec/03-layout.md, spec/09-security.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    STAGING_DIR,
+    shard_index,
+    unsafe_reason,
+)
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Check, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.files.survey import Entry, Survey
+from branchdrive.formats.manifest import SAFE_PATH, Manifest
+
+TABLE_FILES = {table.file_name for table in TABLES.values()}
+
+
+@rule("BD-LAY-001")
+def manifest_is_well_formed(survey: Survey) -> Iterator[Check]:
+    """`MANIFEST.sha256` is there and its text parses."""
+    found = [mismatch for mismatch in survey.manifest_mismatches if mismatch.expected != SAFE_PATH]
+    if survey.manifest is None and not found:
+        lacking = "MANIFEST.sha256, written last", "no manifest: writing never finished"
+        found.append(Mismatch({"file": MANIFEST_FILE}, *lacking))
+    yield Check.of(1, tuple(found))
+
+
+@rule("BD-LAY-002")
+def digests_match(survey: Survey) -> Iterator[Check]:
+    """SHA-256 of every listed file that is there equals the manifest's."""
+    stated = survey.manifest.files if survey.manifest else {}
+    read = {path: digest for path, digest in survey.digests.items() if path in stated}
+    found = [
+        Mismatch({"file": path}, f"sha256 {stated[path]}", f"sha256 {digest}")
+        for path, digest in sorted(read.items())
+        if digest != stated[path]
+    ]
+    found += [
+        Mismatch({"file": path}, f"sha256 {stated[path]}", reason)
+        for path, reason in sorted(survey.unreadable.items())
+        if path in stated
+    ]
+    yield Check.of(len(read), tuple(found))
+
+
+@rule("BD-LAY-003")
+def listed_files_exist(survey: Survey) -> Iterator[Check]:
+    """Every path of the manifest is there, and is no folder; links and devices are BD-LAY-006's."""
+    stated = survey.manifest.files if survey.manifest else {}
+    there = {entry.path for entry in survey.entries if entry.kind != "folder"}
+    found = [Mismatch({"file": path}, "the listed file", "no such file") for path in stated if path not in there]
+    yield Check.of(len(stated), tuple(found))
+
+
+@rule("BD-LAY-004")
+def existing_files_are_listed(survey: Survey) -> Iterator[Check]:
+    """Every regular file but the manifest is listed; a writer's working area counts as one file."""
+    stated = survey.manifest.files if survey.manifest else {}
+    files = [e.path for e in survey.files if e.path != MANIFEST_FILE and not e.path.startswith(f"{STAGING_DIR}/")]
+    found = [
+        Mismatch({"file": path}, "a file that the manifest lists", "not listed") for path in files if path not in stated
+    ]
+    if any(entry.path == STAGING_DIR for entry in survey.entries):
+        found.append(
+            Mismatch(
+                {"file": STAGING_DIR},
+                "a finished dataset",
+                "the working area of a command that did not finish, or of a benchmark that waits for `evaluate`; "
+                "go on with it, or delete the folder",
+            )
+        )
+    yield Check.of(len(files), tuple(found))
+
+
+@rule("BD-LAY-005")
+def paths_are_safe(survey: Survey) -> Iterator[Check]:
+    """Neither the manifest nor the folder names a path that leaves the root or is not plain."""
+    found = [mismatch for mismatch in survey.manifest_mismatches if mismatch.expected == SAFE_PATH]
+    for entry in survey.entries:
+        reason = unsafe_reason(entry.path)
+        if reason is not None and "longer" not in reason and "deeper" not in reason:
+            found.append(Mismatch({"file": entry.path}, SAFE_PATH, f"{quote(entry.path)} {reason}"))
+    stated = len(survey.manifest.files) if survey.manifest else 0
+    yield Check.of(stated + len(survey.entries), tuple(found))
+
+
+@rule("BD-LAY-006")
+def only_files_and_folders(survey: Survey) -> Iterator[Check]:
+    """No links, devices, sockets or pipes, and no folder that cannot be listed."""
+    words = {"link": "a symbolic link", "special": "a special file", "unreadable": "nothing that can be read"}
+    found = [
+        Mismatch({"file": e.path}, "a regular file or folder", words[e.kind]) for e in survey.entries if e.kind in words
+    ]
+    yield Check.of(len(survey.entries), tuple(found))
+
+
+@rule("BD-LAY-007")
+def limits_hold(survey: Survey) -> Iterator[Check]:
+    """File count, path length, depth, stored and decoded sizes stay under `limits.json`."""
+    limits = spec_limits()
+    found = []
+    if survey.is_cut or len(survey.files) > limits.max_files:
+        found.append(Mismatch({}, f"at most {limits.max_files} files", f"{len(survey.entries)} names or more"))
+    for entry in survey.entries:
+        reason = unsafe_reason(entry.path)
+        if reason is not None and ("longer" in reason or "deeper" in reason):
+            found.append(Mismatch({"file": entry.path}, "a path within the limits", reason))
+    for shard in survey.shards:
+        found += [
+            Mismatch({"file": path}, "a table within the limits", reason) for path, reason in shard.over_limit.items()
+        ]
+    yield Check.of(len(survey.entries), tuple(found))
+
+
+@rule("BD-LAY-008")
+def derived_digests_recompute(survey: Survey) -> Iterator[Check]:
+    """Layer digests and identity follow from the manifest's file lines."""
+    if survey.manifest is None:
+        yield Check.of(0, ())
+        return
+    derived = Manifest.of(survey.manifest.files)
+    found = []
+    for layer in sorted({*derived.layers, *survey.manifest.layers}):
+        wanted, stated = (
+            derived.layers.get(layer, "no such layer"),
+            survey.manifest.layers.get(layer, "not stated"),
+        )
+        if wanted != stated:
+            found.append(Mismatch({"file": MANIFEST_FILE, "pointer": f"layer {layer}"}, wanted, stated))
+    if derived.identity != survey.manifest.identity:
+        found.append(
+            Mismatch({"file": MANIFEST_FILE, "pointer": "dataset"}, derived.identity, survey.manifest.identity)
+        )
+    yield Check.of(len(derived.layers) + 1, tuple(found))
+
+
+def _has_place(entry: Entry) -> bool:
+    match entry.path.split("/"):
+        case [name]:
+            if entry.kind == "file":
+                return name in (DESCRIPTOR_FILE, MANIFEST_FILE, CARD_FILE, LICENCE_FILE)
+            return name in (RAW_DIR, STAGING_DIR, *LAYERS)
+        case [folder, *_] if folder == STAGING_DIR:
+            return True
+        case [folder, shard] if folder == RAW_DIR:
+            return entry.kind != "file" and shard_index(shard) is not None
+        case [folder, shard, *rest] if folder == RAW_DIR and shard_index(shard) is not None:
+            return len(rest) == 1 and entry.kind == "file"
+        case [folder, _] if folder in LAYERS:
+            if entry.kind != "file":
+                return LAYERS[folder].holds_folder(entry.path)
+            return entry.path in LAYERS[folder].files or LAYERS[folder].admits_free(entry.path)
+        case [folder, _, _] if folder in LAYERS:
+            return entry.kind == "file" and LAYERS[folder].admits_free(entry.path)
+        case _:
+            return False
+
+
+@rule("BD-LAY-009")
+def files_have_a_place(survey: Survey) -> Iterator[Check]:
+    """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media."""
+    plain = [e for e in survey.entries if e.kind in ("file", "folder") and unsafe_reason(e.path) is None]
+    found = [Mismatch({"file": e.path}, "a place in the layout", "none") for e in plain if not _has_place(e)]
+    if survey.descriptor is not None:
+        unclaimed = {RAW_DIR, *LAYERS} - set(survey.descriptor.layers)
+        found += [
+            Mismatch({"file": e.path}, "what claimed layers have", "what no claim covers")
+            for e in plain
+            if e.path in unclaimed
+        ]
+        has_media = "frames" in survey.descriptor.tables
+        claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
+        for files in survey.shard_folders.values():
+            for entry in files:
+                name = entry.path.rsplit("/", 1)[1]
+                if name in TABLE_FILES and name not in claimed:
+                    found.append(
+                        Mismatch({"file": entry.path}, "tables of claimed streams", "a table that no claim covers")
+                    )
+                elif name not in TABLE_FILES and not has_media and _has_place(entry):
+                    found.append(
+                        Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
+                    )
+    yield Check.of(len(plain), tuple(found))

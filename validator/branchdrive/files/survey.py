@@ -1,0 +1,272 @@
+"""The dataset as files and documents: what the parent process sees before and after the shards.
+
+Nothing here trusts a name: folders are walked without following links, files are opened relative
+to the root step by step, documents are bounded. Source: spec/03-layout.md, spec/09-security.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import parse_json, schema_mismatches
+from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    shard_index,
+    unsafe_reason,
+)
+from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive.files.shard_facts import ShardFacts
+from branchdrive.formats.file_error import machine_faults
+from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
+from branchdrive.formats.untrusted import open_file, read_file
+
+__all__ = ["Entry", "Survey", "take_survey"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One name below the root."""
+
+    path: str
+    kind: Literal["file", "folder", "link", "special", "unreadable"]
+    size: int
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Everything known about a dataset as files and documents.
+
+    Attributes:
+        root: The dataset folder.
+        entries: Every name below the root, sorted by path; cut off at the limit on files.
+        is_cut: Whether `entries` is cut off.
+        manifest: What the manifest states; ``None`` if there is none.
+        manifest_mismatches: What is wrong with the manifest's text.
+        document: The descriptor's JSON; ``None`` if it does not parse.
+        document_error: Why it does not parse.
+        schema_mismatches: Where the descriptor breaks its schema.
+        conflicts: Where it contradicts itself.
+        descriptor: The typed descriptor, ``None`` unless it is sound.
+        is_hashed: Whether digests are computed.
+        digests: SHA-256 of every file that was read, by path.
+        unreadable: Why files that digests need could not be read, by path.
+        shards: Results of the shards, by folder.
+    """
+
+    root: Path
+    entries: tuple[Entry, ...] = ()
+    is_cut: bool = False
+    manifest: Manifest | None = None
+    manifest_mismatches: tuple[Mismatch, ...] = ()
+    document: Any = None
+    document_error: str | None = None
+    schema_mismatches: tuple[Mismatch, ...] = ()
+    conflicts: tuple[Mismatch, ...] = ()
+    descriptor: Descriptor | None = None
+    is_hashed: bool = True
+    digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    shards: tuple[ShardFacts, ...] = ()
+
+    @cached_property
+    def files(self) -> tuple[Entry, ...]:
+        """Regular files with safe paths: all that is ever opened."""
+        return tuple(e for e in self.entries if e.kind == "file" and unsafe_reason(e.path) is None)
+
+    @cached_property
+    def shard_folders(self) -> dict[str, tuple[Entry, ...]]:
+        """Files of each raw shard folder, in order of the folders."""
+        folders: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            parts = entry.path.split("/")
+            is_inside = len(parts) > 2 or (len(parts) == 2 and entry.kind == "folder")
+            if is_inside and parts[0] == RAW_DIR and shard_index(parts[1]) is not None:
+                files = folders.setdefault("/".join(parts[:2]), [])
+                if entry.kind == "file" and unsafe_reason(entry.path) is None:
+                    files.append(entry)
+        return {folder: tuple(files) for folder, files in sorted(folders.items())}
+
+    @cached_property
+    def release_files(self) -> tuple[str, ...]:
+        """Files of the derived layers that the descriptor claims, with card and licence beside them."""
+        if self.descriptor is None or not self.descriptor.derived_layers:
+            return ()
+        claimed = {path for layer in self.descriptor.derived_layers for path in LAYERS[layer].files}
+        claimed |= {CARD_FILE, LICENCE_FILE}
+        layers = [LAYERS[layer] for layer in self.descriptor.derived_layers]
+        return tuple(
+            entry.path
+            for entry in self.files
+            if entry.path in claimed or any(layer.admits_free(entry.path) for layer in layers)
+        )
+
+    def is_damaged(self, path: str) -> bool:
+        """Whether the file was read and its digest is not the manifest's."""
+        stated = self.manifest.files.get(path) if self.manifest else None
+        return stated is not None and self.digests.get(path, stated) != stated
+
+    def is_condemned(self, path: str) -> bool:
+        """Whether other rules already say that the file is missing, unreadable or damaged."""
+        is_missing = self.manifest is not None and path in self.manifest.files and path not in self.paths
+        return is_missing or path in self.unreadable or self.is_damaged(path)
+
+    @cached_property
+    def paths(self) -> frozenset[str]:
+        """Every path below the root."""
+        return frozenset(entry.path for entry in self.entries)
+
+    @property
+    def has_raw(self) -> bool:
+        """Whether the dataset holds shards, or should."""
+        claims = self.descriptor is None or self.descriptor.has_raw
+        return claims or bool(self.shard_folders)
+
+    @property
+    def is_read(self) -> bool:
+        """Whether anything that has part in the identity was read."""
+        return bool(self.shards) or bool(self.release_files)
+
+    def with_digests(self, digests: Mapping[str, str], unreadable: Mapping[str, str]) -> Survey:
+        """This survey with digests of further files."""
+        return replace(self, digests={**self.digests, **digests}, unreadable={**self.unreadable, **unreadable})
+
+    def with_shards(self, shards: tuple[ShardFacts, ...]) -> Survey:
+        """This survey with the shards' results and digests merged in."""
+        digests, unreadable = dict(self.digests), dict(self.unreadable)
+        for shard in shards:
+            digests.update(shard.digests)
+            unreadable.update(shard.unreadable)
+        return replace(self, shards=shards, digests=digests, unreadable=unreadable)
+
+
+def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
+    entries: list[Entry] = []
+    folders = [""]
+    while folders:
+        folder = folders.pop()
+        try:
+            with machine_faults(root / folder), os.scandir(root / folder) as listing:
+                names = sorted(islice(listing, 2 * limits.max_files + 1), key=lambda entry: entry.name)
+        except OSError:
+            if not folder:
+                raise
+            entries.append(Entry(folder, "unreadable", 0))
+            continue
+        for name in names:
+            path = f"{folder}/{name.name}" if folder else name.name
+            entries.append(_entry(path, name))
+            # One folder below the deepest allowed one, so that what lies too deep is seen.
+            if entries[-1].kind == "folder" and path.count("/") <= limits.max_depth:
+                folders.append(path)
+            if len(entries) > 2 * limits.max_files:
+                return entries, True
+    return sorted(entries, key=lambda entry: entry.path), False
+
+
+def _entry(path: str, name: os.DirEntry[str]) -> Entry:
+    try:
+        with machine_faults(name.path):
+            status = name.stat(follow_symlinks=False)
+    except OSError:
+        return Entry(path, "unreadable", 0)
+    if stat.S_ISREG(status.st_mode):
+        return Entry(path, "file", status.st_size)
+    if stat.S_ISDIR(status.st_mode):
+        return Entry(path, "folder", 0)
+    return Entry(path, "link" if stat.S_ISLNK(status.st_mode) else "special", 0)
+
+
+def _digest(root: Path, path: str) -> str:
+    with open_file(root, path) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
+    try:
+        return Descriptor.model_validate(document), ()
+    except ValidationError as error:
+        found = (
+            Mismatch({"pointer": "".join(f"/{part}" for part in e["loc"]) or "/"}, e["msg"], ascii(e["input"])[:160])
+            for e in error.errors(include_url=False, include_context=False)
+        )
+        return None, tuple(found)
+
+
+def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
+    """Fields of a `Survey` that describe the descriptor, as far as reading gets."""
+    try:
+        content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes)
+        yield "digests", {DESCRIPTOR_FILE: hashlib.sha256(content).hexdigest()}
+        document = parse_json(content, limits)
+    except (DatasetError, OSError, ValueError, RecursionError) as error:
+        yield "document_error", str(error)
+        return
+    yield "document", document
+    if not isinstance(document, dict) or document.get("spec_version") != SPEC_VERSION:
+        return
+    mismatches = tuple(schema_mismatches(document, "descriptor.schema.json"))
+    yield "schema_mismatches", mismatches
+    if not mismatches:
+        descriptor, conflicts = _conflicts(document)
+        yield "descriptor", descriptor
+        yield "conflicts", conflicts
+
+
+def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
+    """Survey of the dataset at `root`, without its shards.
+
+    Raises:
+        UsageError: There is no dataset at `root`.
+    """
+    limits = limits or spec_limits()
+    if not root.is_dir():
+        raise UsageError(f"{str(root)!r} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
+    if not any((root / name).exists() for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):
+        raise UsageError(
+            f"{str(root)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
+        )
+    entries, is_cut = _walk(root, limits)
+    survey = Survey(root, tuple(entries), is_cut, is_hashed=hash_files, **dict(_read_descriptor(root, limits)))
+    if any(entry.path == MANIFEST_FILE for entry in entries):
+        try:
+            manifest, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, limits.max_manifest_bytes), limits)
+            survey = replace(survey, manifest=manifest, manifest_mismatches=tuple(mismatches))
+        except (DatasetError, OSError) as error:
+            survey = replace(survey, manifest_mismatches=(malformed(0, str(error)),))
+    return _hash_outside(survey) if hash_files else replace(survey, digests={})
+
+
+def _hash_outside(survey: Survey) -> Survey:
+    """Digest what lies outside the shards and was not read yet."""
+    digests, unreadable = dict(survey.digests), {}
+    read_by_others = {entry.path for files in survey.shard_folders.values() for entry in files}
+    read_by_others |= {MANIFEST_FILE, *digests, *survey.release_files}
+    limit = spec_limits().max_media_bytes
+    for path, size in [(e.path, e.size) for e in survey.files if e.path not in read_by_others]:
+        if size > limit:
+            unreadable[path] = f"has {size} bytes; the limit is {limit}"
+            continue
+        try:
+            digests[path] = _digest(survey.root, path)
+        except (DatasetError, OSError) as error:
+            unreadable[path] = str(error)
+    return replace(survey, digests=digests, unreadable=unreadable)

@@ -1,0 +1,1 @@
+"""Bytes of files: Parquet, manifest, untrusted names, durable writes."""

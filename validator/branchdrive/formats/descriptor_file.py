@@ -1,0 +1,64 @@
+"""The file `branchdrive.json`: a dataset's descriptor as bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import dump_json, parse_json
+from branchdrive.contract.layout import DESCRIPTOR_FILE
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import DatasetError
+from branchdrive.formats.untrusted import read_file
+
+__all__ = ["differing_fields", "read_descriptor", "render_descriptor"]
+
+_SHOWN_CHARACTERS = 40
+
+
+def render_descriptor(descriptor: Descriptor) -> bytes:
+    """Canonical bytes of a descriptor."""
+    return dump_json(descriptor.model_dump(mode="json"))
+
+
+def read_descriptor(root: Path) -> Descriptor:
+    """The descriptor of the dataset at `root`.
+
+    Raises:
+        DatasetError: There is none, or it does not conform to its schema.
+    """
+    content = read_file(root, DESCRIPTOR_FILE, spec_limits().max_document_bytes)
+    try:
+        return Descriptor.model_validate(parse_json(content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "/".join(map(str, first["loc"])) or "the document"
+        problem = f"{place}: {first['msg']} ({error.error_count()} problems)"
+    except ValueError as error:
+        problem = str(error)
+    raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is no descriptor: {problem}; run `branchdrive-validate`")
+
+
+def differing_fields(root: Path, descriptor: Descriptor) -> list[str]:
+    """What tells the dataset at `root` from `descriptor`, one text for every field that differs.
+
+    Raises:
+        DatasetError: The dataset's descriptor cannot be read.
+    """
+    found = read_descriptor(root).model_dump(mode="json")
+    texts = _differences("", found, descriptor.model_dump(mode="json"))
+    return texts or [f"{DESCRIPTOR_FILE!r} is formatted otherwise"]
+
+
+def _differences(place: str, found: Any, given: Any) -> list[str]:
+    if isinstance(found, dict) and isinstance(given, dict):
+        names = [*found, *(name for name in given if name not in found)]
+        pairs = ((f"{place}.{name}" if place else name, found.get(name), given.get(name)) for name in names)
+        return [text for pair in pairs for text in _differences(*pair)]
+    if found == given:
+        return []
+    shown = [repr(value) if len(repr(value)) <= _SHOWN_CHARACTERS else "" for value in (found, given)]
+    return [f"{place} is {shown[0]}, not {shown[1]}" if all(shown) else f"{place} differs"]

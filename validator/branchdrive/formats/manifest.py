@@ -1,0 +1,292 @@
+"""The manifest `MANIFEST.sha256`: a digest of every file, of every layer, and the dataset's identity.
+
+The text is what ``sha256sum -c`` reads, with the derived digests in comment lines on top::
+
+    # branchdrive-manifest 0.1
+    # layer raw <64 hexadecimal digits>
+    # dataset <64 hexadecimal digits>
+    <64 hexadecimal digits>  raw/shard-00000/controls.parquet
+
+Source: spec/03-layout.md#manifest, #digests, #identity.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from branchdrive.contract.layout import (
+    IDENTITY_LAYERS,
+    LAYERS,
+    MANIFEST_FILE,
+    RAW_DIR,
+    STAGING_DIR,
+    layer_of,
+    unsafe_reason,
+)
+from branchdrive.contract.limits import Limits, spec_limits
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.errors import DatasetError
+from branchdrive.formats.durable import partial_path, replace_file
+from branchdrive.formats.untrusted import open_file, read_file
+
+__all__ = [
+    "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "malformed", "parse_manifest",
+    "write_manifest",
+]  # fmt: skip
+
+_HEADER = "# branchdrive-manifest 0.1"
+_LAYER_LINE = re.compile(r"# layer ([a-z]+) ([0-9a-f]{64})")
+_DATASET_LINE = re.compile(r"# dataset ([0-9a-f]{64})")
+_FILE_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+_DIGEST_COLUMNS = 66
+_MAX_MISMATCHES = 100
+
+WELL_FORMED = "a well-formed manifest"
+"""What is expected of a manifest's text."""
+
+SAFE_PATH = "a safe relative path"
+"""What is expected of a path: another is one that no dataset may name."""
+
+
+def malformed(line: int, message: str) -> Mismatch:
+    """What is wrong with a line of a manifest's text; lines count from 1, line 0 is the whole file."""
+    return Mismatch({"file": MANIFEST_FILE}, WELL_FORMED, f"line {line} {message}")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a manifest states. It may state wrong digests: compare it with ``Manifest.of(manifest.files)``.
+
+    Attributes:
+        files: SHA-256 of every file by path relative to the root, hexadecimal.
+        layers: Digest of every layer that has files, in the order of `LAYERS`.
+        identity: Identity of the dataset.
+    """
+
+    files: Mapping[str, str]
+    layers: Mapping[str, str]
+    identity: str
+
+    @classmethod
+    def of(cls, files: Mapping[str, str]) -> Manifest:
+        """The manifest whose layer digests and identity follow from `files`.
+
+        ``layer = SHA-256(its file lines)``, ``identity = SHA-256(layer lines of IDENTITY_LAYERS)``.
+        """
+        lines: dict[str, list[str]] = {}
+        for path in sorted(files):
+            layer = layer_of(path)
+            if layer is not None:
+                lines.setdefault(layer, []).append(_file_line(files[path], path))
+        layers = {layer: _digest(lines[layer]) for layer in LAYERS if layer in lines}
+        identity = _digest([f"layer {name} {layers[name]}\n" for name in IDENTITY_LAYERS if name in layers])
+        return cls({path: files[path] for path in sorted(files)}, layers, identity)
+
+    def render(self) -> bytes:
+        """The manifest's text."""
+        head = [f"{_HEADER}\n"]
+        head += [f"# layer {name} {self.layers[name]}\n" for name in LAYERS if name in self.layers]
+        head += [f"# dataset {self.identity}\n"]
+        return "".join(head + [_file_line(self.files[path], path) for path in sorted(self.files)]).encode()
+
+    def __repr__(self) -> str:
+        return f"Manifest({len(self.files)} files, layers {list(self.layers)}, identity {self.identity!r})"
+
+
+def derived_identity(files: Mapping[str, str]) -> str:
+    """Identity that a release of these files has without its raw layer, so that it is one in place and detached."""
+    derived = {path: digest for path, digest in files.items() if layer_of(path) in {*IDENTITY_LAYERS} - {RAW_DIR}}
+    return Manifest.of(derived).identity
+
+
+def _file_line(digest: str, path: str) -> str:
+    return f"{digest}  {path}\n"
+
+
+def _digest(lines: list[str]) -> str:
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def parse_manifest(content: bytes, limits: Limits | None = None) -> tuple[Manifest, list[Mismatch]]:
+    """Read a manifest that may be hostile.
+
+    Returns:
+        What could be read, and what is wrong with the text: at most 100 mismatches, reading stops there.
+        Whether the stated layer digests and identity follow from the files is not judged here.
+    """
+    limits = limits or spec_limits()
+    if len(content) > limits.max_manifest_bytes:
+        too_long = malformed(0, f"has {len(content)} bytes; the limit is {limits.max_manifest_bytes}")
+        return Manifest({}, {}, ""), [too_long]
+    reading = _Reading(limits)
+    number = 0
+    for number, line in _lines(content):
+        reading.take(number, line)
+        if reading.is_over:
+            break
+    reading.end(number, terminated=content.endswith(b"\n"))
+    return Manifest(reading.files, reading.layers, reading.identity), reading.mismatches
+
+
+def _lines(content: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Numbered lines without their line feed, none of them copied."""
+    view = memoryview(content)
+    number = start = 0
+    while start < len(content):
+        number += 1
+        end = content.find(b"\n", start)
+        end = len(content) if end < 0 else end
+        yield number, view[start:end]
+        start = end + 1
+
+
+class _Reading:
+    """State of one pass over a manifest's lines."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.files: dict[str, str] = {}
+        self.layers: dict[str, str] = {}
+        self.identity = ""
+        self.mismatches: list[Mismatch] = []
+        self.is_over = False
+        self._limits = limits
+        self._last_path = ""
+
+    def take(self, number: int, line: memoryview) -> None:
+        """Read line `number`."""
+        text = self._text(number, line)
+        if text is None:
+            return
+        if number == 1:
+            if text != _HEADER:
+                self._report(number, f"expected {_HEADER!r}, found {text[:80]!r}")
+        elif text.startswith("#"):
+            self._take_digest(number, text)
+        else:
+            self._take_file(number, text)
+
+    def end(self, number: int, *, terminated: bool) -> None:
+        """Judge the text as a whole after its last line."""
+        if number == 0:
+            self._report(1, f"expected {_HEADER!r}, found an empty file")
+        elif not self.is_over:
+            if not terminated:
+                self._report(number, "the last line has no line feed; the manifest may be cut off")
+            if not self.identity:
+                self._report(number, "states no dataset identity: the line `# dataset <digest>` is missing")
+
+    def _text(self, number: int, line: memoryview) -> str | None:
+        if len(line) > _DIGEST_COLUMNS + self._limits.max_path_bytes:
+            self._report(number, f"has {len(line)} bytes, more than a digest and the longest allowed path")
+            return None
+        try:
+            return bytes(line).decode("utf-8")
+        except UnicodeDecodeError as error:
+            self._report(number, f"is not UTF-8 at byte {error.start}")
+            return None
+
+    def _take_digest(self, number: int, text: str) -> None:
+        if self.files:
+            self._report(number, f"comment lines stand above the files; found {text[:80]!r}")
+        elif match := _LAYER_LINE.fullmatch(text):
+            later = LAYERS[LAYERS.index(match[1]) :] if match[1] in LAYERS else ()
+            if not later or self.identity or any(name in self.layers for name in later):
+                self._report(number, f"layers are {', '.join(LAYERS)}, once each, in this order; found {match[1]!r}")
+            else:
+                self.layers[match[1]] = match[2]
+        elif (match := _DATASET_LINE.fullmatch(text)) and not self.identity:
+            self.identity = match[1]
+        else:
+            self._report(number, f"is no layer or dataset line of this version, or repeats one: {text[:80]!r}")
+
+    def _take_file(self, number: int, text: str) -> None:
+        match = _FILE_LINE.fullmatch(text)
+        if match is None:
+            form = "64 lower-case hexadecimal digits, two blanks and a path"
+            self._report(number, f"expected {form}, found {text[:80]!r}")
+            return
+        digest, path = match.groups()
+        reason = unsafe_reason(path, self._limits)
+        if reason is not None:
+            self._note(number, Mismatch({"file": MANIFEST_FILE}, SAFE_PATH, f"path {path!r} {reason}"))
+        elif path == MANIFEST_FILE:
+            self._report(number, "lists the manifest itself")
+        elif path in self.files:
+            self._report(number, f"path {path!r} is listed twice")
+        elif len(self.files) == self._limits.max_files:
+            self._report(number, f"lists more than {self._limits.max_files} files; the rest was not read")
+            self.is_over = True
+        else:
+            if path < self._last_path:
+                self._report(number, f"path {path!r} is out of order; paths are sorted by their bytes")
+            self._last_path = path
+            self.files[path] = digest
+
+    def _report(self, number: int, message: str) -> None:
+        self._note(number, malformed(number, message))
+
+    def _note(self, number: int, mismatch: Mismatch) -> None:
+        self.mismatches.append(mismatch)
+        if len(self.mismatches) == _MAX_MISMATCHES - 1:
+            self.mismatches.append(malformed(number, "has too many problems; the rest was not read"))
+            self.is_over = True
+
+
+def build_manifest(root: Path) -> Manifest:
+    """Digest every file below `root`, except the manifest itself and a writer's working area.
+
+    Raises:
+        DatasetError: The dataset holds a link, a special file or an unsafe path.
+    """
+    return Manifest.of({path: _file_digest(root, path) for path in _files_below(root)})
+
+
+def check_against_manifest(root: Path) -> Manifest:
+    """Manifest of a finished dataset whose files are exactly those that it lists.
+
+    Raises:
+        DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
+    """
+    stated, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    found = build_manifest(root)
+    if mismatches or stated != found:
+        paths = sorted(path for path, _ in set(stated.files.items()) ^ set(found.files.items()))
+        what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
+        raise DatasetError(f"{root}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")
+    return found
+
+
+def _files_below(root: Path) -> Iterator[str]:
+    not_listed = {MANIFEST_FILE, partial_path(root / MANIFEST_FILE).name, STAGING_DIR}
+    folders = [""]
+    while folders:
+        folder = folders.pop()
+        with os.scandir(root / folder) as entries:
+            for entry in entries:
+                if not folder and entry.name in not_listed:
+                    continue
+                path = f"{folder}/{entry.name}" if folder else entry.name
+                reason = unsafe_reason(path)
+                if reason is not None:
+                    raise DatasetError(f"{root}: path {path!r} {reason}; rename it before the dataset is finished")
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(path)
+                elif entry.is_file(follow_symlinks=False):
+                    yield path
+                else:
+                    raise DatasetError(f"{root}: {path!r} is a link or a special file; put a regular file in its place")
+
+
+def _file_digest(root: Path, path: str) -> str:
+    with open_file(root, path) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def write_manifest(root: Path, manifest: Manifest) -> None:
+    """Write the manifest into `root`: durable, and never visible in parts."""
+    replace_file(root / MANIFEST_FILE, manifest.render())

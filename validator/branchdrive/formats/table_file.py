@@ -1,0 +1,70 @@
+"""One stored table: a Parquet file of unknown origin, read whole, within limits, with the declared columns.
+
+Source: spec/03-layout.md#tables, spec/09-security.md#limits.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.formats.parquet import decode_table, written_out_bytes
+from branchdrive.formats.untrusted import read_file
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["conform", "read_table"]
+
+
+def read_table(root: Path, path: str, name: str) -> pa.Table:
+    """The table `name` in the file `path` below `root`, as stored: text as dictionaries, with the file's metadata.
+
+    Raises:
+        DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
+            text would be larger than a decoded table may be, written out for every row.
+    """
+    content = read_file(root, path, spec_limits().max_table_bytes)
+    try:
+        table = decode_table(content, name)
+    except DecodeError as error:
+        raise DatasetError(f"{root}: {path!r}: {error}") from error
+    schema = table_schema(name)
+    found, declared = _types(table.schema), _types(schema)
+    if found != declared:
+        columns = sorted(column for column in found | declared if found.get(column) != declared.get(column))
+        home = "columns.json" if name in TABLES else "layers.json"
+        raise DatasetError(f"{root}: {path!r}: columns {columns} are not as {home} declares")
+    nulls = [field.name for field in schema if not field.nullable and table.column(field.name).null_count]
+    if nulls:
+        raise DatasetError(f"{root}: {path!r}: columns {nulls} hold nulls and must not")
+    num_bytes, limit = written_out_bytes(table), spec_limits().max_table_decoded_bytes
+    if num_bytes > limit:
+        raise DatasetError(
+            f"{root}: {path!r}: its text is {num_bytes:,} bytes long, written out for every row, "
+            f"and may be {limit:,}; run `branchdrive-validate`"
+        )
+    return table
+
+
+def conform(table: pa.Table, name: str) -> pa.Table:
+    """`table` with exactly the declared schema of the table `name`: plain strings, declared metadata."""
+    import pyarrow as pa
+
+    schema = table_schema(name)
+    columns = [table.column(field.name).cast(field.type) for field in schema]
+    return pa.Table.from_arrays(columns, schema=schema).combine_chunks()
+
+
+def _types(schema: pa.Schema) -> dict[str, pa.DataType]:
+    """Type of every column by name, text without its dictionary and lists without the name of their element."""
+    import pyarrow as pa
+
+    types = {}
+    for field in schema:
+        type_ = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        types[field.name] = pa.list_(type_.value_type) if pa.types.is_list(type_) else type_
+    return types

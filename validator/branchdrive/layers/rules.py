@@ -1,0 +1,121 @@
+"""Layer rules: files, documents, keys, values, nulls and order of the derived layers.
+
+Source: spec/10-layers.md#tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
+from branchdrive.layers.view import ReleaseView
+from branchdrive.raw.rules.values import (
+    masks_agree_with_values,
+    required_columns_hold_no_null,
+    text_matches_pattern,
+    values_are_finite,
+    values_lie_in_range,
+    words_belong_to_vocabulary,
+)
+from branchdrive.tables.frame import repeated_rows, sort_rows
+
+
+@rule("BD-LYR-001")
+def layers_have_their_files(view: ReleaseView) -> Iterator[Check]:
+    """Every file of a claimed layer is there."""
+    wanted = [path for layer in view.descriptor.derived_layers for path in LAYERS[layer].required_files]
+    mismatches = [
+        Mismatch({"file": p}, "a file of a claimed layer", "no such file") for p in wanted if p not in view.files
+    ]
+    yield Check.of(len(wanted), mismatches)
+
+
+def _noted(view: ReleaseView, rule_id: str, examined: int) -> Iterator[Check]:
+    yield Check.of(examined, view.mismatches.get(rule_id, ()))
+
+
+def _num_there(view: ReleaseView, suffix: str) -> int:
+    paths = (path for layer in view.descriptor.derived_layers for path in LAYERS[layer].files)
+    return sum(path in view.files and path.endswith(suffix) for path in paths)
+
+
+@rule("BD-LYR-002")
+def layer_tables_decode(view: ReleaseView) -> Iterator[Check]:
+    """Every page of every table of a claimed layer decodes within the limits."""
+    yield from _noted(view, "BD-LYR-002", _num_there(view, ".parquet"))
+
+
+@rule("BD-LYR-003")
+def layer_tables_have_declared_columns(view: ReleaseView) -> Iterator[Check]:
+    """Names and types of the columns are those of layers.json: a column of another track has no place here."""
+    yield from _noted(view, "BD-LYR-003", _num_there(view, ".parquet"))
+
+
+@rule("BD-LYR-004")
+def layer_columns_carry_metadata(view: ReleaseView) -> Iterator[Check]:
+    """Unit, frame, shape and track of every column are recorded as declared."""
+    yield from _noted(view, "BD-LYR-004", len(view.table_names))
+
+
+@rule("BD-LYR-005")
+def layer_documents_conform(view: ReleaseView) -> Iterator[Check]:
+    """Every document parses within the limits and meets its schema."""
+    yield from _noted(view, "BD-LYR-005", _num_there(view, ".json"))
+
+
+@rule("BD-LYR-006")
+def layer_keys_are_unique(view: ReleaseView) -> Iterator[Check]:
+    """No two rows of a table have one key; that no part of a key is null is the matter of another rule."""
+    for name in view.table_names:
+        frame = view.rows(name)
+        bad = repeated_rows(frame, LAYER_TABLES[name].key)
+        yield Check.of_rows(
+            name, None, len(view.tables[name]), bad, lambda _: ("a key of its own", "the key of another row")
+        )
+
+
+@rule("BD-LYR-007")
+def layer_values_are_as_declared(view: ReleaseView) -> Iterator[Check]:
+    """Numbers are finite and in range, words in the vocabulary, text in its pattern."""
+    for check in (values_are_finite, values_lie_in_range, words_belong_to_vocabulary, text_matches_pattern):
+        yield from check(view)
+
+
+@rule("BD-LYR-008")
+def layer_nulls_follow_masks(view: ReleaseView) -> Iterator[Check]:
+    """A masked column is null exactly where its mask is off, and no other column holds a null."""
+    for check in (required_columns_hold_no_null, masks_agree_with_values):
+        yield from check(view)
+
+
+def _elsewhere(num_rows: int, _row: int) -> tuple[str, str]:
+    return "rows in the order of their key", f"{num_rows} rows elsewhere"
+
+
+@rule("BD-LYR-009")
+def layer_rows_are_sorted(view: ReleaseView) -> Iterator[Check]:
+    """Rows ascend by key, action keys in the order of the bank."""
+    orders = {"action_key": view.descriptor.action_bank.keys}
+    for name in view.table_names:
+        try:
+            frame = view.frame(name)
+        except PreconditionError:
+            continue
+        key = LAYER_TABLES[name].key
+        ordered = sort_rows(
+            {**{part: frame[part] for part in key}, "row": np.arange(len(view.tables[name]))}, key, orders
+        )
+        bad = np.flatnonzero(ordered["row"] != np.arange(len(ordered["row"])))
+        yield Check.of_rows(
+            name,
+            None,
+            len(view.tables[name]),
+            bad[:1],
+            partial(_elsewhere, len(bad)),
+        )

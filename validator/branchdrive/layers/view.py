@@ -1,0 +1,193 @@
+"""The derived layers of a dataset as rules see them: decoded tables, parsed documents, and what raw says instead.
+
+Source: spec/10-layers.md#derivation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from copy import copy
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layer import LAYERS, layer_of_table
+from branchdrive.contract.layout import SOURCE_FILE
+from branchdrive.contract.mismatch import Mismatch, PreconditionError
+from branchdrive.tables.arrow import from_arrow
+from branchdrive.tables.frame import Alignment, Frame, Values, align, take
+from branchdrive.tables.view import TableView
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+__all__ = ["RawLayer", "ReleaseView"]
+
+T = TypeVar("T")
+
+
+class RawLayer:
+    """The raw layer that a release was derived from, as far as it is at hand.
+
+    Attributes:
+        extract: Rows that it gives, by table; ``None`` where it is not at hand.
+        reason: Why it is not.
+        digest: Digest of the layer; ``None`` where it was not computed.
+        descriptor: Its dataset's descriptor; ``None`` where it is not at hand.
+    """
+
+    def __init__(
+        self,
+        extract: Mapping[str, Frame] | None,
+        reason: str = "",
+        *,
+        digest: str | None = None,
+        descriptor: Descriptor | None = None,
+    ) -> None:
+        self.extract = extract
+        self.reason = reason
+        self.digest = digest
+        self.descriptor = descriptor
+
+
+class ReleaseView:
+    """Derived layers of one dataset.
+
+    Attributes:
+        descriptor: The dataset's descriptor.
+        tables: Decoded tables with the declared columns, by name.
+        documents: Parsed documents that conform to their schema, by path.
+        contents: Bytes of every document and text file that was read, by path.
+        raw: The raw layer.
+        mismatches: Those that were found while files were read, by rule id.
+        files: Paths of all files of the derived layers and of the root.
+        digests: SHA-256 of the files that were read, by path; empty where digests are off.
+        sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
+    """
+
+    def __init__(
+        self,
+        descriptor: Descriptor,
+        tables: Mapping[str, pa.Table],
+        documents: Mapping[str, Any],
+        contents: Mapping[str, bytes],
+        raw: RawLayer,
+        files: frozenset[str],
+        mismatches: Mapping[str, list[Mismatch]] | None = None,
+        *,
+        digests: Mapping[str, str] | None = None,
+        sizes: Mapping[str, int] | None = None,
+    ) -> None:
+        self.descriptor = descriptor
+        self.tables = tables
+        self.documents = documents
+        self.contents = contents
+        self.raw = raw
+        self.files = files
+        self.digests = dict(digests or {})
+        self.sizes = dict(sizes or {})
+        self.mismatches = dict(mismatches or {})
+        self._frames: dict[str, dict[str, Values]] = {}
+        self._expected: dict[str, Frame] = {}
+        self._aligned: dict[str, Alignment] = {}
+        self._computed: dict[Callable[[ReleaseView], Any], Any] = {}
+        self._broken: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        return f"ReleaseView({sorted(self.tables)}, {len(self.documents)} documents)"
+
+    @cached_property
+    def table_names(self) -> tuple[str, ...]:
+        """Decoded tables of the claimed layers, in declared order."""
+        return tuple(name for name in LAYER_TABLES if name in self.tables)
+
+    def __getitem__(self, table: str) -> TableView:
+        """Typed columns of a decoded table."""
+        return TableView(table, self.tables[table])
+
+    def without(self, broken: Collection[str]) -> ReleaseView:
+        """This view for rules that require others, without the tables that fail those; it shares what was computed."""
+        view = copy(self)
+        view._broken = frozenset(broken)
+        return view
+
+    def claims(self, layer: str) -> bool:
+        """Whether the dataset claims the layer."""
+        return layer in self.descriptor.layers
+
+    def frame(self, table: str) -> Frame:
+        """Rows of a stored table.
+
+        Raises:
+            PreconditionError: It is missing or breaks its structure.
+        """
+        if table not in self.tables or table in self._broken:
+            raise PreconditionError(f"{layer_of_table(table)}/{table}.parquet is missing or breaks the format")
+        return self.rows(table)
+
+    def rows(self, table: str) -> Frame:
+        """Rows of a decoded table, whatever rules say about them."""
+        if table not in self._frames:
+            self._frames[table] = from_arrow(self.tables[table], table)
+        return self._frames[table]
+
+    def document(self, path: str) -> Any:
+        """A stored document that conforms to its schema.
+
+        Raises:
+            PreconditionError: It is missing or does not conform.
+        """
+        if path not in self.documents:
+            raise PreconditionError(f"{path} is missing or breaks its schema")
+        return self.documents[path]
+
+    @property
+    def extract(self) -> Mapping[str, Frame]:
+        """What the raw layer says.
+
+        Raises:
+            PreconditionError: It is not at hand, or is another than the release names.
+        """
+        if self.raw.extract is None:
+            raise PreconditionError(self.raw.reason)
+        named = self.documents.get(SOURCE_FILE, {}).get("raw_layer", self.raw.digest)
+        if self.raw.digest not in (None, named):
+            raise PreconditionError("the raw layer at hand is not the one that the release names")
+        return self.raw.extract
+
+    def expected(self, table: str) -> Frame:
+        """Rows that the raw layer gives for a table, as far as raw alone decides them.
+
+        The model layer holds the groups of its contexts, so its tables are expected for those that raw has.
+
+        Raises:
+            PreconditionError: The raw layer, or the contexts, are not at hand.
+        """
+        if table not in self._expected:
+            frame = self.extract[table]
+            if table in LAYERS["model"].tables:
+                wanted = set(self.frame("contexts")["group_id"].tolist())
+                frame = take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
+            self._expected[table] = frame
+        return self._expected[table]
+
+    def aligned(self, table: str) -> Alignment:
+        """Pairs of expected and stored rows of a table.
+
+        Raises:
+            PreconditionError: One of both is not at hand.
+        """
+        if table not in self._aligned:
+            self._aligned[table] = align(self.expected(table), self.frame(table), LAYER_TABLES[table].key)
+        return self._aligned[table]
+
+    def once(self, compute: Callable[[ReleaseView], T]) -> T:
+        """Result of `compute` on this view, computed on first use: what several rules need."""
+        if compute not in self._computed:
+            self._computed[compute] = compute(self)
+        result: T = self._computed[compute]
+        return result

@@ -1,0 +1,1 @@
+"""The leakage audit: what precedes the branch must not tell the action."""

@@ -1,0 +1,184 @@
+"""The leakage audit as one document, conforming to `schemas/v0.1/leakage.schema.json`.
+
+It has the gate, which decides what a release may claim, and beside it the paper's battery, a diagnostic. The
+work falls into parts, each a function of inputs, seed, protocol and classifier alone, and a caller can keep
+every part, so that an audit that was interrupted goes on where it was.
+
+Source: this project's choice; paper VI-A for the battery.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.gate import Gate, Place, leakage_gate
+from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features
+from branchdrive.leakage.parity import Part, ways
+from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
+from branchdrive.leakage.score import judged_battery
+from branchdrive.leakage.sensitivity import PATTERNS, Sensitivity
+from branchdrive.quality.threshold import VARIABLES
+
+__all__ = ["audit_key", "audit_leakage", "described_inputs", "gate_as_json", "place_as_json"]
+
+Remember = Callable[[str, Callable[[], dict[str, Any]]], dict[str, Any]]
+Progress = Callable[[int, int, str], None]
+
+
+def audit_key(
+    inputs: ReplayInputs,
+    *,
+    seed: int,
+    protocol: AuditProtocol | None = None,
+    sequence_classifier: SequenceClassifier | Unavailable,
+) -> str:
+    """SHA-256 of all that the parts of an audit depend on: what was kept under another key is of another audit."""
+    settings = _settings(sequence_classifier)
+    key = [inputs.digest(), seed, (protocol or AuditProtocol()).as_json(), settings]
+    return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+
+
+def audit_leakage(
+    inputs: ReplayInputs,
+    *,
+    seed: int,
+    protocol: AuditProtocol | None = None,
+    sequence_classifier: SequenceClassifier | Unavailable,
+    remember: Remember = lambda _, compute: compute(),
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Audit of replays, as JSON.
+
+    Args:
+        inputs: What is seen.
+        seed: Of everything random, below 2**64.
+        protocol: Numbers of the audit; None is the default.
+        sequence_classifier: Of the three recurrent tests, as `sequence_classifier()` finds it.
+        remember: Called with the name of a part and what computes it; returns the part. It may return what
+            it kept of an earlier call under the same `audit_key`.
+        progress: Called with parts done, parts in total, and the name of the next or `done`.
+
+    Raises:
+        ValueError: The seed is out of range, or the classifier gives scores of another shape.
+    """
+    protocol = protocol or AuditProtocol()
+    features, columns = gate_features(inputs)
+    battery = [
+        (way, way.parts(seed=seed, protocol=protocol.parity, classifier=sequence_classifier)) for way in ways(inputs)
+    ]
+    total = 1 + sum(part.compute is not None for _, parts in battery for part in parts)
+    done = 0
+
+    def part(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        nonlocal done
+        if progress:
+            progress(done, total, name)
+        result = remember(name, compute)
+        done += 1
+        return result
+
+    def classified(way_name: str, task: Part) -> dict[str, Any]:
+        if task.compute is None:
+            return {"name": task.name, "score": None, "training": None, "reason": task.reason}
+        return {"name": task.name, **part(f"{way_name}/{task.name}", task.compute)}
+
+    def gate() -> dict[str, Any]:
+        keys = [inputs.action_keys[index] for index in inputs.interventions]
+        return gate_as_json(leakage_gate(features, seed=seed, protocol=protocol.gate), columns, keys)
+
+    gate_part = part("gate", gate)
+    recorded: list[dict[str, Any]] = []
+    for way, parts in battery:
+        results = {task.name: classified(way.name, task) for task in parts}
+        recorded.append(
+            {
+                "name": way.name,
+                "num_actions": len(way.actions),
+                "num_groups": way.num_groups,
+                "controls": [results[name] for name in CONTROLS],
+                "tests": [results[name] for name in TESTS],
+            }
+        )
+    if progress:
+        progress(total, total, "done")
+    return {
+        "inputs": described_inputs(inputs),
+        "seed": seed,
+        "protocol": {**protocol.as_json(), "sequence_classifier": _settings(sequence_classifier)},
+        "gate": gate_part,
+        "battery": judged_battery(recorded, protocol.parity),
+        "not_run": [
+            {"test": f"{way['name']}/{result['name']}", "reason": result["reason"]}
+            for way in recorded
+            for kind in ("controls", "tests")
+            for result in way[kind]
+            if result["score"] is None
+        ],
+    }
+
+
+def described_inputs(inputs: ReplayInputs) -> dict[str, Any]:
+    """What an audit saw: digest, counts and names."""
+    partitions = sorted(set(inputs.partitions))
+    return {
+        "digest": inputs.digest(),
+        "num_groups": {name: int(inputs.in_partition(name).sum()) for name in partitions},
+        "num_nominal_replays": {
+            name: int((inputs.in_partition(name) & inputs.has_nominal_replay).sum()) for name in partitions
+        },
+        "action_keys": list(inputs.action_keys),
+        "nominal": inputs.action_keys[inputs.nominal_index],
+        "variables": {
+            "discrepancy": [variable.name for variable in VARIABLES],
+            "ego": list(inputs.ego_names),
+            "controls": list(inputs.control_names),
+            "availability": list(inputs.availability_names),
+        },
+    }
+
+
+def _settings(classifier: SequenceClassifier | Unavailable) -> dict[str, Any] | None:
+    return None if isinstance(classifier, Unavailable) else dict(classifier.settings)
+
+
+def gate_as_json(gate: Gate, columns: tuple[GateFeature, ...], action_keys: list[str]) -> dict[str, Any]:
+    """A gate on features `columns` of the actions `action_keys`."""
+    return {
+        "verdict": gate.verdict,
+        "reason": gate.reason,
+        "bit_identical": gate.bit_identical,
+        "shape": dict(zip(("groups", "actions", "features"), gate.shape, strict=True)),
+        "bandwidth": gate.bandwidth,
+        "tests": [test._asdict() for test in gate.tests],
+        "places": [place_as_json(place, columns, action_keys) for place in gate.places],
+        "minimum_detectable_effect": None if gate.sensitivity is None else _effect_as_json(gate.sensitivity),
+    }
+
+
+def place_as_json(place: Place, columns: tuple[GateFeature, ...], action_keys: list[str]) -> dict[str, Any]:
+    """A place, its feature and action by name."""
+    feature = columns[place.feature]
+    return {
+        "source": feature.source,
+        "variable": feature.name,
+        "offset_ticks": None if feature.offset_ticks is None else list(feature.offset_ticks),
+        "action": action_keys[place.action],
+        "kind": place.kind,
+        "t": place.t,
+        "difference": place.difference,
+        "p": place.p,
+    }
+
+
+def _effect_as_json(effect: Sensitivity) -> dict[str, Any]:
+    return {
+        "alpha": effect.alpha,
+        "critical": [value if math.isfinite(value) else None for value in effect.critical],
+        "detections": [{**found._asdict(), "shares": list(found.shares)} for found in effect.detections],
+        "smallest_sd": {pattern: effect.smallest_sd(pattern) for pattern in PATTERNS},
+    }

@@ -1,0 +1,190 @@
+"""Gate of a leakage audit: do features from before the branch tell which action follows?
+
+Four statistics share permutations of action labels within groups; Holm's procedure over their p-values keeps
+the family-wise error at `alpha`. The verdict is
+
+* ``fail`` where any adjusted p is at most `alpha`;
+* ``pass`` where none is, or exactly so where replays are bit-identical: then nothing varies, nothing can
+  leak, and an effect size is not applicable;
+* ``inconclusive`` where there is nothing to examine, or too little for the gate to be able to fail.
+
+Source: this project's choice; the paper's audit compares accuracies of classifiers (VI-A).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from branchdrive.leakage.battery import Battery
+from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.sensitivity import Sensitivity, sensitivity
+from branchdrive.leakage.table import Kind, checked, rows_agree
+from branchdrive.statistics.holm import holm
+from branchdrive.statistics.permutation import identity, labels, p_value
+
+__all__ = [
+    "IDENTICAL", "NOTHING", "Gate", "Outcome", "Place", "Verdict", "dealt", "gate_verdict", "leakage_gate",
+    "strongest_places", "too_few",
+]  # fmt: skip
+
+NOTHING = "There is nothing to examine."
+IDENTICAL = "All rows of every group are identical."
+"""Reasons of a gate without statistics, and of one without differences."""
+
+Array = NDArray[np.float64]
+Verdict = Literal["pass", "fail", "inconclusive"]
+
+
+class Outcome(NamedTuple):
+    """One statistic: name of `STATISTICS`, observed value, p-value, and p-value adjusted by Holm."""
+
+    name: str
+    observed: float
+    p: float
+    p_adjusted: float
+
+
+class Place(NamedTuple):
+    """Where an action differs from the others of its group.
+
+    Attributes:
+        feature: Index of the feature.
+        action: Index of the action.
+        kind: What of the feature differs.
+        t: Standardised mean, as `max_t` sees it.
+        difference: Mean of the action minus mean of the others: standard deviations, or a share where the
+            kind is `unavailable`.
+        p: p-value of this place, adjusted for all places by the null distribution of `max_t`.
+    """
+
+    feature: int
+    action: int
+    kind: Kind
+    t: float
+    difference: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Result of a leakage gate.
+
+    Attributes:
+        verdict: Whether the release may claim that nothing leaks.
+        reason: One sentence.
+        bit_identical: Whether all rows of every group agree; the effect size is then not applicable.
+        shape: Groups, actions and features examined.
+        seed: Of permutations, frequencies and replicates.
+        protocol: Numbers of the gate.
+        bandwidth: Of the kernel, as used; None where nothing was computed.
+        tests: In the order of `STATISTICS`; empty where nothing was computed.
+        places: Largest first; empty where nothing was computed.
+        sensitivity: Minimum detectable effect; None where rows are identical or nothing was computed.
+    """
+
+    verdict: Verdict
+    reason: str
+    bit_identical: bool
+    shape: tuple[int, int, int]
+    seed: int
+    protocol: Protocol
+    bandwidth: float | None
+    tests: tuple[Outcome, ...]
+    places: tuple[Place, ...]
+    sensitivity: Sensitivity | None
+
+
+def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = None) -> Gate:
+    """Judge replay-specific features from before the branch.
+
+    Args:
+        features: ``[groups, actions, features]``, exchangeable over actions within a group where nothing leaks, NaN
+            where unavailable. The nominal stays out: it differs from replays by design. Groups come in
+            an order that has nothing to do with their features, say by id: folds are dealt by it.
+        seed: Of permutations, frequencies and replicates.
+        protocol: Numbers of the gate; None is the default.
+
+    Raises:
+        ValueError: The shape or the seed is wrong.
+    """
+    protocol = protocol or Protocol()
+    x = checked(features)
+    num_groups, num_actions, num_features = x.shape
+
+    def result(
+        verdict: Verdict,
+        reason: str,
+        *,
+        bit_identical: bool = False,
+        bandwidth: float | None = None,
+        tests: tuple[Outcome, ...] = (),
+        places: tuple[Place, ...] = (),
+        effect: Sensitivity | None = None,
+    ) -> Gate:
+        shape = (num_groups, num_actions, num_features)
+        return Gate(verdict, reason, bit_identical, shape, seed, protocol, bandwidth, tests, places, effect)
+
+    if not x.size:
+        return result("inconclusive", NOTHING)
+    if rows_agree(x):
+        tests = tuple(Outcome(name, 0.0, 1.0, 1.0) for name in STATISTICS)
+        return result("pass", IDENTICAL, bit_identical=True, tests=tests)
+    if num_groups < protocol.num_folds:
+        return result("inconclusive", too_few(num_groups, protocol))
+
+    x = dealt(x, protocol.num_folds)
+    battery = Battery.of(x, protocol, seed=seed)
+    observed = battery.observed()
+    null = battery.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes)
+    p = [p_value(value, column) for value, column in zip(observed.tolist(), null.T, strict=True)]
+    tests = tuple(map(Outcome, STATISTICS, observed.tolist(), p, holm(p).tolist()))
+    places = strongest_places(battery, null[:, STATISTICS.index("max_t")], protocol.num_named)
+    reference = battery.reference
+    del battery  # makes room for those of the replicates
+    effect = sensitivity(x, reference, null, protocol=protocol, seed=seed)
+    verdict, reason = gate_verdict(tests, protocol)
+    return result(verdict, reason, bandwidth=reference.bandwidth, tests=tests, places=places, effect=effect)
+
+
+def dealt(features: Array, num_folds: int) -> Array:
+    """Groups dealt in turn, so that folds, which are runs, hold every `num_folds`-th of them."""
+    return features[np.argsort(np.arange(len(features)) % num_folds, kind="stable")]
+
+
+def too_few(num_groups: int, protocol: Protocol) -> str:
+    """Reason of a gate on fewer groups than folds."""
+    return f"{num_groups} groups cannot fill {protocol.num_folds} folds."
+
+
+def gate_verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdict, str]:
+    """Verdict and reason of the statistics of features that were examined, at least one statistic."""
+    strongest = min(tests, key=lambda test: test.p_adjusted)
+    least = len(tests) / (protocol.num_permutations + 1)
+    if strongest.p_adjusted <= protocol.alpha:
+        return "fail", f"`{strongest.name}` has adjusted p {strongest.p_adjusted:.2g}, at most {protocol.alpha:g}."
+    if least > protocol.alpha:
+        return "inconclusive", (
+            f"{protocol.num_permutations} permutations reach an adjusted p of {least:.2g} at best, "
+            f"above {protocol.alpha:g}."
+        )
+    return "pass", f"No adjusted p is at most {protocol.alpha:g}; the smallest is {strongest.p_adjusted:.2g}."
+
+
+def strongest_places(battery: Battery, null: Array, num_named: int) -> tuple[Place, ...]:
+    """Places of the largest ``|t|``, largest first, with their p under the null distribution ``[B]`` of `max_t`."""
+    table = battery.table
+    scores = battery.max_t.scores(labels(identity(table.num_groups, table.num_actions)))[0]
+    values = table.values
+    means = values.mean(axis=0) - values.mean(axis=(0, 1))
+    means *= table.num_actions / (table.num_actions - 1)
+    places = []
+    for index in np.argsort(-np.abs(scores), axis=None, kind="stable")[:num_named].tolist():
+        action, column = divmod(index, len(table.columns))
+        feature, kind = table.columns[column]
+        t = float(scores[action, column])
+        places.append(Place(feature, action, kind, t, float(means[action, column]), p_value(abs(t), null)))
+    return tuple(places)

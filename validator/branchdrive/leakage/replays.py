@@ -1,0 +1,202 @@
+"""What a leakage audit may see of a shard's replays: rows before the branch, and how many of them are there.
+
+The ego history is in the frame of the group's nominal at its branch. With ``p_j``, ``yaw_j`` and ``v_j`` of a replay
+at the observations ``t_b - 80 .. t_b``, ``p_n`` and ``yaw_n`` the pose of the nominal at ``t_b`` and ``dt = 0.25 s``::
+
+    x, y     = R(-yaw_n) (p_j - p_n)         yaw      = wrap(yaw_j - yaw_n)           speed = v_j
+    accel    = (v_j - v_{j-1}) / dt          yaw_rate = wrap(yaw_j - yaw_{j-1}) / dt
+
+All rows of a group share one frame, so that an offset between replays stays visible.
+
+Source: paper VI-A; spec/13-leakage.md#inputs; the variables of the ego history are this project's choice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.timing import HISTORY_OBSERVATIONS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
+from branchdrive.driving.box import cos_sin, wrap_rad
+from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW
+from branchdrive.driving.target import STEP_S
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.quality.replay import Pairs
+from branchdrive.quality.threshold import VARIABLES
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import window_rows
+from branchdrive.tables.frame import Frame
+
+__all__ = ["AVAILABILITY_NAMES", "CONTROL_NAMES", "EGO_NAMES", "ego_frames", "replay_facts", "replay_inputs"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+AVAILABILITY_NAMES = ("controls", "observations", "evidence", "actors")
+"""Streams whose share of the expected rows before the branch is an input."""
+
+CONTROL_NAMES = ("steer", "throttle", "brake")
+
+EGO_NAMES = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "yaw_rate_radps")
+"""Variables in the order of the last axis of `ego_frames`."""
+
+
+def replay_facts(
+    view: ShardView, groups: Index, candidates: Index, replays: Index, pairs: Pairs, paired: Frame
+) -> Frame:
+    """Inputs of integrity-complete groups.
+
+    Args:
+        view: The shard.
+        groups: Their indices ``[groups]``.
+        candidates: Their chosen attempts ``[groups, policies]``.
+        replays: Compliant nominal replays of these groups; of several, the lowest attempt stands for the nominal.
+        pairs: All pairs of replay and nominal.
+        paired: Their discrepancies, columns of the table `pairs`.
+
+    Returns:
+        A row for each group; see `ReplayInputs` for the shapes of its cells.
+    """
+    nominal_index = view.descriptor.action_bank.nominal_index
+    drives = candidates.copy()
+    drives[:, nominal_index] = -1
+    order = sorted(replays.tolist(), key=lambda i: (view.rollouts["attempt"][i], view.rollout_ids[i]))
+    place = {int(group): row for row, group in enumerate(groups)}
+    for i in order[::-1]:
+        drives[place[int(view.group[i])], nominal_index] = i
+    there = drives >= 0
+    discrepancy = np.full((*drives.shape, len(VARIABLES)), np.nan)
+    row_of = np.full(view.num_rollouts, -1)
+    row_of[pairs.replay] = np.arange(len(pairs.replay))
+    values = np.stack([np.ma.filled(paired[v.name], np.inf) for v in VARIABLES], axis=1)
+    discrepancy[there] = values[row_of[drives[there]]]
+    return {
+        "group_id": np.array(view.group_ids, object)[groups],
+        "availability": _availability(view, drives),
+        "discrepancy": discrepancy,
+        "ego": _ego(view, drives, candidates[:, nominal_index]),
+        "controls": _controls(view, drives),
+        "has_nominal_replay": there[:, nominal_index],
+    }
+
+
+def _absent(values: Array, drives: Index) -> Array:
+    values[drives < 0] = np.nan
+    return values
+
+
+def _availability(view: ShardView, drives: Index) -> Array:
+    """Share of the expected rows that are there, ``[groups, policies, streams]``; 1 where a stream is not claimed."""
+    flat = np.where(drives < 0, 0, drives).ravel()
+    windows = {
+        "controls": CONTROL_WINDOW,
+        "observations": (PREDECESSOR_OFFSET, *HISTORY_OFFSETS),
+        "evidence": HISTORY_OFFSETS,
+        "actors": HISTORY_OFFSETS,
+    }
+    shares = np.ones((len(flat), len(AVAILABILITY_NAMES)))
+    for column, name in enumerate(AVAILABILITY_NAMES):
+        if name in view:
+            ticks = view.branch_tick[flat][:, None] + np.asarray(windows[name])
+            found = view.stream(name).find(np.broadcast_to(flat[:, None], ticks.shape), ticks)
+            shares[:, column] = (found >= 0).mean(axis=1)
+    return _absent(shares.reshape(*drives.shape, len(AVAILABILITY_NAMES)), drives)
+
+
+def _ego(view: ShardView, drives: Index, nominals: Index) -> Array:
+    observations = view.observations
+    flat = np.where(drives < 0, 0, drives).ravel()
+    rows = window_rows(view, observations, flat, STATE_WINDOW)
+    fields = [
+        observations[name][rows].astype(np.float64).reshape(*drives.shape, len(STATE_WINDOW))
+        for name in ("x_m", "y_m", "yaw_rad", "speed_mps")
+    ]
+    at = window_rows(view, observations, nominals, (0,))[:, 0]
+    pose = np.stack([observations[name][at].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad")], axis=1)
+    x, y, yaw, speed = fields
+    return _absent(ego_frames(x, y, yaw, speed, pose), drives)
+
+
+def ego_frames(
+    x_m: ArrayLike, y_m: ArrayLike, yaw_rad: ArrayLike, speed_mps: ArrayLike, nominal_pose: ArrayLike
+) -> Array:
+    """Ego history ``[groups, actions, 16, 6]`` in the order of `EGO_NAMES`, NaN where it cannot be had.
+
+    Args:
+        x_m: Ego centre ``[groups, actions, 17]`` at ``t_b - 80, t_b - 75, .. t_b``, world frame.
+        y_m: As `x_m`.
+        yaw_rad: Heading, as `x_m`.
+        speed_mps: Longitudinal speed, as `x_m`.
+        nominal_pose: ``[groups, 3]``: x (m), y (m) and heading (rad) of the nominal at its ``t_b``, world frame.
+
+    Raises:
+        ValueError: A shape is wrong.
+    """
+    fields = [np.asarray(values, np.float64) for values in (x_m, y_m, yaw_rad, speed_mps)]
+    pose = np.asarray(nominal_pose, np.float64)
+    shape = fields[0].shape
+    if len(shape) != 3 or shape[2] != HISTORY_OBSERVATIONS + 1 or any(f.shape != shape for f in fields):
+        raise ValueError(f"histories have shapes {[list(f.shape) for f in fields]}, not [groups, actions, 17]")
+    if pose.shape != (shape[0], 3):
+        raise ValueError(f"`nominal_pose` has shape {list(pose.shape)}, not [{shape[0]}, 3]")
+    x, y, yaw, speed = (np.where(np.isfinite(f), f, np.nan) for f in fields)
+    x_n, y_n, yaw_n = (column[:, None, None] for column in pose.T)
+    with np.errstate(over="ignore", invalid="ignore"):
+        dx, dy = x[..., 1:] - x_n, y[..., 1:] - y_n
+        cos, sin = cos_sin(yaw_n)
+        frames = np.stack(
+            [
+                cos * dx + sin * dy,
+                cos * dy - sin * dx,
+                wrap_rad(yaw[..., 1:] - yaw_n),
+                speed[..., 1:],
+                np.diff(speed, axis=2) / STEP_S,
+                wrap_rad(np.diff(yaw, axis=2)) / STEP_S,
+            ],
+            axis=3,
+        )
+    return np.where(np.isfinite(frames), frames, np.nan)
+
+
+def _controls(view: ShardView, drives: Index) -> Array:
+    flat = np.where(drives < 0, 0, drives).ravel()
+    rows = window_rows(view, view.controls, flat, CONTROL_WINDOW)
+    applied = [view.controls[f"applied_{name}"][rows].astype(np.float64) for name in CONTROL_NAMES]
+    return _absent(np.stack(applied, axis=2).reshape(*drives.shape, len(CONTROL_WINDOW), len(CONTROL_NAMES)), drives)
+
+
+def replay_inputs(replays: Frame, groups: Frame, bank: ActionBank) -> ReplayInputs:
+    """Inputs of the audit of a release: its core-valid groups with their partitions.
+
+    Args:
+        replays: Facts of the replays of integrity-complete groups, as `replay_facts` gives them.
+        groups: Rows of `group_quality`, complete.
+        bank: The action bank.
+
+    Raises:
+        ValueError: A core-valid group is not integrity-complete.
+    """
+    valid = np.asarray(groups["core_valid"], bool)
+    home = dict(
+        zip(groups["group_id"][valid].tolist(), np.ma.filled(groups["partition"], "")[valid].tolist(), strict=True)
+    )
+    place = {group: row for row, group in enumerate(replays["group_id"].tolist())}
+    chosen = sorted(home)
+    if not set(chosen) <= place.keys():
+        raise ValueError(f"group {min(set(chosen) - place.keys())!r} is core-valid and not integrity-complete")
+    rows = [place[group] for group in chosen]
+    return ReplayInputs(
+        tuple(chosen),
+        tuple(home[group] for group in chosen),
+        tuple(bank.keys),
+        bank.nominal_index,
+        AVAILABILITY_NAMES,
+        EGO_NAMES,
+        CONTROL_NAMES,
+        replays["availability"][rows],
+        replays["discrepancy"][rows],
+        replays["ego"][rows],
+        replays["controls"][rows],
+        replays["has_nominal_replay"][rows],
+    )

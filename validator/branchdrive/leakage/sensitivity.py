@@ -1,0 +1,158 @@
+"""Minimum detectable effect: which offsets the gate would have found in these very data.
+
+A replicate first permutes the rows within groups, so that nothing leaks, and then adds an offset:
+
+* ``one``: ``offset * sd`` on one feature of one action, both drawn;
+* ``dense``: ``offset * sd * dose_a`` on a drawn quarter of the features, ``dose`` evenly spaced over the actions
+  from -1 to 1.
+
+Its statistics are held against the critical values of the one null distribution, which permuting leaves
+as it is, at ``alpha / 4``: the level at which Holm's procedure rejects first, so that the gate fails
+exactly where any statistic is beyond its own.
+
+Source: this project's choice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from branchdrive.leakage.battery import Battery, Reference
+from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.table import checked
+from branchdrive.statistics.permutation import critical_value
+from branchdrive.statistics.stream import below, group_orders, orders, words
+
+__all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "replicate_values", "sensitivity"]
+
+Array = NDArray[np.float64]
+Pattern = Literal["one", "dense"]
+
+PATTERNS: tuple[Pattern, ...] = ("one", "dense")
+"""Patterns of an offset."""
+
+_DENSE_SHARE = 4
+
+_ROWS = "leakage/replicate/rows"
+_FEATURES = "leakage/replicate/features"
+_ACTION = "leakage/replicate/action"
+
+
+class Detection(NamedTuple):
+    """How often one offset was found.
+
+    Attributes:
+        pattern: Where the offset was added.
+        offset_sd: Its size, standard deviations.
+        shares: Share of replicates in which a statistic found it, in the order of `STATISTICS`.
+        gate_share: Share in which any did.
+    """
+
+    pattern: Pattern
+    offset_sd: float
+    shares: tuple[float, ...]
+    gate_share: float
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Minimum detectable effect of a gate.
+
+    Attributes:
+        alpha: Level of every single statistic.
+        critical: Values that they must exceed, in the order of `STATISTICS`; ``inf`` where no value would do.
+        detections: One for every pattern and offset.
+    """
+
+    alpha: float
+    critical: tuple[float, ...]
+    detections: tuple[Detection, ...]
+
+    def smallest_sd(self, pattern: Pattern) -> float | None:
+        """Smallest offset that the gate found in every replicate, and all larger ones too; None where none is."""
+        smallest = None
+        for found in sorted((d for d in self.detections if d.pattern == pattern), key=lambda d: -d.offset_sd):
+            if found.gate_share < 1:
+                break
+            smallest = found.offset_sd
+        return smallest
+
+
+def sensitivity(
+    features: ArrayLike, reference: Reference, null: Array, *, protocol: Protocol, seed: int
+) -> Sensitivity:
+    """Minimum detectable effect in features ``[groups, actions, features]``; nothing is found where nothing can move.
+
+    Args:
+        features: As the gate saw them.
+        reference: Of the battery that gave `null`.
+        null: Null distribution ``[permutations, 4]``.
+        protocol: Numbers of the gate.
+        seed: Of the replicates.
+    """
+    x = checked(features)
+    alpha = protocol.alpha / len(STATISTICS)
+    critical = np.array([critical_value(column, alpha) for column in null.T])
+    found = np.zeros((len(PATTERNS), len(protocol.offsets_sd), protocol.num_replicates, len(STATISTICS)), np.bool_)
+    for i, pattern in enumerate(PATTERNS):
+        for j, offset_sd in enumerate(protocol.offsets_sd):
+            for replicate in range(protocol.num_replicates):
+                moved = replicate_values(x, reference, pattern, offset_sd, replicate, seed=seed)
+                if moved is not None:
+                    found[i, j, replicate] = Battery.like(reference, moved, protocol).observed() > critical
+    detections = tuple(
+        Detection(pattern, offset_sd, tuple(found[i, j].mean(axis=0).tolist()), float(found[i, j].any(axis=1).mean()))
+        for i, pattern in enumerate(PATTERNS)
+        for j, offset_sd in enumerate(protocol.offsets_sd)
+    )
+    return Sensitivity(alpha, tuple(critical.tolist()), detections)
+
+
+def replicate_values(
+    features: ArrayLike, reference: Reference, pattern: Pattern, offset_sd: float, replicate: int, *, seed: int
+) -> Array | None:
+    """Features of a replicate with an offset ``[groups, actions, features]``; None where no feature can move.
+
+    Args:
+        features: As the gate saw them ``[groups, actions, features]``.
+        reference: Of the battery of these features.
+        pattern: Where the offset is added.
+        offset_sd: Its size, standard deviations.
+        replicate: Its number, from 0.
+        seed: Of the audit.
+    """
+    x = checked(features)
+    num_groups, num_actions, _ = x.shape
+    movable = np.array([c.feature for c in reference.columns if c.kind == "value"], np.intp)
+    if not movable.size:
+        return None
+    rows = group_orders(seed, _ROWS, 1, num_groups, num_actions, first_row=replicate)[0]
+    order = movable[orders(words(seed, _FEATURES, 1, len(movable), first_row=replicate))[0]]
+    action = int(below(words(seed, _ACTION, 1, 1, first_row=replicate), num_actions)[0, 0])
+    moved = np.take_along_axis(x, rows[:, :, None], axis=1)
+    inject(moved, pattern, offset_sd * reference.sd, order, action)
+    return moved
+
+
+def inject(features: Array, pattern: Pattern, offset: Array, order: NDArray[np.intp], action: int) -> None:
+    """Add an offset to features, in place.
+
+    Args:
+        features: ``[groups, actions, features]``.
+        pattern: Where to add it.
+        offset: Size for every feature ``[features]``, in the feature's unit.
+        order: Features to choose from; the first, or the first quarter and at least one, are moved.
+        action: Action that is moved where the pattern is of one.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        if pattern == "one":
+            features[:, action, order[0]] += offset[order[0]]
+        else:
+            chosen = order[: max(1, len(order) // _DENSE_SHARE)]
+            last = features.shape[1] - 1
+            dose = np.arange(-last, last + 1, 2) / last
+            features[:, :, chosen] += dose[:, None] * offset[chosen]

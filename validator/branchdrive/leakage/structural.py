@@ -1,0 +1,160 @@
+"""Structural leakage: history variables that rank or hold a target, and identifiers that tell the partition.
+
+* A variable ranks a target where its Spearman correlation ``|rho| > 0.98``, over every group and available
+  candidate, ties at their mean rank; every row of a history is a variable of its own.
+* A variable holds a target where, for one action, it is an affine function of it at floating-point precision:
+  ``1 - r^2 <= 1e-9`` over the groups in which that target is available, with 10 distinct values of both.
+* Identifiers tell the partition where more neighbours in their sorted order share one than in all but
+  ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``.
+
+Source: paper VI-A; spec/13-leakage.md#structural.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.statistics.stream import orders, words
+
+__all__ = ["ALPHA", "MAX_CORRELATION", "MAX_UNEXPLAINED", "Telltale", "held_targets", "neighbours_p", "ranked_targets"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_CORRELATION = 0.98
+"""Largest correlation of a history variable with a target."""
+
+ALPHA = 0.001
+"""Level at which identifiers tell the partition."""
+
+MAX_UNEXPLAINED = 1e-9
+"""Share ``1 - r^2`` of the variance of an affine function that rounding may leave."""
+
+_PERMUTATIONS = 1_999
+_PLACES_AT_ONCE = 2**20
+_NEIGHBOURS = "leakage/neighbours"
+_MIN_GROUPS = 10
+"""Groups, or distinct values, below which a correlation says nothing."""
+
+
+class Telltale(NamedTuple):
+    """A variable that tells a target: their places, and how."""
+
+    variable: int
+    target: int
+    how: str
+
+
+def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
+    """Variables that rank a target; none are looked for among fewer than ten groups.
+
+    Args:
+        variables: ``[groups, variables]``, finite.
+        targets: ``[groups, actions, targets]``; any value where not available.
+        available: ``[groups, actions, targets]``.
+    """
+    if len(variables) < _MIN_GROUPS:
+        return []
+    places = [np.unique(column, return_inverse=True)[1] for column in variables.T]
+    ranked: dict[bytes, tuple[Array, Array]] = {}  # most targets are available in the same groups
+    found = []
+    for target in range(targets.shape[2]):
+        weight = available[..., target].sum(axis=1).astype(np.float64)
+        if weight.tobytes() not in ranked:
+            ranked[weight.tobytes()] = _centred_ranks(places, weight)
+        rho = _spearman(*ranked[weight.tobytes()], targets[..., target], available[..., target])
+        ranking = np.flatnonzero(np.abs(rho) > MAX_CORRELATION).tolist()
+        found += [Telltale(v, target, f"a rank correlation of {rho[v]:.3f}") for v in ranking]
+    return found
+
+
+def held_targets(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
+    """Variables that are an affine function of a target of one action, each target once.
+
+    Args:
+        variables: ``[groups, variables]``, finite.
+        targets: ``[groups, actions, targets]``; any value where not available.
+        available: ``[groups, actions, targets]``.
+    """
+    found: dict[tuple[int, int], Telltale] = {}
+    for target in range(targets.shape[2]):
+        for action in range(targets.shape[1]):
+            there = available[:, action, target]
+            for v in np.flatnonzero(_is_affine(variables[there], targets[there, action, target])).tolist():
+                found.setdefault((target, v), Telltale(v, target, f"an affine function, at action {action},"))
+    return list(found.values())
+
+
+def _is_affine(variables: Array, y: Array) -> Mask:
+    """Whether a variable is an affine function of ``y`` ``[groups]``, for each ``[variables]``."""
+    affine = np.zeros(variables.shape[1], np.bool_)
+    if len(np.unique(y)) < _MIN_GROUPS:
+        return affine
+    centred, signed = variables - variables.mean(axis=0), y - y.mean()
+    spread = np.square(centred).sum(axis=0) * np.square(signed).sum()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = 1 - np.square(centred.T @ signed) / spread
+    near = np.flatnonzero(left <= MAX_UNEXPLAINED)
+    affine[near] = [len(np.unique(variables[:, v])) >= _MIN_GROUPS for v in near.tolist()]
+    return affine
+
+
+def _spearman(ranks: Array, spreads: Array, y: Array, there: Mask) -> Array:
+    """Rank correlation of every variable with the available values of `y`, 0 where one of both is constant.
+
+    Args:
+        ranks: Centred ranks of the variables ``[variables, groups]``.
+        spreads: Their spreads ``[variables]``.
+        y: Values of a target ``[groups, actions]``.
+        there: Where they are available ``[groups, actions]``.
+    """
+    values = y[there]
+    if len(values) < 2:
+        return np.zeros(len(ranks))
+    centred = np.zeros(y.shape)
+    own = _mean_ranks(np.unique(values, return_inverse=True)[1], np.ones(len(values)))
+    centred[there] = own - own.mean()
+    spread = spreads * np.sqrt(np.square(centred).sum())
+    shared = (ranks * centred.sum(axis=1)).sum(axis=1)
+    return np.asarray(np.divide(shared, spread, out=np.zeros(len(ranks)), where=spread > 0))
+
+
+def _centred_ranks(places: Sequence[NDArray[np.intp]], weight: Array) -> tuple[Array, Array]:
+    """Ranks of variables about their mean ``[variables, groups]`` and their spreads ``[variables]``.
+
+    Args:
+        places: Of every variable, the place of each group among the distinct values ``[groups]``.
+        weight: How often each group counts ``[groups]``.
+    """
+    ranks = np.array([_mean_ranks(place, weight) for place in places]).reshape(len(places), len(weight))
+    total = weight.sum()
+    if total > 0:
+        ranks -= (ranks * weight).sum(axis=1, keepdims=True) / total
+    return ranks, np.sqrt((weight * np.square(ranks)).sum(axis=1))
+
+
+def _mean_ranks(place: NDArray[np.intp], weight: Array) -> Array:
+    """Mean rank of every value, which counts `weight` times, by its place among the distinct ones."""
+    mass = np.bincount(place, weights=weight)
+    return np.asarray((np.cumsum(mass) - mass + (mass + 1) / 2)[place])
+
+
+def neighbours_p(homes: Sequence[str]) -> float:
+    """Share of permutations in which at least as many neighbours share a partition as here.
+
+    Args:
+        homes: Partition of each group, in the order of the sorted identifiers.
+    """
+    labels = np.unique(np.asarray(homes, np.str_), return_inverse=True)[1]
+    observed = int((labels[1:] == labels[:-1]).sum())
+    num_rows = max(1, _PLACES_AT_ONCE // len(labels))
+    reached = 0
+    for start in range(0, _PERMUTATIONS, num_rows):
+        num_drawn = min(num_rows, _PERMUTATIONS - start)
+        drawn = labels[orders(words(0, _NEIGHBOURS, num_drawn, len(labels), first_row=start))]
+        reached += int(np.count_nonzero((drawn[:, 1:] == drawn[:, :-1]).sum(axis=1) >= observed))
+    return (1 + reached) / (1 + _PERMUTATIONS)

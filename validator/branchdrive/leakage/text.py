@@ -1,0 +1,85 @@
+"""What a leakage audit says, as plain sentences that the card and the reports share. Source: spec/10-layers.md#card."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["leakage_sentences"]
+
+_PLACES_SHOWN = 3
+
+
+_PATTERNS = {"one": "in one feature of one action", "dense": "as a dose over all actions on a quarter of the features"}
+
+
+_VERDICTS = {
+    "pass": "passes: replays before the branch did not tell the actions apart",
+    "fail": "fails: replays before the branch tell actions apart, so results on this release cannot be trusted",
+    "inconclusive": "is inconclusive, which is no pass",
+}
+
+
+_STATUSES = {"pass": "pass", "fail": "fail", "inconclusive": "inconclusive", "not_run": "not run"}
+
+
+def leakage_sentences(leakage: Mapping[str, Any] | None) -> list[str]:
+    """Verdict of the leakage gate, its reason, the minimum detectable effect, and the diagnostic battery.
+
+    Args:
+        leakage: Document ``leakage.json``; None where leakage was not audited.
+    """
+    if leakage is None:
+        return ["Leakage was not audited: nothing is known about whether inputs tell the action that follows."]
+    gate = leakage["gate"]
+    shape = gate["shape"]
+    seen = f"{shape['groups']:,} groups, {shape['actions']:,} actions and {shape['features']:,} features"
+    sentences = [f"The leakage gate {_VERDICTS[gate['verdict']]} ({seen}).", _sentence(gate["reason"])]
+    if gate["verdict"] == "fail":
+        sentences += [_place_sentence(place) for place in gate["places"][:_PLACES_SHOWN]]
+    return [sentence for sentence in [*sentences, *_effect(gate), *_battery(leakage)] if sentence]
+
+
+def _battery(leakage: Mapping[str, Any]) -> list[str]:
+    """What the tests of the diagnostic battery came to, and why some did not run."""
+    counts = Counter(test["status"] for way in leakage["battery"]["ways"] for test in way["tests"])
+    if not counts:
+        return []
+    told = ", ".join(f"{counts[status]} {title}" for status, title in _STATUSES.items() if counts[status])
+    reasons = dict.fromkeys(_sentence(entry["reason"]) for entry in leakage["not_run"])
+    return [f"The battery of classifiers, a diagnostic beside the gate: {told}.", *reasons]
+
+
+def _place_sentence(place: Mapping[str, Any]) -> str:
+    at = f"{place['source']} {place['variable']}{_ticks(place['offset_ticks'])}"
+    return f"Action {place['action']} differs in {at} by {place['difference']:.3g} (adjusted p {place['p']:.2g})."
+
+
+def _effect(gate: Mapping[str, Any]) -> list[str]:
+    effect = gate["minimum_detectable_effect"]
+    if effect is None:
+        why = "replays are bit-identical" if gate["bit_identical"] else "no feature has a value to move"
+        return [f"Minimum detectable effect: not applicable, {why}."]
+    offsets = sorted({found["offset_sd"] for found in effect["detections"]})
+    sentences = []
+    for pattern, where in _PATTERNS.items():
+        smallest = effect["smallest_sd"].get(pattern)
+        if smallest is not None:
+            least = "at most " if offsets and smallest == offsets[0] else ""
+            found = f"{least}{smallest:g} standard deviations"
+        else:
+            found = f"above {offsets[-1]:g} standard deviations" if offsets else "unknown"
+        sentences.append(f"Minimum detectable effect {where}: {found}.")
+    return sentences
+
+
+def _ticks(span: list[int] | None) -> str:
+    if span is None:
+        return ""
+    return f" at tick {span[0]}" if span[0] == span[-1] else f" at ticks {span[0]} to {span[-1]}"
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text if not text or text.endswith(".") else f"{text}."

@@ -1,0 +1,1 @@
+"""The model layer: inputs and targets of the frozen population."""

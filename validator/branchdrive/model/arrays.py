@@ -1,0 +1,223 @@
+"""Arrays of the model layer, packed from the rows of its tables by key.
+
+The place of a value follows from the key of its row and from the given order of groups and candidates, never
+from the place of the row. A table must have exactly one row for each key; values that are there are finite.
+With ``N`` groups and ``A`` candidates::
+
+    state         [N, 16, 21]     t_b - 75 .. t_b               scalars       [N, A, 6] and mask
+    controls      [N, 80, 3]      t_b - 80 .. t_b - 1           trajectories  [N, A, 10, 5]
+    expert        [N, 16, 4]      flags are 0 or 1              actions       [A, encoding width]
+    surroundings  [N, 16, 11]     and mask; the traffic light is three features red, yellow, green
+
+Source: paper III-E; spec/12-model.md#features.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.timing import FUTURE_OBSERVATIONS
+from branchdrive.driving.target import TARGETS, TRAJECTORY, Targets, Trajectory
+from branchdrive.errors import DatasetError
+from branchdrive.model.features import HISTORIES
+from branchdrive.tables.frame import Frame, num_rows
+
+__all__ = [
+    "Masked", "ModelArrays", "pack_actions", "pack_arrays", "pack_column", "pack_history", "pack_scalars",
+    "pack_surroundings", "pack_trajectories",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+STEPS = tuple(range(1, FUTURE_OBSERVATIONS + 1))
+"""Steps of a trajectory."""
+
+
+class Masked(NamedTuple):
+    """`values` with NaN exactly where not `available`, both of one shape."""
+
+    values: Array
+    available: Mask
+
+
+@dataclass(frozen=True)
+class ModelArrays:
+    """All arrays of a model layer.
+
+    Attributes:
+        groups: Ids of the groups, the order of the first axis.
+        candidates: Action keys, the order of the candidate axis.
+        state: ``[N, 16, 21]``.
+        controls: ``[N, 80, 3]``.
+        expert: ``[N, 16, 4]``.
+        surroundings: ``[N, 16, 11]``; ``None`` where the dataset has no evidence.
+        actions: float32 ``[A, encoding width]``; ``None`` where the bank has no encoding.
+        scalars: ``[N, A, 6]``, NaN where not available.
+        trajectories: ``[N, A, 10, 5]``.
+    """
+
+    groups: tuple[str, ...]
+    candidates: tuple[str, ...]
+    state: Array
+    controls: Array
+    expert: Array
+    surroundings: Masked | None
+    actions: NDArray[np.float32] | None
+    scalars: Targets
+    trajectories: Trajectory
+
+
+def pack_arrays(frames: Mapping[str, Frame], groups: Sequence[str], candidates: Sequence[str]) -> ModelArrays:
+    """Arrays of the tables of a model layer, in the given order of groups and candidates.
+
+    Raises:
+        DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is no number.
+    """
+    return ModelArrays(
+        tuple(groups),
+        tuple(candidates),
+        pack_history(frames["state"], "state", groups),
+        pack_history(frames["past_controls"], "past_controls", groups),
+        pack_history(frames["expert"], "expert", groups),
+        pack_surroundings(frames["surroundings"], groups),
+        pack_actions(frames["actions"], candidates),
+        pack_scalars(frames["scalars"], groups, candidates),
+        pack_trajectories(frames["trajectories"], groups, candidates),
+    )
+
+
+def pack_history(frame: Frame, table: str, groups: Sequence[str]) -> Array:
+    """History `table` as ``[N, rows, features]``; state, past_controls or expert."""
+    rows = _rows(frame, table, (groups, HISTORIES[table].offsets))
+    names = [feature.name for feature in HISTORIES[table].features]
+    return np.stack([_numbers(frame, table, name, rows).values for name in names], axis=-1)
+
+
+def pack_surroundings(frame: Frame, groups: Sequence[str]) -> Masked | None:
+    """Surroundings as ``[N, 16, 11]``; ``None`` where the table has no row at all, for want of evidence."""
+    if groups and not num_rows(frame):
+        return None
+    table = "surroundings"
+    rows = _rows(frame, table, (groups, HISTORIES[table].offsets))
+    parts = []
+    for feature in HISTORIES[table].features:
+        (column,) = feature.columns
+        if feature.name == column:
+            parts.append(_numbers(frame, table, column, rows))
+        else:
+            words, available = _masked(frame, table, column, rows)
+            is_word = (words == feature.name.removeprefix(f"{column}_")).astype(np.float64)
+            parts.append(Masked(np.where(available, is_word, np.nan), available))
+    values, masks = zip(*parts, strict=True)
+    return Masked(np.stack(values, axis=-1), np.stack(masks, axis=-1))
+
+
+def pack_actions(frame: Frame, candidates: Sequence[str]) -> NDArray[np.float32] | None:
+    """Encoded actions, float32 ``[A, encoding width]``; ``None`` where no action is encoded."""
+    rows = _rows(frame, "actions", (candidates,))
+    vectors, available = _masked(frame, "actions", "encoding", rows)
+    if not available.any():
+        return None
+    widths = {len(vector) if there else 0 for vector, there in zip(vectors, available, strict=True)}
+    if len(widths) != 1:
+        raise DatasetError(f"table `actions`: encodings have widths {sorted(widths)}; all candidates have one width")
+    matrix = np.stack([np.asarray(vector, np.float64) for vector in vectors])
+    for row, _ in np.argwhere(~np.isfinite(matrix))[:1].tolist():
+        raise DatasetError(f"table `actions`: the encoding of {candidates[row]!r} holds a value that is no number")
+    return matrix.astype(np.float32)
+
+
+def pack_scalars(frame: Frame, groups: Sequence[str], candidates: Sequence[str]) -> Targets:
+    """Scalar targets as ``[N, A, 6]``."""
+    rows = _rows(frame, "scalars", (groups, candidates))
+    parts = [_numbers(frame, "scalars", target.name, rows) for target in TARGETS]
+    return Targets(*(np.stack(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+
+
+def pack_trajectories(frame: Frame, groups: Sequence[str], candidates: Sequence[str]) -> Trajectory:
+    """Trajectories as ``[N, A, 10, 5]``; every step is available."""
+    rows = _rows(frame, "trajectories", (groups, candidates, STEPS))
+    values = np.stack([_numbers(frame, "trajectories", name, rows).values for name in TRAJECTORY], axis=-1)
+    return Trajectory(values, np.ones(values.shape[:3], bool))
+
+
+def pack_column(
+    frame: Frame, table: str, column: str, groups: Sequence[str], candidates: Sequence[str]
+) -> np.ma.MaskedArray[Any, Any]:
+    """One column of a keyed table in its own type, ``[N, rows]``, ``[N, A]``, ``[N, A, 10]`` or ``[A]``.
+
+    Raises:
+        DatasetError: As `pack_arrays`.
+    """
+    offsets = HISTORIES[table].offsets if table in HISTORIES else ()
+    labels = {"group_id": groups, "action_key": candidates, "offset_ticks": offsets, "step": STEPS}
+    rows = _rows(frame, table, tuple(labels[name] for name in LAYER_TABLES[table].key))
+    values, available = _masked(frame, table, column, rows)
+    return np.ma.MaskedArray(values, ~available)
+
+
+def _rows(frame: Frame, table: str, axes: tuple[Sequence[Any], ...]) -> Index:
+    """Row of every key of the table ``[len(axis), ..]``, where `axes` are the labels of its key columns in order."""
+    key = LAYER_TABLES[table].key
+    shape = tuple(len(labels) for labels in axes)
+    flat = np.zeros(num_rows(frame), np.int64)
+    for name, labels in zip(key, axes, strict=True):
+        places = {label: i for i, label in enumerate(labels)}
+        if len(places) != len(labels):
+            raise ValueError(f"`{name}` {_repeated(labels)!r} is given twice; every label of an axis is given once")
+        values = np.ma.getdata(frame[name]).tolist()
+        codes = np.array([places.get(value, -1) for value in values], np.int64)
+        for row in np.flatnonzero(codes < 0)[:1]:
+            found = _shown(frame, key, int(row))
+            raise DatasetError(f"table `{table}`: row of {found}: this `{name}` is none of the {len(labels)} wanted")
+        flat = flat * len(labels) + codes
+    counts = np.bincount(flat, minlength=int(np.prod(shape)))
+    for place in np.flatnonzero(counts != 1)[:1]:
+        labels_there = [axis[i] for axis, i in zip(axes, np.unravel_index(place, shape), strict=True)]
+        where = ", ".join(f"`{name}` {label!r}" for name, label in zip(key, labels_there, strict=True))
+        raise DatasetError(f"table `{table}`: {counts[place]} rows of {where}; there is exactly one for each key")
+    rows = np.empty(len(flat), np.int64)
+    rows[flat] = np.arange(len(flat))
+    return rows.reshape(shape)
+
+
+def _repeated(labels: Sequence[Any]) -> Any:
+    return next(label for i, label in enumerate(labels) if label in labels[:i])
+
+
+def _shown(frame: Frame, key: Sequence[str], row: int) -> str:
+    return ", ".join(f"`{name}` {np.ma.getdata(frame[name])[row : row + 1].tolist()[0]!r}" for name in key)
+
+
+def _masked(frame: Frame, table: str, column: str, rows: Index) -> tuple[NDArray[Any], Mask]:
+    """Values and availability of a column at `rows`; nulls stand exactly where its mask is false."""
+    values, there = np.ma.getdata(frame[column]), ~np.ma.getmaskarray(frame[column])
+    declared = LAYER_TABLES[table][column].available
+    if declared is not None and declared.mask is not None:
+        mask = np.ma.getdata(frame[declared.mask]).astype(bool)
+        for row in np.flatnonzero(mask != there)[:1]:
+            found = _shown(frame, LAYER_TABLES[table].key, int(row))
+            state = "null where its mask is true" if mask[row] else "not null where its mask is false"
+            raise DatasetError(f"table `{table}`: row of {found}: `{column}` is {state}, `{declared.mask}`")
+    return values[rows], np.asarray(there[rows])
+
+
+def _numbers(frame: Frame, table: str, column: str, rows: Index) -> Masked:
+    """A column of numbers or flags in float64, NaN where it is not available."""
+    values, available = _masked(frame, table, column, rows)
+    numbers = np.where(available, values.astype(np.float64), np.nan)
+    for place in np.argwhere(available & ~np.isfinite(numbers))[:1]:
+        row = int(rows[tuple(place)])
+        found = _shown(frame, LAYER_TABLES[table].key, row)
+        raise DatasetError(
+            f"table `{table}`: row of {found}: `{column}` is {numbers[tuple(place)]}, not a finite number"
+        )
+    return Masked(numbers, available)

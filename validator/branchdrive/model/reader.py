@@ -1,0 +1,339 @@
+"""The model layer of a release as arrays: read lazily and by key, under typed input contracts.
+
+A table is read when it is first asked for, within the spec limits, and packed by key; the rows of every array are
+in the order of `ModelLayer.groups`. The reader does not judge the release: `branchdrive-validate` does. It refuses
+what it cannot pack without a guess.
+
+Source: paper III-E and III-F; spec/12-model.md.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import parse_json, schema_mismatches
+from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.driving.feature import InputContract
+from branchdrive.driving.target import Targets
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.table_file import conform, read_table
+from branchdrive.formats.untrusted import read_file
+from branchdrive.model import arrays
+from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
+from branchdrive.model.features import admit_column, feature_mismatches
+from branchdrive.model.normalisation import Scalings, scalings_of
+from branchdrive.quality.variants import EXTENDED, declared_of, members
+from branchdrive.tables.arrow import from_arrow
+from branchdrive.tables.frame import Values
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["ModelLayer", "open_model"]
+
+Array = NDArray[np.float64]
+
+LAYER = "model"
+FEATURES_FILE = "model/features.json"
+NORMALISATION_FILE = "model/normalisation.json"
+VARIANTS_FILE = "quality/variants.json"
+
+
+def open_model(root: str | Path) -> ModelLayer:
+    """Open the model layer of the dataset or detached release in the folder `root`.
+
+    Raises:
+        DatasetError: There is no dataset or it has no model layer, or its features are not those of its descriptor.
+    """
+    path = Path(root)
+    if not path.is_dir():
+        raise DatasetError(f"{str(root)!r} is no folder; pass the folder that holds `branchdrive.json`")
+    descriptor = read_descriptor(path)
+    if LAYER not in descriptor.layers:
+        raise DatasetError(
+            f"{root}: has the layers {list(descriptor.layers)} and no model layer; run `branchdrive build`"
+        )
+    for wrong in feature_mismatches(_document(path, FEATURES_FILE), descriptor):
+        raise _not_expected(root, FEATURES_FILE, wrong)
+    return ModelLayer(path, descriptor)
+
+
+class ModelLayer:
+    """The model layer of a release; made by `open_model`.
+
+    Every array has one row for each group of `groups` with the same `partition` and `variant`, in that order.
+
+    Attributes:
+        root: Folder of the dataset or detached release.
+        descriptor: What the dataset is.
+    """
+
+    def __init__(self, root: Path, descriptor: Descriptor) -> None:
+        self.root = root
+        self.descriptor = descriptor
+
+    @property
+    def candidate_order(self) -> tuple[str, ...]:
+        """Action keys in the order of the candidate axis."""
+        return self.descriptor.action_bank.keys
+
+    def groups(self, partition: str | None = None, variant: str | None = None) -> tuple[str, ...]:
+        """Sorted ids of the groups: of the frozen population, or of a declared variant of it.
+
+        Raises:
+            UsageError: No group is in the partition, there is no such variant, or the variant has groups that are
+                not in the frozen population, of which the layer has no rows.
+        """
+        return tuple(self._group_ids[row] for row in self._rows(partition, variant))
+
+    def sensor_inputs(
+        self, partition: str | None = None, *, variant: str | None = None, normalised: bool = False
+    ) -> SensorInputs:
+        """What the ego vehicle can know on the road.
+
+        Args:
+            partition: ``train``, ``val``, ``test`` or ``calibration``; all groups by default.
+            variant: A declared variant; the frozen population by default.
+            normalised: Scale by the statistics of the training groups.
+
+        Raises:
+            UsageError: As `groups`.
+            DatasetError: A file cannot be read, or its rows cannot be packed.
+        """
+        rows = self._rows(partition, variant)
+        return SensorInputs(**self._histories(rows, normalised=normalised))
+
+    def mixed_inputs(
+        self, partition: str | None = None, *, variant: str | None = None, normalised: bool = False
+    ) -> MixedInputs:
+        """And what the privileged expert computes; see `sensor_inputs`."""
+        rows = self._rows(partition, variant)
+        return MixedInputs(**self._histories(rows, normalised=normalised), expert=self._expert_rows(rows, normalised))
+
+    def privileged_inputs(
+        self, partition: str | None = None, *, variant: str | None = None, normalised: bool = False
+    ) -> PrivilegedInputs:
+        """And privileged evidence around the vehicle; see `sensor_inputs`.
+
+        Raises:
+            UsageError: As `groups`, or the dataset has no evidence.
+        """
+        rows, surroundings = self._rows(partition, variant), self._surroundings
+        if surroundings is None:
+            raise UsageError(f"{self.root}: has no evidence of surroundings; use the contract 'mixed' or 'sensor'")
+        return PrivilegedInputs(
+            **self._histories(rows, normalised=normalised),
+            expert=self._expert_rows(rows, normalised),
+            surroundings=surroundings.values[rows],
+            surroundings_available=surroundings.available[rows],
+        )
+
+    def targets(
+        self, partition: str | None = None, *, variant: str | None = None, normalised: bool = False
+    ) -> ModelTargets:
+        """What happened to every candidate, candidates in `candidate_order`.
+
+        Normalised, a scalar target without any training value to fit on is available nowhere.
+        See `sensor_inputs` for arguments and errors.
+        """
+        rows = self._rows(partition, variant)
+        scalars, available, trajectories = self._scalars.values, self._scalars.available, self._trajectories
+        scalars, available, trajectories = scalars[rows], available[rows], trajectories[rows]
+        if normalised:
+            scaling = self.scalings()
+            scalars, trajectories = scaling.scalars.apply(scalars), scaling.trajectories.apply(trajectories)
+            available = available & np.isfinite(scaling.scalars.offset)
+        return ModelTargets(scalars, available, trajectories)
+
+    def actions(self) -> NDArray[np.float32]:
+        """Encoded candidate actions, float32 ``[A, encoding width]``, in `candidate_order`.
+
+        Raises:
+            UsageError: The dataset declares no encoding of its bank.
+        """
+        encoded = self._actions
+        if encoded is None:
+            raise UsageError(f"{self.root}: declares no encoding of its action bank; encode `candidate_order` yourself")
+        return encoded.copy()
+
+    def column(
+        self,
+        contract: InputContract | str,
+        table: str,
+        column: str,
+        partition: str | None = None,
+        *,
+        variant: str | None = None,
+    ) -> NDArray[Any]:
+        """One input column in its own type, as `contract` admits it: ``[N, rows]``, and ``[A]`` for an encoding.
+
+        A column that may be null is a masked array.
+
+        Raises:
+            UsageError: No such column, or the contract refuses its track: identifiers and outcomes always.
+            DatasetError: A file cannot be read, or its rows cannot be packed.
+        """
+        declared = admit_column(InputContract.named(contract), table, column)
+        packed = arrays.pack_column(self._frame(table), table, column, self._group_ids, self.candidate_order)
+        values = packed if declared.nullable else np.ma.getdata(packed)
+        return values if table == "actions" else values[self._rows(partition, variant)]
+
+    def scalings(self) -> Scalings:
+        """Scalings that were fitted on training groups, to normalise and to invert."""
+        return self._scalings
+
+    def arrow(self, table: str) -> pa.Table:
+        """A table of the model layer with its declared Arrow schema, identifiers and all; no contract applies.
+
+        Raises:
+            UsageError: The model layer has no such table.
+            DatasetError: The file cannot be read safely, or its columns are not those declared.
+        """
+        return conform(self._stored(table), table)
+
+    def __repr__(self) -> str:
+        return f"ModelLayer({self.descriptor.dataset_id!r} at {str(self.root)!r})"
+
+    def _stored(self, table: str) -> pa.Table:
+        if table not in LAYERS[LAYER].tables:
+            raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
+        return read_table(self.root, table_path(table), table)
+
+    def _frame(self, table: str) -> dict[str, Values]:
+        return from_arrow(self._stored(table), table)
+
+    def home_of(self) -> dict[str, str]:
+        """Partition of every group, by group id in sorted order, read anew.
+
+        Raises:
+            DatasetError: The table cannot be read, or repeats a group.
+        """
+        frame = self._frame("contexts")
+        partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
+        if len(partitions) != len(frame["group_id"]):
+            raise DatasetError(f"{self.root}: table `contexts` repeats a group; run `branchdrive-validate`")
+        return partitions
+
+    @cached_property
+    def _contexts(self) -> dict[str, str]:
+        return self.home_of()
+
+    @property
+    def _group_ids(self) -> tuple[str, ...]:
+        return tuple(self._contexts)
+
+    def _rows(self, partition: str | None, variant: str | None) -> NDArray[np.int64]:
+        """Rows of all arrays that hold the groups of a partition and a variant."""
+        partitions = np.array(list(self._contexts.values()), object)
+        wanted = np.ones(len(partitions), bool)
+        if partition is not None:
+            wanted &= partitions == partition
+            if not wanted.any():
+                present = sorted(set(partitions.tolist()))
+                raise UsageError(f"{self.root}: no group is in the partition {partition!r}; there are {present}")
+        if variant is not None:
+            members = self._variant(variant)
+            wanted &= np.array([group_id in members for group_id in self._group_ids], bool)
+        return np.flatnonzero(wanted)
+
+    def _variant(self, name: str) -> frozenset[str]:
+        document = _document(self.root, VARIANTS_FILE)
+        try:
+            declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
+        except UsageError as error:
+            raise DatasetError(
+                f"{self.root}: {VARIANTS_FILE!r} declares no variants; run `branchdrive-validate`"
+            ) from error
+        if name not in declared:
+            raise UsageError(f"{self.root}: no variant {name!r}; there are {list(declared)}")
+        table = read_table(self.root, table_path("group_quality"), "group_quality")
+        quality = from_arrow(table, "group_quality")
+        found = frozenset(quality["group_id"][members(quality, declared[name].where)].tolist())
+        outside = sorted(found - self._contexts.keys())
+        if outside:
+            raise UsageError(
+                f"{self.root}: {len(outside)} groups of the variant {name!r}, as {outside[0]!r}, are not in the frozen "
+                "population, and the model layer has no rows of them"
+            )
+        return found
+
+    def _histories(self, rows: NDArray[np.int64], *, normalised: bool) -> dict[str, Array]:
+        state, controls = self._state[rows], self._controls[rows]
+        if normalised:
+            state, controls = self.scalings().state.apply(state), self.scalings().controls.apply(controls)
+        return {"state": state, "controls": controls}
+
+    def _expert_rows(self, rows: NDArray[np.int64], normalised: bool) -> Array:
+        return self.scalings().expert.apply(self._expert[rows]) if normalised else self._expert[rows]
+
+    def _history(self, table: str) -> Array:
+        return arrays.pack_history(self._frame(table), table, self._group_ids)
+
+    @cached_property
+    def _state(self) -> Array:
+        return self._history("state")
+
+    @cached_property
+    def _controls(self) -> Array:
+        return self._history("past_controls")
+
+    @cached_property
+    def _expert(self) -> Array:
+        return self._history("expert")
+
+    @cached_property
+    def _surroundings(self) -> arrays.Masked | None:
+        return arrays.pack_surroundings(self._frame("surroundings"), self._group_ids)
+
+    @cached_property
+    def _actions(self) -> NDArray[np.float32] | None:
+        encoded = arrays.pack_actions(self._frame("actions"), self.candidate_order)
+        declared = self.descriptor.action_encoding
+        found, expected = None if encoded is None else encoded.shape[1], None if declared is None else declared.width
+        if found != expected:
+            raise DatasetError(
+                f"{self.root}: {table_path('actions')!r}: encodings have width {found}, and the descriptor declares "
+                f"{expected}; run `branchdrive-validate`"
+            )
+        return encoded
+
+    @cached_property
+    def _scalars(self) -> Targets:
+        return arrays.pack_scalars(self._frame("scalars"), self._group_ids, self.candidate_order)
+
+    @cached_property
+    def _trajectories(self) -> Array:
+        return arrays.pack_trajectories(self._frame("trajectories"), self._group_ids, self.candidate_order).values
+
+    @cached_property
+    def _scalings(self) -> Scalings:
+        return scalings_of(_document(self.root, NORMALISATION_FILE))
+
+
+def _document(root: Path, path: str) -> dict[str, Any]:
+    content = read_file(root, path, spec_limits().max_document_bytes)
+    try:
+        document = parse_json(content)
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{root}: {path!r}: {error}; run `branchdrive-validate`") from error
+    layer, _, name = path.partition("/")
+    for wrong in schema_mismatches(document, LAYERS[layer].documents[name].schema):
+        raise _not_expected(root, path, wrong)
+    read: dict[str, Any] = document
+    return read
+
+
+def _not_expected(root: str | Path, path: str, wrong: Mismatch) -> DatasetError:
+    pointer = wrong.location["pointer"]
+    return DatasetError(
+        f"{root}: {path!r}: {pointer} is {wrong.found}, expected {wrong.expected}; run `branchdrive-validate`"
+    )

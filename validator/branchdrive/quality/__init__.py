@@ -1,0 +1,1 @@
+"""The quality layer: fidelity, split, population and ledger."""

@@ -1,0 +1,212 @@
+"""Replay fidelity of a release: thresholds, who passes them, which groups are valid, and retention.
+
+Everything is computed from rows of the tables `pairs` and `group_quality` and from the documents before it,
+so a validator recomputes it from what is stored and compares exactly. An infinite discrepancy is a masked
+entry of its column; an infinite threshold, which every finite discrepancy is within, is ``null`` in the
+document where the variable is judged.
+
+A bank is the intervention pairs of a group: each group needs the same actions, each once.
+
+Source: paper V-B; spec/11-fidelity.md#pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.driving.discrepancy import CORE
+from branchdrive.quality.partition import PARTITIONS, assignment_of
+from branchdrive.quality.retention import NUM_RESAMPLES, retention
+from branchdrive.quality.threshold import QUANTILE, VARIABLES, Thresholds, fit_thresholds, passes
+from branchdrive.statistics.split import TRAINING, split_digest
+from branchdrive.tables.frame import Frame, Values
+
+__all__ = [
+    "CRITERIA", "LEVEL", "bank_rows", "near_thresholds", "retention_document", "threshold_document",
+    "thresholds_of", "with_passes", "with_validity",
+]  # fmt: skip
+
+Index = NDArray[np.int64]
+
+CRITERIA = ("core", "extended")
+"""Criteria in the order in which documents name them; the second includes the first."""
+
+LEVEL = 0.95
+"""Level of the intervals of retention."""
+
+
+def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
+    """The document ``thresholds.json``, fitted on the interventions of eligible training groups and on nothing else.
+
+    Args:
+        pairs: Rows of `pairs`; no flag of theirs is read.
+        groups: Rows of `group_quality` with partitions.
+
+    Raises:
+        ValueError: No training group is eligible, or one of them lacks a pair.
+    """
+    assignment = assignment_of(groups)
+    eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
+    fitted_on = sorted(group_id for group_id in eligible if assignment.get(group_id) == TRAINING)
+    if not fitted_on:
+        raise ValueError("no training group is structurally eligible, so no threshold can be fitted")
+    rows = bank_rows(pairs, fitted_on)
+    there = np.asarray(pairs["has_pedestrian"], np.bool_)[rows].any(axis=1)
+    fitted = fit_thresholds(_discrepancies(pairs)[rows], has_pedestrian=there)
+    return {
+        "split_digest": split_digest(assignment),
+        "quantile": QUANTILE,
+        "method": "higher",
+        "partition": TRAINING,
+        "num_groups": fitted.num_groups,
+        "pedestrian_support": fitted.support,
+        "variables": [
+            {
+                "name": variable.name,
+                "unit": LAYER_TABLES["pairs"][variable.name].unit,
+                "criterion": CRITERIA[i >= len(CORE)],
+                "judged": bool(fitted.judged[i]),
+                "value": float(fitted.values[i]) if np.isfinite(fitted.values[i]) else None,
+            }
+            for i, variable in enumerate(VARIABLES)
+        ],
+    }
+
+
+def thresholds_of(document: Mapping[str, Any]) -> Thresholds:
+    """Thresholds of a document ``thresholds.json``.
+
+    Raises:
+        ValueError: Its variables are not those of this version, in their order.
+    """
+    names = [variable["name"] for variable in document["variables"]]
+    if names != [variable.name for variable in VARIABLES]:
+        raise ValueError(f"thresholds of {names}, not of {[variable.name for variable in VARIABLES]}")
+    judged = np.array([variable["judged"] for variable in document["variables"]], np.bool_)
+    values = [np.inf if variable["value"] is None else variable["value"] for variable in document["variables"]]
+    return Thresholds(
+        np.where(judged, np.array(values, np.float64), np.nan),
+        judged,
+        int(document["num_groups"]),
+        int(document["pedestrian_support"]),
+    )
+
+
+def with_passes(pairs: Frame, thresholds: Thresholds) -> dict[str, Values]:
+    """Rows of `pairs` with the columns `core_pass` and `extended_pass`, nominal replays included.
+
+    Raises:
+        ValueError: A discrepancy is negative or NaN.
+    """
+    passed = passes(_discrepancies(pairs)[:, None, :], thresholds)
+    return {**pairs, "core_pass": passed.core[:, 0], "extended_pass": passed.extended[:, 0]}
+
+
+def near_thresholds(pairs: Frame, thresholds: Thresholds, tolerance: float) -> NDArray[np.bool_]:
+    """Discrepancies whose last bits may decide ``[pairs, 12]``: those that lie beside their threshold, not at it.
+
+    Args:
+        pairs: Rows of `pairs`; no flag of theirs is read.
+        thresholds: Of the training groups.
+        tolerance: Largest distance that is near, in units of ``1 + threshold``.
+    """
+    values, limits = _discrepancies(pairs), thresholds.values
+    with np.errstate(invalid="ignore"):
+        return np.asarray((values != limits) & (np.abs(values - limits) <= tolerance * (1 + limits)))
+
+
+def with_validity(groups: Frame, pairs: Frame) -> dict[str, Values]:
+    """Rows of `group_quality` with the columns `core_valid` and `extended_valid`.
+
+    A group is valid if it is eligible and every pair of its bank passes; nominal replays decide nothing.
+
+    Args:
+        groups: Rows, of which `group_id` and `eligible` are read.
+        pairs: Rows with `core_pass` and `extended_pass`.
+
+    Raises:
+        ValueError: An eligible group lacks a pair that others have.
+    """
+    eligible = np.asarray(groups["eligible"], np.bool_)
+    rows = bank_rows(pairs, groups["group_id"][eligible].tolist())
+    columns: dict[str, Values] = {}
+    for criterion in CRITERIA:
+        valid = np.zeros(len(eligible), np.bool_)
+        valid[eligible] = np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows].all(axis=1)
+        columns[f"{criterion}_valid"] = valid
+    return {**groups, **columns}
+
+
+def retention_document(
+    pairs: Frame, groups: Frame, *, thresholds_digest: str, split_digest: str, seed: int
+) -> dict[str, Any]:
+    """The document ``retention.json``: pairs and banks of all integrity-complete groups, by criterion and partition.
+
+    Args:
+        pairs: Rows with `core_pass` and `extended_pass`.
+        groups: Rows of `group_quality` with partitions.
+        thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
+        split_digest: Digest of ``split.json``.
+        seed: Seed of the resamples, in ``[0, 2^64)``.
+
+    Raises:
+        ValueError: A group lacks a pair that others have, or the seed is out of range.
+    """
+    assignment = assignment_of(groups)
+    homes = list(assignment.values())
+    rows = bank_rows(pairs, list(assignment))
+    present = [name for name in PARTITIONS if name in homes]
+    found = []
+    for criterion in CRITERIA if homes else ():
+        passed = np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows]
+        rows_of = retention(passed, homes, partitions=present, seed=seed)
+        found += [{"criterion": criterion, **row._asdict(), "met": row.met} for row in rows_of]
+    return {
+        "seed": seed,
+        "num_resamples": NUM_RESAMPLES,
+        "level": LEVEL,
+        "split_digest": split_digest,
+        "thresholds_digest": thresholds_digest,
+        "rows": found,
+    }
+
+
+def bank_rows(pairs: Frame, group_ids: list[str]) -> Index:
+    """Rows of `pairs` with the interventions of groups, ``[groups, actions]``, actions in sorted order.
+
+    Raises:
+        ValueError: A group has no pair, the same action twice, or other actions than the first group.
+    """
+    place = {group_id: i for i, group_id in enumerate(group_ids)}
+    banks: list[dict[str, int]] = [{} for _ in group_ids]
+    is_intervention = np.asarray(pairs["kind"] == "intervention", np.bool_)
+    for row in np.flatnonzero(is_intervention).tolist():
+        i = place.get(pairs["group_id"][row])
+        if i is None:
+            continue
+        if pairs["action_key"][row] in banks[i]:
+            raise ValueError(f"group {group_ids[i]!r} has two pairs of the action {pairs['action_key'][row]!r}")
+        banks[i][pairs["action_key"][row]] = row
+    actions = sorted(banks[0]) if banks else []
+    for group_id, bank in zip(group_ids, banks, strict=True):
+        if not bank:
+            raise ValueError(f"group {group_id!r} has no pair of an intervention")
+        if bank.keys() != banks[0].keys():
+            action = min(bank.keys() ^ banks[0].keys())
+            raise ValueError(f"of the groups {group_ids[0]!r} and {group_id!r} one alone has a pair of {action!r}")
+    rows = np.array([[bank[action] for action in actions] for bank in banks], np.int64)
+    return rows.reshape(len(banks), len(actions))
+
+
+def _discrepancies(pairs: Frame) -> NDArray[np.float64]:
+    """Discrepancies ``[pairs, 12]``, infinite where a column is masked."""
+    columns = []
+    for variable in VARIABLES:
+        values = np.asarray(np.ma.getdata(pairs[variable.name]), np.float64)
+        columns.append(np.where(np.ma.getmaskarray(pairs[variable.name]), np.inf, values))
+    return np.stack(columns, axis=1)

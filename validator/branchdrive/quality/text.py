@@ -1,0 +1,80 @@
+"""What documents of the quality layer say, as plain sentences that the card and the reports share.
+
+Source: spec/10-layers.md#card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from branchdrive.contract.text import percent
+from branchdrive.quality.ledger import BENCHMARK_ACCESSES, RELEASE_ACCESS, Ledger, accesses
+
+__all__ = [
+    "PARTITION_TITLES",
+    "UNITS",
+    "access_sentence",
+    "benchmark_sentences",
+    "population_sentences",
+    "target_sentences",
+]
+
+PARTITION_TITLES: Mapping[str, str] = MappingProxyType(
+    {"train": "Train", "val": "Validation", "test": "Test", "calibration": "Calibration"}
+)
+"""How texts name partitions."""
+
+UNITS: Mapping[str, str] = MappingProxyType({"pair": "pairs", "bank": "complete banks"})
+"""How texts name the units of retention."""
+
+
+def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> list[str]:
+    """Whether the core criteria reach the predeclared targets in a partition, pairs and banks."""
+    return [
+        f"{row['num_passed']:,} of {row['num_units']:,} {UNITS[row['unit']]} passed, {percent(row['share'])}: "
+        f"the predeclared target of {percent(row['target'], 0)} was {'met' if row['met'] else 'not met'}."
+        for row in retention["rows"]
+        if row["criterion"] == "core" and row["partition"] == partition and row["share"] is not None
+    ]
+
+
+def population_sentences(population: Mapping[str, Any]) -> list[str]:
+    """What the population table does not say by itself: near duplicates that were left out, empty partitions."""
+    frozen = population["stages"][-1]  # the last one; a document of a stranger may call it otherwise
+    valid = next((stage for stage in population["stages"] if stage["stage"] == "core_valid"), frozen)
+    sentences = []
+    left_out = valid["total"] - frozen["total"]
+    if left_out:
+        groups = "group is" if left_out == 1 else "groups are"
+        sentences.append(f"{left_out} core-valid {groups} left out as near duplicates of another partition.")
+    empty = [PARTITION_TITLES[name] for name in population["partitions"] if not (frozen["groups"] or {}).get(name)]
+    if empty:
+        sentences.append(f"The frozen population has no group in: {', '.join(empty)}. Collect more groups.")
+    return sentences
+
+
+def access_sentence(ledger: Ledger) -> str:
+    """How often the test partition was accessed."""
+    count = len(accesses(RELEASE_ACCESS, ledger))
+    if count == 0:
+        return "The test partition has not been accessed."
+    if count == 1:
+        return "The test partition was accessed once, after everything that it judges was fixed."
+    return (
+        f"The test partition was accessed {count} times, under different splits or thresholds: "
+        "it is no longer an untouched test set, and results on it are optimistic."
+    )
+
+
+def benchmark_sentences(ledger: Ledger) -> list[str]:
+    """How often benchmarks of earlier builds accessed the test partition; nothing where none did."""
+    counts = [len(accesses(event, ledger)) for event in BENCHMARK_ACCESSES]
+    if not any(counts):
+        return []
+    predictions, selections = (f"{count} {'time' if count == 1 else 'times'}" for count in counts)
+    return [
+        f"Benchmarks of earlier builds accessed the test partition {predictions} for predictions and {selections} for "
+        "selections: it is no longer an untouched test set for another benchmark."
+    ]

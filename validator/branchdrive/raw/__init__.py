@@ -1,0 +1,1 @@
+"""The raw layer: attempts and their streams, shard by shard."""

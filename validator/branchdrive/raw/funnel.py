@@ -1,0 +1,127 @@
+"""The funnel: how many branch groups get how far, and which rules cost the rest.
+
+Stages: discovered; bank (exact bank); controls (controls valid); integrity (integrity-complete);
+eligibility (structurally eligible). A group leaves at the first stage that it fails.
+Source: paper V-B; spec/07-rules.md#funnel.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from branchdrive.contract.mismatch import Mask
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.raw.selection import Selection
+from branchdrive.raw.shard_view import ShardView
+
+__all__ = ["STAGES", "Funnel", "Standing", "funnel_of", "standings_of"]
+
+STAGES = {
+    "discovered": "Groups discovered",
+    "bank": "Exact bank",
+    "controls": "Controls valid",
+    "integrity": "Integrity-complete",
+    "eligibility": "Structurally eligible",
+}
+"""Stages in order, with their titles."""
+
+
+@dataclass
+class Funnel:
+    """Groups lost at each stage and the rules that they fail there; funnels of shards add up."""
+
+    discovered: int = 0
+    lost: Counter[str] = field(default_factory=Counter)
+    reasons: dict[str, Counter[str]] = field(default_factory=lambda: {stage: Counter() for stage in STAGES})
+
+    def add(self, other: Funnel) -> None:
+        """Merge the funnel of another part of the dataset."""
+        self.discovered += other.discovered
+        self.lost.update(other.lost)
+        for stage, counts in other.reasons.items():
+            self.reasons[stage].update(counts)
+
+    @property
+    def groups(self) -> dict[str, int]:
+        """Groups that reach each stage."""
+        left, reached = self.discovered, {}
+        for stage in STAGES:
+            left -= self.lost[stage]
+            reached[stage] = left
+        return reached
+
+    @property
+    def qualified(self) -> int:
+        """Groups that pass every stage."""
+        return self.groups["eligibility"]
+
+    def to_json(self) -> dict[str, Any]:
+        """The funnel as the report schema has it."""
+        reached = self.groups
+        return {
+            "stages": [
+                {
+                    "name": stage,
+                    "title": title,
+                    "groups": reached[stage],
+                    "lost": self.lost[stage],
+                    "reasons": dict(sorted(self.reasons[stage].items())),
+                }
+                for stage, title in STAGES.items()
+            ]
+        }
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far one group gets: the stage at which it is lost, ``None`` if none, and the rules it fails there."""
+
+    lost_at: str | None = None
+    rules: tuple[str, ...] = ()
+
+    @property
+    def is_integrity_complete(self) -> bool:
+        """Whether the group reaches the stage `integrity`."""
+        return self.lost_at in (None, "eligibility")
+
+
+def standings_of(
+    view: ShardView, selection: Selection, failed: dict[str, Mask], failed_groups: dict[str, Mask]
+) -> list[Standing]:
+    """Standing of every group of a shard.
+
+    Args:
+        view: The shard.
+        selection: Its candidates.
+        failed: Attempts that fail each structure or rollout rule ``[rollouts]``.
+        failed_groups: Groups that fail each group rule ``[groups]``.
+    """
+    by_stage: dict[str, dict[str, Mask]] = {stage: {} for stage in STAGES}
+    for rule_id, groups in failed_groups.items():
+        by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
+    members = selection.chosen >= 0
+    for rule_id, rollouts in failed.items():
+        groups = np.zeros(len(view.group_ids), bool)
+        groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
+        by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
+    standings = [Standing()] * len(view.group_ids)
+    for stage, rules in by_stage.items():
+        for g, standing in enumerate(standings):
+            reasons = tuple(rule_id for rule_id, groups in rules.items() if groups[g])
+            if reasons and standing.lost_at is None:
+                standings[g] = Standing(stage, reasons)
+    return standings
+
+
+def funnel_of(standings: list[Standing]) -> Funnel:
+    """Funnel of groups."""
+    funnel = Funnel(discovered=len(standings))
+    for standing in standings:
+        if standing.lost_at is not None:
+            funnel.lost[standing.lost_at] += 1
+            funnel.reasons[standing.lost_at].update(standing.rules)
+    return funnel

@@ -1,0 +1,159 @@
+"""A branch group as arrays: one decision context with all its executed futures.
+
+Windows are relative to the rollout's own branch tick ``t_b``. Source: paper III-A, III-B;
+spec/02-time-frames-units.md#windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.resources import load_resource
+from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.errors import UsageError
+from branchdrive.raw.rollout import Rollout
+
+__all__ = ["APPLIED_CONTROLS", "STATE_COLUMNS", "BranchGroup"]
+
+APPLIED_CONTROLS = ("applied_steer", "applied_throttle", "applied_brake")
+"""The command that reached the vehicle; steering is positive to the right."""
+
+STATE_COLUMNS = tuple(
+    column.name
+    for column in TABLES["observations"].columns
+    if column.track == "sensor" and column.type.startswith("float")
+)
+"""Numeric columns of the sensor track, in declared order."""
+
+_Array = np.ndarray[Any, np.dtype[Any]]
+
+
+@dataclass(frozen=True, repr=False)
+class BranchGroup:
+    """All attempts of one decision context.
+
+    Attributes:
+        group_id: Identity of the group.
+        rollouts: Every attempt: nominal, interventions in the order of the action bank, nominal replays.
+    """
+
+    group_id: str
+    rollouts: tuple[Rollout, ...]
+
+    @property
+    def nominal(self) -> Rollout:
+        """The nominal rollout: of several, the first complete attempt, else the first attempt.
+
+        Raises:
+            UsageError: The group has none.
+        """
+        nominals = self._of_role("nominal")
+        if not nominals:
+            raise UsageError(f"group `{self.group_id}` has no nominal rollout; look at `rollouts`")
+        return next((rollout for rollout in nominals if rollout.record["status"] == "complete"), nominals[0])
+
+    @property
+    def interventions(self) -> dict[str, tuple[Rollout, ...]]:
+        """Attempts of every executed intervention by action key, in the order of the action bank."""
+        attempts: dict[str, tuple[Rollout, ...]] = {}
+        for rollout in self._of_role("intervention"):
+            key = rollout.record["action_key"]
+            attempts[key] = (*attempts.get(key, ()), rollout)
+        return attempts
+
+    @property
+    def replays(self) -> tuple[Rollout, ...]:
+        """Independent further executions of the nominal policy."""
+        return self._of_role("nominal_replay")
+
+    def _of_role(self, role: str) -> tuple[Rollout, ...]:
+        return tuple(rollout for rollout in self.rollouts if rollout.record["role"] == role)
+
+    def history_observations(self, rollout: Rollout, columns: Sequence[str] = STATE_COLUMNS) -> _Array:
+        """Observations at ``t_b - 75, t_b - 70, .., t_b``, shape ``[16, columns]``, float64.
+
+        Raises:
+            UsageError: The rollout has no branch or lacks one of these rows, or a column is not numeric.
+        """
+        return _window(rollout, "observations", HISTORY_OFFSETS, columns)
+
+    def future_observations(self, rollout: Rollout, columns: Sequence[str] = STATE_COLUMNS) -> _Array:
+        """Observations at ``t_b + 5, .., t_b + 50``, shape ``[10, columns]``, float64; errors as above."""
+        return _window(rollout, "observations", FUTURE_OFFSETS, columns)
+
+    def control_history(self, rollout: Rollout) -> _Array:
+        """Applied steer, throttle and brake at ``t_b - 80 .. t_b - 1``, shape ``[80, 3]``, float32; errors as above."""
+        return _window(rollout, "controls", range(-CONTROL_HISTORY_TICKS, 0), APPLIED_CONTROLS)
+
+    def controls(self, rollout: Rollout, columns: Sequence[str] = APPLIED_CONTROLS) -> _Array:
+        """Controls of all ticks, shape ``[ticks, columns]``, float32; masked where a chosen column may be null.
+
+        Raises:
+            UsageError: A column is not numeric.
+        """
+        return _matrix(rollout, "controls", columns)
+
+    def record(self) -> dict[str, Any]:
+        """The group as its record schema has it: values shared by the group, and its attempts.
+
+        The shared values are those of the nominal rollout.
+
+        Raises:
+            UsageError: The group has no nominal rollout.
+        """
+        declared = load_resource("columns.json")["records"]["branch_group"]
+        shared = {name: self.nominal.record[name] for name in declared["shared"]}
+        attempts = [{name: r.record[name] for name in declared["attempts"]} for r in self.rollouts]
+        return {**shared, "attempts": attempts}
+
+    def __repr__(self) -> str:
+        roles = ("nominal", "intervention", "nominal_replay")
+        counts = ", ".join(f"{len(self._of_role(role))} {role}" for role in roles)
+        lines = [f"BranchGroup({self.group_id!r}: {counts}; {len(self.interventions)} actions)"]
+        for rollout in self.rollouts:
+            shapes = [f"{name} {list(_shape(rollout, name))}" for name in rollout.tables]
+            lines.append(f"  {rollout.rollout_id!r} t_b={rollout.branch_tick}: {', '.join(shapes)}")
+        width = len(STATE_COLUMNS)
+        windows = f"history [16, {width}] float64, controls [80, 3] float32, future [10, {width}] float64"
+        return "\n".join([*lines, f"  windows: {windows}"])
+
+
+def _shape(rollout: Rollout, table: str) -> tuple[int, int]:
+    return rollout.tables[table].num_rows, rollout.tables[table].num_columns
+
+
+def _window(rollout: Rollout, table: str, offsets: Sequence[int], columns: Sequence[str]) -> _Array:
+    """Rows of `table` at ``t_b + offsets``, shape ``[offsets, columns]``."""
+    branch_tick = rollout.branch_tick
+    if branch_tick is None:
+        raise UsageError(f"rollout `{rollout.rollout_id}` has no branch tick and so no windows")
+    wanted = np.asarray(offsets) + branch_tick
+    ticks = rollout.column(table, "tick")
+    first, after = (np.searchsorted(ticks, wanted, side=side) for side in ("left", "right"))
+    unusable = wanted[after - first != 1]
+    if unusable.size:
+        raise UsageError(
+            f"rollout `{rollout.rollout_id}` lacks or repeats {table} at ticks {unusable.tolist()}; "
+            "only rollouts with whole windows have arrays"
+        )
+    return _matrix(rollout, table, columns)[first]
+
+
+def _matrix(rollout: Rollout, table: str, columns: Sequence[str]) -> _Array:
+    """Chosen columns side by side, shape ``[rows, columns]``: float64 for observations, float32 for controls."""
+    declared = {column.name: column.type for column in TABLES[table].columns}
+    unfit = [name for name in columns if declared.get(name, "string") == "string"]
+    if unfit:
+        numeric = [name for name, kind in declared.items() if kind != "string"]
+        raise UsageError(f"columns {unfit} of `{table}` are not numeric; choose from {numeric}")
+    values = [rollout.column(table, name) for name in columns]
+    dtype = np.float32 if table == "controls" else np.float64
+    if any(isinstance(value, np.ma.MaskedArray) for value in values):
+        masked: _Array = np.ma.stack(values, axis=1).astype(dtype)
+        return masked
+    return np.stack(values, axis=1).astype(dtype)

@@ -1,0 +1,142 @@
+"""Group rules: the bank is complete and its candidates share their context.
+
+Source: paper III-B, V-B; spec/04-policies.md#bank, spec/05-raw-streams.md#group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.raw.selection import Selection
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import TableView
+
+
+@rule("BD-BNK-001")
+def bank_is_complete(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """A complete attempt of every policy, the nominal included."""
+    missing = selection.chosen < 0
+    keys = np.array(view.descriptor.action_bank.keys)
+
+    def describe(g: int) -> Mismatch:
+        lacking = ", ".join(keys[missing[g]])
+        return Mismatch(
+            {}, f"all {len(keys)} policies", f"no complete attempt of {lacking}", count=int(missing[g].sum())
+        )
+
+    yield Check.of_subjects(subjects, subjects & missing.any(axis=1), describe)
+
+
+@rule("BD-BNK-002")
+def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """Every chosen intervention was executed against the group's chosen nominal."""
+    subjects = subjects & (selection.nominal >= 0)
+    used = np.where(selection.chosen >= 0, view.nominal[selection.chosen], selection.nominal[:, None])
+    foreign = used != selection.nominal[:, None]
+    keys = np.array(view.descriptor.action_bank.keys)
+
+    def describe(g: int) -> Mismatch:
+        return Mismatch(
+            {},
+            f"nominal {quote(view.rollout_ids[selection.nominal[g]])} throughout",
+            f"another nominal under {', '.join(keys[foreign[g]])}",
+            count=int(foreign[g].sum()),
+        )
+
+    yield Check.of_subjects(subjects, subjects & foreign.any(axis=1), describe)
+
+
+def _column_codes(table: TableView, column: str) -> NDArray[np.int64]:
+    values = table[column]
+    if TABLES["rollouts"][column].type == "string":
+        codes, words = table.words(column)
+        first = {word: words.index(word) for word in set(words)}
+        return np.array([*(first[word] for word in words), -1], np.int64)[codes]
+    if values.dtype == object:
+        seen: dict[bytes, int] = {}
+        return np.array([seen.setdefault((cell + 0.0).tobytes(), len(seen)) for cell in values], np.int64)
+    return np.unique(values, return_inverse=True)[1].astype(np.int64)
+
+
+def _known_codes(_view: ShardView) -> dict[str, NDArray[np.int64]]:
+    return {}
+
+
+def _codes(view: ShardView, column: str) -> NDArray[np.int64]:
+    """Equal codes for equal values of a rollouts column; null is a value of its own, zeros have no sign."""
+    known = view.once(_known_codes)
+    if column not in known:
+        known[column] = np.where(view.rollouts.valid(column), _column_codes(view.rollouts, column), -1)
+    return known[column]
+
+
+def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Iterator[Check]]:
+    def check(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+        subjects = subjects & (selection.nominal >= 0)
+        own = selection.nominal[:, None]
+        chosen = np.where(selection.chosen >= 0, selection.chosen, own)
+        codes = np.stack([_codes(view, column) for column in columns])
+        differs = codes[:, chosen] != codes[:, own]  # [columns, groups, policies]
+
+        def describe(g: int) -> Mismatch:
+            column_index, policy_index = np.argwhere(differs[:, g])[0]
+            column, other = columns[column_index], chosen[g, policy_index]
+            values, valid = view.rollouts[column], view.rollouts.valid(column)
+            wanted, found = (quote(values[i]) if valid[i] else "null" for i in (selection.nominal[g], other))
+            place: Location = {
+                "table": "rollouts",
+                "column": column,
+                "rollout_id": view.rollout_ids[other],
+            }
+            return Mismatch(place, f"{wanted} as in the nominal", found, int(differs[:, g].any(axis=0).sum()))
+
+        yield Check.of_subjects(subjects, subjects & differs.any(axis=(0, 2)), describe)
+
+    check.__doc__ = f"Chosen attempts agree with their nominal in {', '.join(columns)}."
+    return check
+
+
+_ROUTE = ("route_id", "route_x_m", "route_y_m")
+_TOWN = ("town",)
+_SEED = ("seed", "repetition")
+_BRANCH = (
+    "branch_tick",
+    "branch_frame",
+    "trigger_definition",
+    "trigger_tick",
+    "trigger_signal",
+    "trigger_value",
+    "trigger_threshold",
+    "trigger_confidence",
+)
+_SCENARIO = ("scenario_type", "environment", "ego_length_m", "ego_width_m", "ego_height_m")
+
+same_route = rule("BD-GRP-001")(_shared(_ROUTE))
+same_town = rule("BD-GRP-002")(_shared(_TOWN))
+same_seed = rule("BD-GRP-003")(_shared(_SEED))
+same_branch = rule("BD-GRP-004")(_shared(_BRANCH))
+same_scenario = rule("BD-GRP-005")(_shared(_SCENARIO))
+
+
+@rule("BD-GRP-006")
+def replays_share_their_context(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """A nominal replay agrees with its nominal in everything that candidates share."""
+    subjects = subjects & view.role("nominal_replay") & (view.nominal >= 0)
+    columns = (*_ROUTE, *_TOWN, *_SEED, *_BRANCH, *_SCENARIO)
+    codes = np.stack([_codes(view, column) for column in columns])
+    differs = codes != codes[:, view.nominal]  # [columns, rollouts]
+
+    def describe(i: int) -> Mismatch:
+        column = columns[int(np.argmax(differs[:, i]))]
+        values, valid = view.rollouts[column], view.rollouts.valid(column)
+        wanted, found = (quote(values[k]) if valid[k] else "null" for k in (view.nominal[i], i))
+        return Mismatch({"table": "rollouts", "column": column}, f"{wanted} as in the nominal", found)
+
+    yield Check.of_subjects(subjects, subjects & differs.any(axis=0), describe)

@@ -1,0 +1,161 @@
+"""Key rules: identities, references and counts of a shard. Source: spec/03-layout.md#keys."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.files.survey import Survey
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import TableView
+
+ATTEMPT_KEY = ("group_id", "role", "action_key", "protocol_variant", "attempt")
+
+
+@rule("BD-KEY-001")
+def rollout_ids_are_unique(survey: Survey) -> Iterator[Check]:
+    """No rollout identity twice in the dataset."""
+    count = Counter(rollout_id for shard in survey.shards for rollout_id in shard.rollout_ids)
+    yield Check.of(
+        sum(count.values()),
+        tuple(
+            Mismatch({"table": "rollouts", "rollout_id": rollout_id}, "a unique rollout_id", f"{n} rows")
+            for rollout_id, n in count.items()
+            if n > 1
+        ),
+    )
+
+
+@rule("BD-KEY-003")
+def groups_stay_in_one_shard(survey: Survey) -> Iterator[Check]:
+    """No branch group in two shards."""
+    homes: dict[str, list[str]] = {}
+    for shard in survey.shards:
+        for group_id in shard.group_ids:
+            homes.setdefault(group_id, []).append(shard.folder)
+    yield Check.of(
+        len(homes),
+        tuple(
+            Mismatch({"group_id": group_id}, "one shard", ", ".join(folders[:4]))
+            for group_id, folders in homes.items()
+            if len(folders) > 1
+        ),
+    )
+
+
+@rule("BD-KEY-002")
+def attempt_keys_are_unique(view: ShardView) -> Iterator[Check]:
+    """No two attempts with the same group, role, action key, protocol variant and number."""
+    keys = list(zip(*(view.rollouts[column] for column in ATTEMPT_KEY), strict=True))
+    count = Counter(keys)
+    bad = np.flatnonzero([count[key] > 1 for key in keys])
+    yield Check.of_rows(
+        "rollouts", "attempt", len(keys), bad, lambda row: ("a unique attempt key", quote(tuple(map(str, keys[row]))))
+    )
+
+
+def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
+    return "a rollout_id of the shard's rollouts table", quote(stream["rollout_id"][row])
+
+
+@rule("BD-KEY-004")
+def rows_belong_to_rollouts(view: ShardView) -> Iterator[Check]:
+    """Every stream row names an attempt of its shard."""
+    for name in view.table_names[1:]:
+        stream = view.stream(name)
+        bad = np.flatnonzero(stream.rollout < 0)
+        yield Check.of_rows(
+            name,
+            "rollout_id",
+            len(stream),
+            bad,
+            partial(_unknown_rollout, stream),
+        )
+
+
+@rule("BD-KEY-005")
+def nominal_references_resolve(view: ShardView) -> Iterator[Check]:
+    """The named nominal is an attempt of the same group with the role nominal."""
+    named = view.rollouts.valid("nominal_rollout_id")
+    nominal = view.nominal
+    at = np.maximum(nominal, 0)
+    sound = (nominal >= 0) & view.role("nominal")[at] & (view.group[at] == view.group)
+    bad = np.flatnonzero(named & ~view.role("nominal") & ~sound)
+    yield Check.of_rows(
+        "rollouts",
+        "nominal_rollout_id",
+        view.num_rollouts,
+        bad,
+        lambda row: ("a nominal rollout of the same group", quote(view.rollouts["nominal_rollout_id"][row])),
+    )
+
+
+def _misplaced(orphan: Mask, row: int) -> tuple[str, str]:
+    return "one row per key and observation", "no observation" if orphan[row] else "a second row"
+
+
+@rule("BD-KEY-006")
+def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
+    """Evidence and actor rows are unique under their key and sit on a saved observation."""
+    observations = view.observations
+    for name in ("evidence", "actors"):
+        if name not in view:
+            continue
+        stream = view.stream(name)
+        known = stream.rollout >= 0
+        orphan = known & (observations.rows_of(stream) < 0)
+        repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & known
+        yield Check.of_rows(
+            name,
+            None,
+            len(stream),
+            np.flatnonzero(orphan | repeated),
+            partial(_misplaced, orphan),
+        )
+
+
+def _miscounted(rows: NDArray[np.int64], recorded: NDArray[np.int64], row: int) -> tuple[str, str]:
+    return f"the {rows[row]} rows that are there", quote(recorded[row])
+
+
+@rule("BD-KEY-007")
+def row_counts_match(view: ShardView) -> Iterator[Check]:
+    """``num_ticks`` and ``num_observations`` are the rows that the streams hold."""
+    for column, name in (("num_ticks", "controls"), ("num_observations", "observations")):
+        stream = view.stream(name)
+        rows = stream.stop - stream.start
+        recorded = view.rollouts[column]
+        yield Check.of_rows(
+            "rollouts",
+            column,
+            view.num_rollouts,
+            np.flatnonzero(rows != recorded),
+            partial(_miscounted, rows, recorded),
+        )
+
+
+@rule("BD-KEY-008")
+def action_keys_agree_with_roles(view: ShardView) -> Iterator[Check]:
+    """Interventions execute a policy of the bank that intervenes; the other roles the nominal policy."""
+    bank = view.descriptor.action_bank
+    nominal = list(bank.keys).index(bank.nominal.key)
+    intervenes = view.role("intervention")
+    known = view.policy >= 0
+    bad = np.flatnonzero(~known | ((view.policy == nominal) == intervenes))
+    yield Check.of_rows(
+        "rollouts",
+        "action_key",
+        view.num_rollouts,
+        bad,
+        lambda row: (
+            "an intervening policy of the bank" if intervenes[row] else f"{bank.nominal.key!r}",
+            quote(view.rollouts["action_key"][row]),
+        ),
+    )

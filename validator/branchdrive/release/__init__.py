@@ -1,0 +1,1 @@
+"""The builder of releases: layers in order, and their publication."""

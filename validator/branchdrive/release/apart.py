@@ -1,0 +1,157 @@
+"""A leakage audit in a process of its own, whose linear algebra runs in one thread.
+
+Sums of a linear algebra library depend on its number of threads in their last bits, so the audit has a fresh
+process. Parts that are known and progress go through a pipe, and files are the parent's alone. It is no worker of
+an executor, because workers import the script that starts them.
+
+Source: spec/10-layers.md#layers.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, Pipe
+from typing import Any, Protocol
+
+from branchdrive.errors import ToolError
+from branchdrive.leakage.audit import Progress, audit_leakage
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.protocol import AuditProtocol
+from branchdrive.process import ONE_THREAD, child_environment, exit_after, python_command
+
+__all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
+
+
+class KnownParts(Protocol):
+    """Finished parts of an audit by name."""
+
+    def get(self, name: str) -> dict[str, Any] | None:
+        """The part, if it is known."""
+
+    def put(self, name: str, part: dict[str, Any]) -> None:
+        """Keep the part."""
+
+
+@dataclass(frozen=True)
+class AuditTask:
+    """All that an audit is a function of.
+
+    Attributes:
+        inputs: What is seen.
+        seed: Of everything random.
+        protocol: Numbers of the audit; None is the default.
+        classifier: Of the recurrent tests, or why there is none.
+    """
+
+    inputs: ReplayInputs
+    seed: int
+    protocol: AuditProtocol | None
+    classifier: SequenceClassifier | Unavailable
+
+
+def audit_here(task: AuditTask, parts: KnownParts, progress: Progress | None = None) -> dict[str, Any]:
+    """The audit as JSON, in this process and with as many threads as it has."""
+
+    def remember(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        part = parts.get(name)
+        if part is None:
+            part = compute()
+            parts.put(name, part)
+        return part
+
+    return audit_leakage(
+        task.inputs,
+        seed=task.seed,
+        protocol=task.protocol,
+        sequence_classifier=task.classifier,
+        remember=remember,
+        progress=progress,
+    )
+
+
+def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = None) -> dict[str, Any]:
+    """The audit as JSON, from a process of its own; the process ends when this call does, however it ends.
+
+    Raises:
+        ToolError: The process died, of a lack of memory for example.
+    """
+    here, there = Pipe()
+    with here:
+        with there:
+            process = subprocess.Popen(  # noqa: S603  (this interpreter and this module)
+                python_command("-m", __name__, str(there.fileno())),
+                env={**child_environment(), **ONE_THREAD},
+                pass_fds=(there.fileno(),),
+                stdin=subprocess.PIPE,  # closes with this process, however that ends
+                start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of
+            )
+        try:
+            here.send(task)
+            return _serve(here, parts, progress)
+        except (EOFError, ConnectionError) as error:
+            raise ToolError(
+                "the process of the leakage audit died; give it more memory, or leave the audit out"
+            ) from error
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def _serve(connection: Connection, parts: KnownParts, progress: Progress | None) -> dict[str, Any]:
+    """Answer what the process asks until it has the whole audit."""
+    while True:
+        match connection.recv():
+            case "progress", done, total, name:
+                if progress:
+                    progress(done, total, name)
+            case "get", name:
+                connection.send(parts.get(name))
+            case "put", name, part:
+                parts.put(name, part)
+            case "failed", error:
+                raise error
+            case "done", document:
+                found: dict[str, Any] = document
+                return found
+
+
+@dataclass(frozen=True)
+class _AskedParts:
+    """Parts that the parent process knows."""
+
+    connection: Connection
+
+    def get(self, name: str) -> dict[str, Any] | None:
+        self.connection.send(("get", name))
+        part: dict[str, Any] | None = self.connection.recv()
+        return part
+
+    def put(self, name: str, part: dict[str, Any]) -> None:
+        self.connection.send(("put", name, part))
+
+
+def _work(connection: Connection) -> None:
+    """Carry out the task that comes through `connection`."""
+    try:
+        task = connection.recv()
+        try:
+            document = audit_here(task, _AskedParts(connection), lambda *told: connection.send(("progress", *told)))
+        except (EOFError, ConnectionError):
+            raise
+        except Exception as error:  # it is the parent's
+            connection.send(("failed", error))
+        else:
+            connection.send(("done", document))
+    except (EOFError, ConnectionError):
+        return  # nobody waits for the result any more
+
+
+if __name__ == "__main__":
+    exit_after(lambda: os.read(sys.stdin.fileno(), 1))  # nothing is ever written
+    with Connection(int(sys.argv[1])) as _connection:
+        _work(_connection)

@@ -1,0 +1,187 @@
+"""Derived layers as they are built: frames, documents and bytes, and what of them a folder already holds."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
+from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE, MANIFEST_FILE
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import DatasetError
+from branchdrive.formats.manifest import parse_manifest
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import read_table
+from branchdrive.formats.untrusted import read_file
+from branchdrive.quality.ledger import Ledger
+from branchdrive.quality.ledger_check import order_mismatches
+from branchdrive.tables.arrow import from_arrow, to_arrow
+from branchdrive.tables.frame import Frame, Values, sort_rows
+
+__all__ = ["LEDGERS", "BuiltLayers", "load_layers", "load_ledger"]
+
+LEDGERS = (LEDGER_FILE, BENCHMARK_LEDGER_FILE)
+"""Documents that stay whatever becomes of the layers around them: nobody can compute them again."""
+
+
+@dataclass
+class BuiltLayers:
+    """Layers of one release.
+
+    Attributes:
+        keys: Action keys in presentation order, by which tables are sorted.
+        frames: Tables by name.
+        documents: Documents by path.
+        contents: Bytes of every file by path.
+    """
+
+    keys: tuple[str, ...]
+    frames: dict[str, dict[str, Values]] = field(default_factory=dict)
+    documents: dict[str, Any] = field(default_factory=dict)
+    contents: dict[str, bytes] = field(default_factory=dict)
+
+    def put_table(self, name: str, frame: Frame) -> None:
+        """Add a table; its rows are sorted by key.
+
+        Raises:
+            ContractError: Its columns are not those declared.
+        """
+        self.frames[name] = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": self.keys})
+        self.contents[table_path(name)] = encode_table(to_arrow(name, self.frames[name]))
+
+    def put_document(self, path: str, document: Any) -> None:
+        """Add a document."""
+        self.documents[path] = document
+        self.contents[path] = dump_json(document)
+
+    def digest(self, path: str) -> str:
+        """SHA-256 of a file's bytes."""
+        return hashlib.sha256(self.contents[path]).hexdigest()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Layers that are whole, in order."""
+        whole = []
+        for name, layer in LAYERS.items():
+            if not set(layer.required_files) <= self.contents.keys():
+                break
+            whole.append(name)
+        return tuple(whole)
+
+    def changed_since(self, before: Mapping[str, bytes]) -> bool:
+        """Whether a file of `before`, the ledger apart, is not what it was: what is derived from it is of another."""
+        return any(self.contents.get(path) != content for path, content in before.items() if path != LEDGER_FILE)
+
+    def drop(self, path: str) -> None:
+        """Forget a document."""
+        self.contents.pop(path, None)
+        self.documents.pop(path, None)
+
+    def drop_after(self, layer: str) -> None:
+        """Forget every layer that is derived from `layer`, but not the ledgers."""
+        order = list(LAYERS)
+        for name in order[order.index(layer) + 1 :]:
+            free = {path for path in self.contents if LAYERS[name].admits_free(path)}
+            for path in {*LAYERS[name].files, *free} - {*LEDGERS}:
+                self.drop(path)
+            for table in LAYERS[name].tables:
+                self.frames.pop(table, None)
+
+
+def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
+    """Layers that the folder `root` holds whole, sound and as its manifest has them, up to the first that it does not.
+
+    Ledgers are kept whatever became of the files beside them.
+    """
+    found, stated = BuiltLayers(keys), _stated_digests(root)
+    for layer in LAYERS.values():
+        read = BuiltLayers(keys)
+        try:
+            for name in layer.tables:
+                path = table_path(name)
+                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
+                read.frames[name] = from_arrow(read_table(root, path, name), name)
+            for document in layer.documents.values():
+                path = f"{layer.name}/{document.name}"
+                if not document.optional or (root / path).is_file():
+                    _load_document(read, root, path, document.schema)
+            for path in (path for path in stated if layer.admits_free(path)):
+                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
+            _check_digests(read, root, stated)
+        except DatasetError:
+            for path in LEDGERS:
+                with suppress(DatasetError):
+                    _load_document(found, root, path, _schema_of(path))
+            break
+        for mine, other in (
+            (found.frames, read.frames),
+            (found.documents, read.documents),
+            (found.contents, read.contents),
+        ):
+            mine.update(other)  # type: ignore[arg-type]
+    return found
+
+
+def _stated_digests(root: Path) -> dict[str, str]:
+    """SHA-256 of files by path, as the manifest has them; none without a manifest."""
+    try:
+        manifest, _ = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    except DatasetError:
+        return {}
+    return dict(manifest.files)
+
+
+def _check_digests(read: BuiltLayers, root: Path, stated: Mapping[str, str]) -> None:
+    """A layer that was interrupted while it was published is a mixture of two, whose files decode all the same."""
+    for path in read.contents:
+        if stated.get(path) != read.digest(path):
+            raise DatasetError(f"{root}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
+
+
+def _schema_of(path: str) -> str:
+    layer, name = path.split("/")
+    return LAYERS[layer].documents[name].schema
+
+
+def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> None:
+    found.contents[path], found.documents[path] = _document(root, path, schema)
+
+
+def load_ledger(root: Path, path: str) -> Ledger | None:
+    """One of `LEDGERS` of the folder `root`; None if there is none.
+
+    Raises:
+        DatasetError: It cannot be read, or its entries are out of order.
+    """
+    if not (root / path).exists():
+        return None
+    ledger: Ledger = _document(root, path, _schema_of(path))[1]
+    for found in order_mismatches(ledger):
+        raise DatasetError(
+            f"{root}: {path!r} at {found.location['pointer']}: expected {found.expected}, found {found.found}; "
+            "restore the file"
+        )
+    return ledger
+
+
+def _document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
+    """Bytes and content of a document that conforms to its schema.
+
+    Raises:
+        DatasetError: It cannot be read, or breaks its schema.
+    """
+    content = read_file(root, path, spec_limits().max_document_bytes)
+    try:
+        document = parse_json(content)
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{root}: {path!r} {error}; build the layer again") from error
+    for wrong in schema_mismatches(document, schema):
+        pointer = wrong.location["pointer"]
+        raise DatasetError(f"{root}: {path!r} at {pointer}: expected {wrong.expected}; build the layer again")
+    return content, document

@@ -1,0 +1,272 @@
+"""Publication of derived layers: files beside their place first, then renamed, then descriptor, then manifest.
+
+A release that is interrupted while it is published is no valid dataset until the build runs again; its raw
+layer is never touched. Source: spec/03-layout.md#manifest, spec/10-layers.md#release.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    STAGING_DIR,
+    WRITER_LOCK,
+    layer_of,
+)
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import BranchDriveError, ToolError, UsageError
+from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.durable import delete, make_dir, move, replace_file, sync_dir, write_file
+from branchdrive.formats.file_lock import FileLock
+from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifest
+from branchdrive.formats.untrusted import read_file
+
+__all__ = ["benchmark_area", "held", "make_private", "publish", "publish_layer", "staging", "stated_identity"]
+
+_WORK = "build"
+_NEW = "new"
+_BENCHMARK = "benchmark-"
+"""How the folders begin that wait for the benchmark of a release."""
+_PRIVATE = 0o700
+
+
+@contextmanager
+def held(target: Path) -> Iterator[Path]:
+    """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
+
+    Raises:
+        UsageError: Somebody else is at work there, a collection has stopped in the middle, or a link leads out.
+    """
+    _refuse_links(target)
+    area = target / STAGING_DIR
+    make_dir(area)
+    with _sole_writer(target, area):
+        try:
+            yield area
+        finally:
+            delete(area / _WORK)
+            _leave(area)
+
+
+@contextmanager
+def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
+    """The working area of a build in `target`, which nobody else writes to meanwhile, collectors included.
+
+    It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build
+    is refused. Whatever else lies in the staging area belongs to a collection and is not touched.
+
+    Args:
+        target: The folder to build in.
+        create: Whether it may be missing.
+
+    Raises:
+        UsageError: A collection or another build is at work there, a collection has stopped in the middle, a link
+            leads out of the folder, or it is missing and may not be.
+    """
+    is_new = not target.exists()
+    if not create and not target.is_dir():
+        raise UsageError(f"{target} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
+    target.mkdir(parents=True, exist_ok=True)
+    _refuse_links(target)
+    area = target / STAGING_DIR
+    make_dir(area)
+    with _sole_writer(target, area):
+        work = _work_folder(area)
+        try:
+            yield work
+            delete(work)
+            _drop_stale_benchmarks(target, area)
+        except ToolError:
+            raise
+        except BranchDriveError:
+            delete(work)
+            raise
+        finally:
+            with suppress(OSError):  # parts that a build goes on from
+                work.rmdir()
+            _leave(area)
+            if is_new and not any(target.iterdir()):
+                target.rmdir()
+
+
+@contextmanager
+def _sole_writer(target: Path, area: Path) -> Iterator[None]:
+    lock = FileLock(area / WRITER_LOCK)
+    try:
+        is_taken = lock.acquire(blocking=False)
+    except FileNotFoundError:  # whoever had the area clears it away at this moment
+        is_taken = False
+    if not is_taken:
+        raise UsageError(f"{target}: a collection, a build or a benchmark is at work there; wait until it has finished")
+    try:
+        others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, _WORK})
+        others = [name for name in others if not name.startswith(_BENCHMARK)]
+        if others:
+            raise UsageError(
+                f"{target}: an unfinished collection has {others[0]!r} in {STAGING_DIR}; finish the collection before "
+                "a release is built"
+            )
+        yield
+    finally:
+        lock.release()
+
+
+def stated_identity(target: Path) -> str:
+    """Identity of the release that `target` holds, as its manifest has it.
+
+    Raises:
+        DatasetError: There is no manifest that could be read.
+    """
+    return _stated(target).identity
+
+
+def benchmark_area(target: Path) -> Path:
+    """Where the benchmark of the release that `target` holds works until it is published.
+
+    Raises:
+        DatasetError: There is no manifest that could be read.
+    """
+    return target / STAGING_DIR / f"{_BENCHMARK}{stated_identity(target)[:16]}"
+
+
+def _stated(target: Path) -> Manifest:
+    return parse_manifest(read_file(target, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+
+
+def _drop_stale_benchmarks(target: Path, area: Path) -> None:
+    """Remove what waits for the benchmark of another release than `target` now holds."""
+    current = benchmark_area(target)
+    for entry in area.iterdir():
+        if entry.name.startswith(_BENCHMARK) and entry != current:
+            delete(entry)
+
+
+def _work_folder(area: Path) -> Path:
+    """The builder's own folder, with what an interrupted build left there."""
+    work = area / _WORK
+    make_private(work)
+    return work
+
+
+def make_private(folder: Path) -> None:
+    """Make `folder` one that no other user could have filled: what is there of another's, or open to others, goes."""
+    if folder.exists():
+        status = folder.lstat()
+        is_own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
+        if not is_own or stat.S_IMODE(status.st_mode) != _PRIVATE:
+            delete(folder)
+    if not folder.exists():
+        folder.mkdir(_PRIVATE)
+        sync_dir(folder.parent)
+
+
+def _leave(area: Path) -> None:
+    """Remove the staging area if nothing but the lock is in it; call it under the lock."""
+    if {entry.name for entry in area.iterdir()} == {WRITER_LOCK}:
+        delete(area / WRITER_LOCK)
+        with suppress(OSError):  # the next writer may be there already
+            area.rmdir()
+
+
+def _refuse_links(target: Path) -> None:
+    """Links where a build writes would let it write elsewhere: the folder may come from a stranger."""
+    area = target / STAGING_DIR
+    layers = [target / layer for layer in LAYERS]
+    inner = [entry for layer in layers for entry in layer.glob("*") if entry.is_dir() and not entry.is_symlink()]
+    for folder in (target, area, *layers, *inner):
+        for entry in sorted(folder.iterdir()) if folder.is_dir() else ():
+            if entry.is_symlink():
+                raise UsageError(f"{entry} is a link; a build writes into plain folders only, remove it")
+    for entry in area.rglob("*"):
+        if entry.is_symlink():
+            raise UsageError(f"{entry} is a link; a build writes into plain folders only, remove it")
+
+
+def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], descriptor: Descriptor) -> Manifest:
+    """Make `target` a dataset of `kept` and `files`, and nothing else.
+
+    Args:
+        target: The dataset folder.
+        kept: SHA-256 of files that are there and stay, by path; `files` goes before it.
+        files: Bytes of all other files by path, descriptor and manifest excepted.
+        descriptor: What the dataset claims.
+
+    Returns:
+        Its manifest.
+    """
+    descriptor_bytes = render_descriptor(descriptor)
+    digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
+    digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
+    fresh = target / STAGING_DIR / _WORK / _NEW
+    delete(fresh)
+    make_dir(fresh.parent)
+    make_dir(fresh)
+    waiting = {path: content for path, content in files.items() if not _is_there(target / path, digests[path])}
+    for number, content in enumerate(waiting.values()):
+        write_file(fresh / str(number), content)
+    for number, path in enumerate(waiting):
+        make_dir((target / path).parent)
+        move(fresh / str(number), target / path)
+    for path in _own_files(target):
+        if path not in files and path not in kept:
+            delete(target / path)
+    for folder in [target / layer for layer in LAYERS]:
+        for inner in (*(entry for entry in folder.glob("*") if entry.is_dir()), folder):
+            if inner.is_dir() and not any(inner.iterdir()):
+                inner.rmdir()
+    replace_file(target / DESCRIPTOR_FILE, descriptor_bytes)
+    manifest = Manifest.of({**kept, **digests})
+    write_manifest(target, manifest)
+    return manifest
+
+
+def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manifest:
+    """Make `files` all that the last layer `layer` of the dataset `target` holds; everything else stays.
+
+    Args:
+        target: The dataset folder.
+        layer: A layer after all others that the dataset claims, or the last of them.
+        files: Bytes of its files by path; none drops the layer.
+
+    Raises:
+        DatasetError: The dataset has no descriptor or manifest that could be read.
+    """
+    descriptor = read_descriptor(target)
+    claimed = [*(name for name in descriptor.layers if name != layer), *([layer] if files else [])]
+    kept = {
+        path: digest
+        for path, digest in _stated(target).files.items()
+        if layer_of(path) != layer and path != DESCRIPTOR_FILE
+    }
+    return publish(
+        target, kept, files, Descriptor.model_validate({**descriptor.model_dump(mode="json"), "layers": claimed})
+    )
+
+
+def _is_there(path: Path, digest: str) -> bool:
+    if not path.is_file() or path.is_symlink():
+        return False
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest() == digest
+
+
+def _own_files(target: Path) -> list[str]:
+    """Files below `target` that a build has written, or may have."""
+    paths = [CARD_FILE, LICENCE_FILE, *(path for layer in LAYERS.values() for path in layer.files)]
+    return [path for path in (*paths, *_free_files(target)) if (target / path).is_file()]
+
+
+def _free_files(target: Path) -> list[str]:
+    found = (entry.relative_to(target).as_posix() for layer in LAYERS for entry in sorted((target / layer).rglob("*")))
+    return [path for path in found if LAYERS[path.split("/")[0]].admits_free(path)]

@@ -1,0 +1,129 @@
+"""The raw layer as a builder reads it: verified against its manifest, judged by every rule on rows, and extracted.
+
+Source: spec/10-layers.md#derivation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layout import MANIFEST_FILE, RAW_DIR, layer_of
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.engine.reading import Progress, read_dataset
+from branchdrive.engine.shard import ShardResult, spooled_name
+from branchdrive.engine.spool import Spool, SpooledFrames
+from branchdrive.engine.validate import judge_files
+from branchdrive.engine.worker import Executor
+from branchdrive.errors import DatasetError
+from branchdrive.files.survey import Survey, take_survey
+from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.untrusted import read_file
+from branchdrive.tables.frame import Frame
+
+__all__ = ["RawScan", "check_unchanged", "scan_raw"]
+
+_RAW_LAYERS = ("raw", "media")
+"""Layers that a builder reads and never writes."""
+
+
+@dataclass(frozen=True)
+class RawScan:
+    """A verified raw layer.
+
+    Attributes:
+        root: The dataset folder.
+        descriptor: The dataset's descriptor.
+        digest: Digest of the raw layer.
+        files: SHA-256 of every file of the raw layer and its media, by path.
+        extract: Rows that it gives for the derived layers, by table.
+    """
+
+    root: Path
+    descriptor: Descriptor
+    digest: str
+    files: dict[str, str]
+    extract: Mapping[str, Frame]
+
+
+def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -> RawScan:
+    """Read, verify and judge the raw layer of the dataset at `root`.
+
+    Raises:
+        DatasetError: There is no finished raw layer, it is damaged, or it breaks the format.
+        UsageError: There is no dataset at all.
+    """
+    survey = take_survey(root)
+    descriptor = _finished(survey)
+    with Spool.temporary() as spool:
+        reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
+        results = reading.shards
+        names = [spooled_name(shard.folder) for shard in results]
+        extract = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
+    survey = survey.with_shards(tuple(results))
+    for message in reading.errors:
+        place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
+        raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
+    for problem in (*_damage(survey), *_breaches(survey, results)):
+        raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and mend the raw layer first")
+    lacking = next((shard.no_frames for shard in results if not shard.frames), None)
+    if lacking is not None:
+        raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and mend the raw layer first")
+    files = _raw_files(survey.digests)
+    return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, extract)
+
+
+def _finished(survey: Survey) -> Descriptor:
+    """Descriptor of a dataset whose collection is finished."""
+    if survey.descriptor is None:
+        raise DatasetError(f"{survey.root}: its descriptor cannot be used; run `branchdrive-validate`")
+    if not survey.shard_folders:
+        raise DatasetError(f"{survey.root}: holds no raw layer; build from the dataset that does")
+    if survey.manifest is None:
+        raise DatasetError(f"{survey.root}: has no {MANIFEST_FILE}: finish the collection before a release is built")
+    return survey.descriptor
+
+
+def check_unchanged(scan: RawScan) -> None:
+    """The manifest on disk lists the raw layer that was read: nobody has begun to change it since.
+
+    Raises:
+        DatasetError: It does not, or is gone.
+    """
+    stated: dict[str, str] = {}
+    if (scan.root / MANIFEST_FILE).exists():
+        manifest, _ = parse_manifest(read_file(scan.root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+        stated = _raw_files(manifest.files)
+    if stated != scan.files:
+        raise DatasetError(f"{scan.root}: its raw layer was changed while it was built from; build again afterwards")
+
+
+def _raw_files(digests: Mapping[str, str]) -> dict[str, str]:
+    """Digests of the raw layer and its media alone, by path."""
+    return {path: digest for path, digest in digests.items() if layer_of(path) in _RAW_LAYERS}
+
+
+def _damage(survey: Survey) -> Iterator[str]:
+    """Files of the raw layer that are not what the manifest says."""
+    stated = _raw_files(survey.manifest.files if survey.manifest else {})
+    found = _raw_files(survey.digests)
+    for path in sorted(stated.keys() | found.keys()):
+        if stated.get(path) != found.get(path):
+            yield f"{path!r} is not the file that {MANIFEST_FILE} lists"
+            return
+
+
+def _breaches(survey: Survey, results: Sequence[ShardResult]) -> Iterator[str]:
+    """Structure rules that the raw layer breaks."""
+    for shard in results:
+        for tally in shard.tallies.values():
+            if tally.info.decides and tally.num_findings:
+                yield f"{shard.folder} breaks {tally.rule_id} ({tally.info.title})"
+                return
+    for tally in judge_files(survey):
+        if tally.info.decides and tally.num_findings and not tally.rule_id.startswith("BD-LAY"):
+            yield f"breaks {tally.rule_id} ({tally.info.title})"
+            return

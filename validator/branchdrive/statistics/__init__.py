@@ -1,0 +1,1 @@
+"""Random streams and statistics that a validator recomputes, without scipy."""

@@ -1,0 +1,169 @@
+"""Partitions of branch groups: disjoint in route clusters, stratified by scenario type, drawn by a key.
+
+The assignment is a pure function of group ids, the clustering, scenario types and a seed:
+
+1. The key of a cluster is the SHA-256 of the text ``seed``, newline, and its group ids, sorted, one a
+   line. Clusters are taken in ascending order of their keys.
+2. A cluster goes, whole, to a partition that still has room for it: its share of all groups less the
+   groups it holds. If none has, it goes to the one with the most room.
+3. Among several with room it goes where groups of its scenario types are rarest for the size of the
+   partition: to the least ``sum over the cluster's groups of (groups of that type there) / share``; ties
+   go to the partition that is the emptiest for its share, then to the first.
+
+So no partition of ``P`` exceeds its share by more than ``(P - 1) / P`` of the largest cluster, or falls
+short by more than ``(P - 1)^2 / P`` of it. All comparisons are exact. The order of the rows, the labels
+of the clusters and the names of the types decide nothing; group ids are the identity of a group, and
+renaming them draws anew. Clusters are not taken by size: partitions would differ in the size of their
+clusters, and a calibration partition must look like the test partition.
+
+A calibration partition is drawn first, against everything else, by the same three steps with the share
+that its groups and clusters need on average; then further clusters follow in the order of their keys
+until both numbers are reached. The shares of the others refer to what is left.
+
+Source: paper V-E (70/15/15, no shared route geometry, stratified); the algorithm is this project's choice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from fractions import Fraction
+from types import MappingProxyType
+from typing import NamedTuple
+
+__all__ = [
+    "CALIBRATION",
+    "SHARES",
+    "TRAINING",
+    "Calibration",
+    "assign_split",
+    "split_digest",
+]
+
+TRAINING = "train"
+"""Name of the partition on which everything is fitted."""
+
+SHARES: Mapping[str, int] = MappingProxyType({TRAINING: 70, "val": 15, "test": 15})
+"""Partitions and their shares of the groups, per cent."""
+
+CALIBRATION = "calibration"
+"""Name of the optional partition on which thresholds of a guard are fitted."""
+
+
+class Calibration(NamedTuple):
+    """The least that a calibration partition must hold."""
+
+    min_groups: int
+    min_clusters: int
+
+
+_Types = Counter[Hashable]
+
+
+class _Cluster(NamedTuple):
+    """Groups of one cluster, sorted, and how many there are of each scenario type."""
+
+    group_ids: tuple[str, ...]
+    types: _Types
+
+
+def assign_split(
+    group_ids: Sequence[str],
+    clusters: Sequence[Hashable],
+    scenario_types: Sequence[Hashable],
+    *,
+    seed: int,
+    calibration: Calibration | None = None,
+) -> dict[str, str]:
+    """Partition of every group, by group id in sorted order.
+
+    Args:
+        group_ids: Identity of each group ``[groups]``, all different, without white space.
+        clusters: Label of the route cluster of each group ``[groups]``, of any kind.
+        scenario_types: Stratum of each group ``[groups]``, of any kind.
+        seed: Part of the key.
+        calibration: The least that the partition `CALIBRATION` must hold; without it there is none.
+
+    Raises:
+        ValueError: The inputs differ in length, an id is not usable, or there are too few groups or
+            clusters for the calibration partition and one other cluster.
+    """
+    if len(scenario_types) != len(group_ids):
+        raise ValueError(f"{len(scenario_types)} scenario types do not match {len(group_ids)} groups")
+    members: dict[Hashable, list[tuple[str, Hashable]]] = {}
+    for group_id, cluster, kind in zip(group_ids, _checked(group_ids, clusters), scenario_types, strict=True):
+        members.setdefault(cluster, []).append((group_id, kind))
+    found = [
+        _Cluster(tuple(sorted(group_id for group_id, _ in rows)), Counter(kind for _, kind in rows))
+        for rows in members.values()
+    ]
+    found.sort(key=lambda cluster: _digest([str(seed), *cluster.group_ids]))
+    drawn: list[_Cluster] = []
+    if calibration is not None:
+        drawn, found = _draw(found, calibration)
+    partitions = [(CALIBRATION, drawn), *zip(SHARES, _fill(found, list(SHARES.values())), strict=True)]
+    assignment = {
+        group_id: name for name, members in partitions for cluster in members for group_id in cluster.group_ids
+    }
+    return dict(sorted(assignment.items()))
+
+
+def split_digest(assignment: Mapping[str, str]) -> str:
+    """SHA-256, 64 hexadecimal digits, of the lines ``group id, tab, partition``, sorted."""
+    return _digest(sorted(f"{group_id}\t{name}" for group_id, name in assignment.items()))
+
+
+def _digest(lines: Iterable[str]) -> str:
+    return hashlib.sha256("".join(f"{line}\n" for line in lines).encode()).hexdigest()
+
+
+def _checked(group_ids: Sequence[str], clusters: Sequence[Hashable]) -> Sequence[Hashable]:
+    if len(clusters) != len(group_ids):
+        raise ValueError(f"{len(clusters)} clusters do not match {len(group_ids)} groups")
+    seen: set[str] = set()
+    for group_id in group_ids:
+        if group_id in seen or group_id.split() != [group_id]:
+            raise ValueError(f"group id {group_id!r} is given twice, empty or holds white space")
+        seen.add(group_id)
+    return clusters
+
+
+def _fill(clusters: Sequence[_Cluster], shares: Sequence[int]) -> list[list[_Cluster]]:
+    """Clusters of every partition, taken in order; shares are positive and of any sum."""
+    num_groups, whole = sum(len(cluster.group_ids) for cluster in clusters), sum(shares)
+    filled: list[list[_Cluster]] = [[] for _ in shares]
+    types: list[_Types] = [Counter() for _ in shares]
+    for cluster in clusters:
+        size = len(cluster.group_ids)
+        room = [Fraction(share * num_groups, whole) - held.total() for share, held in zip(shares, types, strict=True)]
+        fits = [place for place, free in enumerate(room) if free >= size] or [room.index(max(room))]
+        burden = {
+            place: (
+                Fraction(sum(count * types[place][kind] for kind, count in cluster.types.items()), shares[place]),
+                Fraction(types[place].total(), shares[place]),
+                place,
+            )
+            for place in fits
+        }
+        best = min(fits, key=burden.__getitem__)
+        filled[best].append(cluster)
+        types[best].update(cluster.types)
+    return filled
+
+
+def _draw(clusters: list[_Cluster], least: Calibration) -> tuple[list[_Cluster], list[_Cluster]]:
+    """Clusters of the calibration partition and the others, both in order."""
+    num_groups = sum(len(cluster.group_ids) for cluster in clusters)
+    need = max(1, least.min_groups, -(-least.min_clusters * num_groups // max(1, len(clusters))))
+    drawn, rest = _fill(clusters, [need, num_groups - need]) if need < num_groups else ([], list(clusters))
+    while sum(len(cluster.group_ids) for cluster in drawn) < least.min_groups or len(drawn) < least.min_clusters:
+        if not rest:
+            break
+        drawn.append(rest.pop(0))
+    if not rest:
+        raise ValueError(
+            f"{num_groups} groups in {len(clusters)} clusters leave no cluster beside a calibration partition "
+            f"of {least.min_groups} groups and {least.min_clusters} clusters"
+        )
+    return drawn, rest

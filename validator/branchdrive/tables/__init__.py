@@ -1,0 +1,1 @@
+"""Tables as columns: views, frames of rows that are paired by key, and comparisons."""

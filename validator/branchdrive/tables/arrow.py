@@ -1,0 +1,87 @@
+"""Frames of derived layers as Arrow tables with the declared schema, and back.
+
+Source: spec/10-layers.md#tables.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import declared_table, table_schema
+from branchdrive.errors import ContractError
+from branchdrive.tables.frame import Frame, Values
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["filled", "from_arrow", "to_arrow"]
+
+
+def to_arrow(name: str, frame: Frame) -> pa.Table:
+    """Arrow table of the declared schema; masked entries are null.
+
+    Raises:
+        ContractError: Columns are not those declared, or values do not fit their type.
+    """
+    import pyarrow as pa
+
+    schema = table_schema(name)
+    if set(frame) != set(schema.names):
+        raise ContractError(
+            f"table `{name}`: columns {sorted(set(frame) ^ set(schema.names))} are missing or undeclared"
+        )
+    try:
+        columns = [_array(frame[field.name], field.type) for field in schema]
+    except (pa.ArrowException, ValueError, OverflowError) as error:
+        raise ContractError(f"table `{name}`: {error}") from error
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _array(values: Values, kind: pa.DataType) -> pa.Array:
+    import pyarrow as pa
+
+    plain, absent = np.ma.getdata(values), np.ma.getmaskarray(values)
+    if plain.dtype == object:
+        return pa.array([None if gone else cell for cell, gone in zip(plain.tolist(), absent, strict=True)], kind)
+    return pa.array(plain, mask=absent).cast(kind)
+
+
+def from_arrow(table: pa.Table, name: str) -> dict[str, Values]:
+    """Frame of a table that has the declared columns; a nullable column is a masked array."""
+    return {column.name: _values(table[column.name], column.nullable) for column in declared_table(name).columns}
+
+
+def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
+    import pyarrow as pa
+
+    array = chunked.combine_chunks()
+    if isinstance(array, pa.ChunkedArray):
+        array = pa.concat_arrays(array.chunks)
+    absent = array.is_null().to_numpy(zero_copy_only=False) if array.null_count else np.zeros(len(array), bool)
+    kind = array.type
+    if pa.types.is_list(kind):
+        lengths = filled(array.value_lengths())
+        items = np.array(array.flatten().to_numpy(zero_copy_only=False), np.float64)
+        plain = np.empty(len(array), dtype=object)
+        for i, (stop, length) in enumerate(zip(np.cumsum(lengths).tolist(), lengths.tolist(), strict=True)):
+            plain[i] = items[stop - length : stop]
+    elif pa.types.is_string(kind) or pa.types.is_dictionary(kind):
+        coded = array if pa.types.is_dictionary(kind) else array.dictionary_encode()
+        words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+        plain = words[np.where(absent, -1, filled(coded.indices))]
+    else:
+        plain = filled(array)
+    return np.ma.masked_array(plain, absent) if nullable else plain
+
+
+def filled(array: pa.Array) -> NDArray[Any]:
+    """Numbers or flags of an array; null numbers read 0, null flags false."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if array.null_count:
+        array = pc.fill_null(array, pa.scalar(False if pa.types.is_boolean(array.type) else 0, array.type))
+    return np.asarray(array.to_numpy(zero_copy_only=False))

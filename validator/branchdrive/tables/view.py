@@ -1,0 +1,248 @@
+"""Columnar views of tables: typed columns, categories of text, and streams in order of attempt and tick."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import declared_table
+from branchdrive.tables.arrow import filled
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["RowSummary", "StreamView", "TableView", "Tables"]
+
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+T = TypeVar("T")
+
+_TICK_SPAN = 1 << 32
+
+
+class Tables(Protocol):
+    """Tables under their names: a shard, or the derived layers of a dataset."""
+
+    @property
+    def table_names(self) -> tuple[str, ...]:
+        """Names of the tables, in declared order."""
+
+    def __getitem__(self, table: str) -> TableView:
+        """View of a table."""
+
+
+class TableView:
+    """Typed numpy columns of one table; nulls are filled and told apart by `valid`."""
+
+    def __init__(self, name: str, table: pa.Table, order: Index | None = None) -> None:
+        self.name = name
+        self._table = table.take(order) if order is not None else table
+        self._arrays: dict[str, pa.Array] = {}
+        self._values: dict[str, NDArray[Any]] = {}
+        self._valid: dict[str, Mask] = {}
+        self._words: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
+        self._extremes: dict[str, tuple[Any, Any]] = {}
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    def __contains__(self, column: str) -> bool:
+        return column in self._table.column_names
+
+    def __repr__(self) -> str:
+        return f"TableView({self.name!r}, rows={len(self)}, columns={self._table.num_columns})"
+
+    def _array(self, column: str) -> pa.Array:
+        """The column in one piece; pieces are joined once."""
+        if column not in self._arrays:
+            chunked = self._table[column]
+            self._arrays[column] = chunked.chunk(0) if chunked.num_chunks == 1 else chunked.combine_chunks()
+        return self._arrays[column]
+
+    @property
+    def arrow(self) -> pa.Table:
+        """The rows as they are seen here."""
+        return self._table
+
+    def num_nulls(self, column: str) -> int:
+        """Number of rows whose value is null."""
+        return int(self._table[column].null_count)
+
+    def valid(self, column: str) -> Mask:
+        """Rows whose value is not null, ``[rows]``."""
+        if column not in self._valid:
+            array = self._array(column)
+            full = array.null_count == 0
+            self._valid[column] = np.ones(len(array), bool) if full else array.is_valid().to_numpy(zero_copy_only=False)
+        return self._valid[column]
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """Values ``[rows]``; null numbers read 0, null flags false, null text ``""``."""
+        if column not in self._values:
+            self._values[column] = self._load(column)
+        return self._values[column]
+
+    def _load(self, column: str) -> NDArray[Any]:
+        array = self._array(column)
+        kind = declared_table(self.name)[column].type
+        if kind == "string":
+            codes, words = self.words(column)
+            lookup = np.array([*words, ""], dtype=object)
+            return np.asarray(lookup[codes])
+        if kind.startswith("list"):
+            items, lengths = self.items(column)
+            cells = np.empty(len(lengths), dtype=object)
+            for i, (stop, length) in enumerate(zip(np.cumsum(lengths), lengths, strict=True)):
+                cells[i] = items[stop - length : stop]
+            return cells
+        return filled(array)
+
+    def pieces(self, columns: Sequence[str], num_rows: int) -> Iterator[tuple[int, list[NDArray[Any]]]]:
+        """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row; joins nothing."""
+        start = 0
+        for batch in self._table.select(columns).to_batches(max_chunksize=num_rows):
+            yield start, [filled(array) for array in batch.columns]
+            start += batch.num_rows
+
+    def extremes(self, column: str) -> tuple[Any, Any]:
+        """Smallest and largest present value of a column of numbers, list cells by item.
+
+        Both are NaN where any value is, and ``(inf, -inf)`` where there is no value: finite extremes
+        within a range prove that every value is finite and within it. Pieces are not joined for it.
+        """
+        if column not in self._extremes:
+            if declared_table(self.name)[column].type.startswith("list"):
+                pieces = [self.items(column)[0]]
+            else:
+                pieces = [piece.drop_null().to_numpy() for piece in self._table[column].chunks]
+            bounds = [(values.min(), values.max()) for values in pieces if len(values)] or [(np.inf, -np.inf)]
+            least, most = zip(*bounds, strict=True)
+            self._extremes[column] = np.min(least), np.max(most)  # they keep a NaN, as their parts do
+        return self._extremes[column]
+
+    def items(self, column: str) -> tuple[NDArray[Any], Index]:
+        """Items of all cells of a list column, one after the other, and the number in each cell ``[rows]``."""
+        array = self._array(column)
+        lengths = array.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
+        return array.flatten().to_numpy(zero_copy_only=False), lengths
+
+    def words(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
+        """Codes ``[rows]`` into the distinct words of a text column; -1 where null."""
+        if column not in self._words:
+            self._words[column] = self._encode(column)
+        return self._words[column]
+
+    def _encode(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
+        import pyarrow as pa
+
+        array = self._array(column)
+        if not pa.types.is_dictionary(array.type):
+            array = array.dictionary_encode()
+        codes = array.indices.cast(pa.int32()).fill_null(-1).to_numpy(zero_copy_only=False)
+        return codes, array.dictionary.to_pylist()
+
+    def equals(self, column: str, word: str) -> Mask:
+        """Rows whose text is `word`."""
+        codes, words = self.words(column)
+        matching = np.array([candidate == word for candidate in words] + [False])
+        return np.asarray(matching[codes])
+
+
+@dataclass(frozen=True)
+class RowSummary:
+    """Marked rows of a stream by rollout: which rollouts have any, the first one's row and how many."""
+
+    any: Mask
+    first_row: Index
+    count: Index
+
+
+class StreamView(TableView):
+    """A table of rows that belong to rollouts at ticks, sorted by (rollout, tick).
+
+    Rows whose rollout is unknown come first, with ``rollout == -1``.
+
+    Attributes:
+        rollout: Index ``[rows]`` into the shard's rollouts.
+        tick: Tick ``[rows]``.
+        start: First row of each rollout ``[rollouts]``.
+        stop: Row after the last of each rollout ``[rollouts]``.
+    """
+
+    def __init__(self, name: str, table: pa.Table, rollout_index: Mapping[str, int], num_rollouts: int) -> None:
+        raw = TableView(name, table)
+        codes, words = raw.words("rollout_id")
+        rollout = np.array([rollout_index.get(word, -1) for word in words] + [-1], np.int64)[codes]
+        tick = raw["tick"].astype(np.int64)
+        key = rollout * _TICK_SPAN + tick
+        order = None
+        if len(key) > 1 and (key[1:] < key[:-1]).any():
+            order = np.argsort(key, kind="stable")
+            rollout, tick, key = rollout[order], tick[order], key[order]
+        super().__init__(name, table, order)
+        if order is None:
+            self._arrays, self._values, self._words = raw._arrays, raw._values, raw._words
+        self.rollout, self.tick, self._key = rollout, tick, key
+        self.num_rollouts = num_rollouts
+        self._rows_of: dict[str, Index] = {}
+        self.start = np.searchsorted(rollout, np.arange(num_rollouts), side="left")
+        self.stop = np.searchsorted(rollout, np.arange(num_rollouts), side="right")
+
+    def find(self, rollout: Index, tick: Index) -> Index:
+        """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
+        key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
+        row = np.searchsorted(self._key, key)
+        if not len(self._key):
+            return np.full(np.shape(row), -1)
+        hit = (self._key[np.minimum(row, len(self._key) - 1)] == key) & (np.asarray(rollout) >= 0)
+        return np.where(hit, row, -1)
+
+    def rows_of(self, other: StreamView) -> Index:
+        """Row here for each row of `other`, as `find` has it; streams share most of their moments."""
+        if other.name not in self._rows_of:
+            first = np.flatnonzero(~other.repeats)
+            if np.array_equal(other._key[first], self._key):
+                row = np.where(self.rollout >= 0, np.arange(len(self)), -1)
+            else:
+                row = self.find(other.rollout[first], other.tick[first])
+            self._rows_of[other.name] = np.repeat(row, np.diff(first, append=len(other)))
+        return self._rows_of[other.name]
+
+    @cached_property
+    def repeats(self) -> Mask:
+        """Rows that repeat the previous row's rollout and tick."""
+        return np.concatenate(([False], self._key[1:] == self._key[:-1])) if len(self._key) else np.zeros(0, bool)
+
+    def repeats_with(self, part: NDArray[Any]) -> Mask:
+        """Rows that repeat another row's rollout, tick and `part`, a further part of the table's key ``[rows]``."""
+        repeated = np.zeros(len(self), bool)
+        if not (self.repeats[1:] & (part[1:] <= part[:-1])).any():
+            return repeated  # parts ascend within every moment
+        order = np.lexsort((part, self.tick, self.rollout))
+        columns = [values[order] for values in (self.rollout, self.tick, part)]
+        same = np.logical_and.reduce([values[1:] == values[:-1] for values in columns])
+        repeated[order[1:][same]] = True
+        return repeated
+
+    def distinct_ticks(self, rollout: Index, low: Index, high: Index) -> Index:
+        """Number of distinct ticks of each rollout in ``low <= tick <= high``."""
+        base = np.asarray(rollout, np.int64) * _TICK_SPAN
+        left = np.searchsorted(self._key, base + low, side="left")
+        right = np.searchsorted(self._key, base + high, side="right")
+        repeats = np.concatenate(([0], np.cumsum(self.repeats)))
+        return np.asarray((right - left) - (repeats[right] - repeats[left]))
+
+    def by_rollout(self, marked: Mask) -> RowSummary:
+        """Summary of marked rows by rollout."""
+        rows = np.flatnonzero(marked & (self.rollout >= 0))
+        owner = self.rollout[rows]
+        first = np.full(self.num_rollouts, -1)
+        first[owner[::-1]] = rows[::-1]
+        count = np.bincount(owner, minlength=self.num_rollouts)
+        return RowSummary(count > 0, first, count)

@@ -1,0 +1,1 @@
+"""Crash-safe writing of raw datasets."""

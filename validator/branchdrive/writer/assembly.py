@@ -1,0 +1,180 @@
+"""Assembly of raw shards: staged groups become one folder of tables that appears whole.
+
+A new shard appears with one rename. Replacing a committed one takes two: the old shard leaves, the
+ready one takes its name. A kill between them leaves the shard missing, and the dataset without a
+manifest, until the next writer completes the second rename (`install_ready_shards`).
+
+The bytes of a shard depend on its rollouts and on the places of its groups alone, not on the
+order, the process or the number of attempts in which they were written.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
+from branchdrive.errors import ContractError, DatasetError, DecodeError, UsageError
+from branchdrive.formats.durable import delete, make_dir, move, partial_path, sync_dir, write_file
+from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.raw.rollout import ROLLOUTS, canonical_key
+from branchdrive.raw.shard import Shard, find_shards
+from branchdrive.writer.stage import Places, Stage
+from branchdrive.writer.staged_group import StagedGroup
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["assemble_shard", "committed_places", "install_ready_shards"]
+
+_PLACES_KEY = b"branchdrive.places"
+"""Metadata of a rollouts file: the writer's own note of its groups' places; readers ignore it."""
+
+
+@dataclass(frozen=True)
+class _Member:
+    """One rollout of a shard: its place, its row, and its staged group unless the old shard holds it."""
+
+    place: int
+    record: dict[str, Any]
+    group: StagedGroup | None
+
+
+def assemble_shard(stage: Stage, places: Places, index: int, groups: Sequence[StagedGroup]) -> None:
+    """Write raw shard `index` from `groups` and from those groups of the present shard that are not among them.
+
+    Call it under the registry lock; `groups` are closed and are dropped from the stage in the end.
+    Memory holds one table of the shard at a time.
+
+    Raises:
+        ContractError: The shard would break a spec limit, or rollout ids repeat; nothing changed.
+        UsageError: The present shard holds files of others, which would be lost; nothing changed.
+    """
+    shard = Shard(stage.root, index)
+    old = shard if shard.folder.exists() else None
+    if old is not None:
+        _check_files(old, stage)
+    members = _members(stage, places, groups, old)
+    draft = partial_path(stage.shards_dir / shard_name(index))
+    delete(draft)
+    draft.mkdir()
+    for name in stage.descriptor.tables:
+        table = _rollouts_table(members, places) if name == ROLLOUTS else _stream_table(name, members, old)
+        write_file(draft / TABLES[name].file_name, _checked_bytes(name, table, index))
+    sync_dir(draft)
+    move(draft, stage.shards_dir / shard_name(index))
+    _install(stage, index)
+    committed = dict(places.committed) | {group.group_id: group.index for group in groups}
+    stage.save_places(replace(places, committed=committed))
+    for group in groups:
+        stage.drop(group)
+
+
+def _check_files(old: Shard, stage: Stage) -> None:
+    own = {TABLES[name].file_name for name in stage.descriptor.tables}
+    foreign = sorted(
+        f"{RAW_DIR}/{old.folder.name}/{path.name}" for path in old.folder.iterdir() if path.name not in own
+    )
+    if foreign:
+        raise UsageError(f"{stage.root}: {foreign[:5]} have no place in the dataset; move them out of it")
+
+
+def _members(stage: Stage, places: Places, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:
+    members = [_Member(group.index, group.record(i), group) for group in groups for i in group.rollout_ids]
+    replaced = {group.group_id for group in groups}
+    if old is not None:
+        kept = [record for record in old.records() if record["group_id"] not in replaced]
+        members += [_Member(places.committed[record["group_id"]], record, None) for record in kept]
+    members.sort(key=lambda member: (member.place, canonical_key(member.record, stage.descriptor)))
+    ids = [member.record["rollout_id"] for member in members]
+    if len(set(ids)) < len(ids):
+        repeated = sorted({i for i in ids if ids.count(i) > 1})
+        raise ContractError(f"rollout ids {repeated} occur in two groups; give every attempt its own rollout_id")
+    return members
+
+
+def _rollouts_table(members: Sequence[_Member], places: Places) -> pa.Table:
+    import pyarrow as pa
+
+    note = {
+        "groups_per_shard": places.groups_per_shard,
+        "places": {member.record["group_id"]: member.place for member in members},
+    }
+    table = pa.Table.from_pylist([member.record for member in members], schema=table_schema(ROLLOUTS))
+    return table.replace_schema_metadata({_PLACES_KEY: json.dumps(note, sort_keys=True).encode()})
+
+
+def _stream_table(name: str, members: Sequence[_Member], old: Shard | None) -> pa.Table:
+    import pyarrow as pa
+
+    kept = old.rows(name) if old is not None else None
+    pieces = [table_schema(name).empty_table()]
+    for member in members:
+        rollout_id = member.record["rollout_id"]
+        if member.group is not None:
+            pieces.append(member.group.table(rollout_id, name))
+        elif kept is not None:
+            pieces.append(kept[rollout_id])
+    return pa.concat_tables(pieces)
+
+
+def _checked_bytes(name: str, table: pa.Table, index: int) -> bytes:
+    """Parquet bytes that are known to decode within the spec limits."""
+    content = encode_table(table)
+    try:
+        decode_table(content, name)
+    except DecodeError as error:
+        raise ContractError(f"{shard_name(index)}: {error}; write a new dataset with fewer groups per shard") from error
+    return content
+
+
+def _install(stage: Stage, index: int) -> None:
+    """Give a ready shard its visible name; after an interruption at any point it can be done again."""
+    ready = stage.shards_dir / shard_name(index)
+    visible = Shard(stage.root, index).folder
+    replaced = stage.trash_dir / shard_name(index)
+    stage.unfinish()
+    make_dir(stage.root / RAW_DIR)
+    delete(replaced)
+    if visible.exists():
+        move(visible, replaced)
+    move(ready, visible)
+    delete(replaced)
+
+
+def install_ready_shards(stage: Stage) -> None:
+    """Complete the renames that a killed writer left undone; call it under the registry lock."""
+    for path in stage.shards_dir.iterdir():
+        index = shard_index(path.name)
+        if index is not None:
+            _install(stage, index)
+
+
+def committed_places(stage: Stage, groups_per_shard: int) -> Places:
+    """Places of the groups in the visible shards, as their writer noted them.
+
+    Raises:
+        DatasetError: A shard was not written by this writer, or its note is damaged.
+        UsageError: The shards hold another number of groups.
+    """
+    committed: dict[str, int] = {}
+    for shard in find_shards(stage.root):
+        note = _note(shard)
+        if note["groups_per_shard"] != groups_per_shard:
+            found = note["groups_per_shard"]
+            raise UsageError(f"{stage.root}: has {found} groups per shard, not {groups_per_shard}; pass {found}")
+        committed |= note["places"]
+    return Places(groups_per_shard, committed)
+
+
+def _note(shard: Shard) -> Mapping[str, Any]:
+    metadata = shard.decode(ROLLOUTS).schema.metadata or {}
+    if _PLACES_KEY not in metadata:
+        raise DatasetError(
+            f"{shard.folder}: another program wrote this; `DatasetWriter` can only continue its own datasets"
+        )
+    note: dict[str, Any] = json.loads(metadata[_PLACES_KEY])
+    return note

@@ -1,0 +1,140 @@
+"""The writer of one rollout: rows arrive while it runs, and it is validated and written whole at the end.
+
+Source: spec/05-raw-streams.md#tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.errors import ContractError, UsageError
+from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables
+from branchdrive.writer.buffer import RowBuffer, check_names, record_table
+
+__all__ = ["RolloutWriter"]
+
+_COUNTED = {"num_ticks": "controls", "num_observations": "observations"}
+"""Row counts of the rollouts table and the streams that they count."""
+
+
+class RolloutWriter:
+    """Collects one rollout in memory; made by `GroupWriter.begin_rollout`.
+
+    The ``append_*`` methods take the columns of their table by name, without ``rollout_id``: scalars
+    for one row, or lists and numpy arrays of one length. ``None`` and masked entries are null, and
+    columns that may be null may be left out. Floats are rounded to the declared width; no other
+    type is converted.
+
+    Nothing is written before `finish`: if the process dies, the attempt is not in the dataset and
+    its number goes to the next one. A rollout that the simulator ended early is finished like any
+    other, with status ``partial``.
+    """
+
+    def __init__(
+        self, descriptor: Descriptor, fields: Mapping[str, object], end: Callable[[Rollout | None], None]
+    ) -> None:
+        self._descriptor = descriptor
+        self._fields = dict(fields)
+        self._end = end
+        self._is_over = False
+        self._buffers = {name: RowBuffer(TABLES[name]) for name in descriptor.tables if name != ROLLOUTS}
+
+    @property
+    def rollout_id(self) -> str:
+        """Identity of the attempt."""
+        return str(self._fields["rollout_id"])
+
+    @property
+    def attempt(self) -> int:
+        """Number of the attempt, from 1."""
+        return int(str(self._fields["attempt"]))
+
+    def append_ticks(self, **columns: object) -> None:
+        """Append rows of the control audit, one per tick.
+
+        Raises:
+            ContractError: A column is unknown, missing, of a wrong type or of a wrong length.
+            UsageError: The rollout is finished or abandoned.
+        """
+        self._append("controls", columns)
+
+    def append_observations(self, **columns: object) -> None:
+        """Append rows of the ego and route state; see `append_ticks`."""
+        self._append("observations", columns)
+
+    def append_actors(self, **columns: object) -> None:
+        """Append oriented boxes of actors; see `append_ticks`."""
+        self._append("actors", columns)
+
+    def append_evidence(self, **columns: object) -> None:
+        """Append rows of the risk evidence; see `append_ticks`."""
+        self._append("evidence", columns)
+
+    def _append(self, name: str, columns: Mapping[str, object]) -> None:
+        self._check_open()
+        if name not in self._buffers:
+            claimed = list(self._descriptor.streams)
+            raise ContractError(f"table `{name}`: belongs to none of the streams that the descriptor claims: {claimed}")
+        self._buffers[name].append(columns)
+
+    def _check_open(self) -> None:
+        if self._is_over:
+            raise UsageError(f"rollout `{self.rollout_id}` is finished or abandoned; begin another one")
+
+    def finish(self, **fields: object) -> Rollout:
+        """Validate the rollout and write it, wholly or not at all.
+
+        Args:
+            **fields: Columns of the rollouts table that `begin_rollout` did not get.
+
+        Returns:
+            The rollout as it will be read back.
+
+        Raises:
+            ContractError: The rollout breaks the format; nothing is written and it stays open.
+            UsageError: The rollout is over, or a field is given twice.
+        """
+        self._check_open()
+        twice = sorted(fields.keys() & self._fields.keys())
+        if twice:
+            raise UsageError(f"rollout `{self.rollout_id}`: fields {twice} were given to `begin_rollout` already")
+        counts = {name: self._buffers[table].num_rows for name, table in _COUNTED.items()}
+        given = self._fields | fields
+        allowed = {column.name for column in TABLES[ROLLOUTS].columns} - counts.keys()
+        required = {column.name for column in TABLES[ROLLOUTS].columns if not column.nullable} - counts.keys()
+        check_names(given.keys(), allowed, required, f"rollout `{self.rollout_id}`")
+        record = record_table(TABLES[ROLLOUTS], given | counts).to_pylist()[0]
+        tables = {name: buffer.to_table(self.rollout_id) for name, buffer in self._buffers.items()}
+        rollout = Rollout(record, RolloutTables(tables))
+        refuse_violations(rollout, self._descriptor)
+        self._end(rollout)
+        self._is_over = True
+        return rollout
+
+    def abandon(self) -> None:
+        """Discard the rollout: nothing tells that it was made, and its attempt number is used again.
+
+        This is for attempts that failed to be made. To keep one that ended early, `finish` it with
+        status ``partial``.
+        """
+        self._check_open()
+        self._end(None)
+        self._is_over = True
+
+
+def refuse_violations(rollout: Rollout, descriptor: Descriptor) -> None:
+    """Apply the structure rules to one rollout.
+
+    Raises:
+        ContractError: With one finding per violation.
+    """
+    from branchdrive.engine.rollout import check_rollout_structure
+
+    findings = check_rollout_structure(rollout.record, rollout.tables, descriptor)
+    if findings:
+        lines = [f"- {finding.rule} {finding.message}; {CATALOGUE[finding.rule].remedy}" for finding in findings]
+        head = f"rollout `{rollout.rollout_id}` breaks the format and was not written:"
+        raise ContractError("\n".join([head, *lines]), findings)

@@ -1,0 +1,259 @@
+"""The writer of a dataset: opens or resumes it, commits whole shards and finishes it with a manifest.
+
+Whatever a reader can see at any moment is whole, also after ``kill -9``. Finished rollouts, closed
+groups and committed shards survive. An attempt that a kill or an exception cuts off before
+`RolloutWriter.finish` is not in the dataset, nothing tells that it was made, and its number goes to
+the next attempt; `RolloutWriter.abandon` discards in the same way. A rollout that the simulator
+ended early is a result and not such a loss: finish it, with status ``partial``.
+
+The finished bytes do not depend on interruptions or on the number of processes. They do not depend
+on the order in which groups were begun either, if every group is begun with its ``index``; without
+one, a group takes the next free place, and the order decides.
+
+Source: spec/03-layout.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from branchdrive.contract.columns import STREAMS, TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
+from branchdrive.errors import ContractError, UsageError
+from branchdrive.formats.descriptor_file import differing_fields, render_descriptor
+from branchdrive.formats.durable import replace_file
+from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, write_manifest
+from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.raw.shard import Shard
+from branchdrive.writer.assembly import assemble_shard, committed_places, install_ready_shards
+from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.stage import Stage
+
+__all__ = ["DatasetWriter"]
+
+
+class DatasetWriter:
+    """Creates or resumes the dataset at `root`; one process at a time may hold it.
+
+    Args:
+        root: Folder of the dataset; created if it does not exist.
+        descriptor: What the dataset is; a resumed dataset must have the same.
+        groups_per_shard: Places of one shard: group `index` lies in shard ``index // groups_per_shard``.
+
+    Raises:
+        UsageError: The folder holds something else, another descriptor or another number of groups
+            per shard, another writer has it open, or the descriptor claims media.
+        DatasetError: The folder holds a descriptor or shards that cannot be read, or shards that are
+            not of this writer, or a finished dataset whose files are not those of its manifest.
+    """
+
+    def __init__(self, root: str | Path, descriptor: Descriptor, *, groups_per_shard: int = 32) -> None:
+        self.root = Path(root)
+        self.descriptor = descriptor
+        if groups_per_shard < 1:
+            raise UsageError(f"groups_per_shard must be at least 1, found {groups_per_shard}")
+        if not isinstance(descriptor, Descriptor):
+            raise UsageError(
+                f"descriptor must be a `Descriptor`, found {type(descriptor).__name__}; pass Descriptor(...)"
+            )
+        media = [name for name in descriptor.streams if STREAMS[name].cameras]
+        if media:
+            raise UsageError(f"descriptor claims the media streams {media}, which this writer cannot record; drop them")
+        if self.root.exists() and not self.root.is_dir():
+            raise UsageError(f"{self.root}: is no folder; choose another one")
+        self.root.mkdir(parents=True, exist_ok=True)
+        self._check_folder()
+        self._stage = Stage(self.root, descriptor)
+        if not self._stage.hold():
+            raise UsageError(f"{self.root}: another `DatasetWriter` has the dataset open; wait for it or stop it")
+        try:
+            self._recover(groups_per_shard)
+        except BaseException:
+            self.close()
+            raise
+
+    def _check_folder(self) -> None:
+        """Refuse a folder that is not this dataset, before anything in it is touched."""
+        names = {path.name for path in self.root.iterdir()}
+        if DESCRIPTOR_FILE in names:
+            if (self.root / DESCRIPTOR_FILE).read_bytes() != render_descriptor(self.descriptor):
+                fields = "; ".join(differing_fields(self.root, self.descriptor))
+                raise UsageError(
+                    f"{self.root}: holds a dataset with another descriptor ({fields}); choose another folder"
+                )
+        elif any(not name.startswith(".") for name in names):
+            raise UsageError(f"{self.root}: is not empty and holds no dataset; choose another folder")
+
+    def _recover(self, groups_per_shard: int) -> None:
+        with self._stage.registry():
+            self._check_folder()
+            if self.is_finished:
+                check_against_manifest(self.root)
+            if not (self.root / DESCRIPTOR_FILE).exists():
+                replace_file(self.root / DESCRIPTOR_FILE, render_descriptor(self.descriptor))
+            self._stage.sweep()
+            install_ready_shards(self._stage)
+            self._stage.save_places(committed_places(self._stage, groups_per_shard))
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the dataset has its manifest; it loses it as soon as a group is begun."""
+        return (self.root / MANIFEST_FILE).exists()
+
+    def begin_group(self, group_id: str, *, index: int | None = None) -> GroupWriter:
+        """Open a group for writing: a new one, an open one, or a closed or committed one for further attempts.
+
+        Args:
+            group_id: Identity of the group.
+            index: The group's place; by default the one it has, or the next after all others, so
+                that the order of the calls decides the dataset's bytes.
+
+        Raises:
+            UsageError: The id or the place cannot be used, or the writer is closed.
+        """
+        self._check_open()
+        if index is None:
+            with self._stage.registry():
+                known = self._known_places()
+                index = known.get(group_id, max(known.values(), default=-1) + 1)
+        return GroupWriter(self.root, self.descriptor, group_id, index)
+
+    @property
+    def places(self) -> dict[str, int]:
+        """Place of every group that was begun, by its id."""
+        self._check_open()
+        with self._stage.registry():
+            return self._known_places()
+
+    def _known_places(self) -> dict[str, int]:
+        staged = {group.group_id: group.index for group in self._stage.groups()}
+        return dict(self._stage.load_places().committed) | staged
+
+    def is_closed(self, group_id: str) -> bool:
+        """Whether the group's collection is over: closed in the stage, or committed in a shard."""
+        self._check_open()
+        with self._stage.registry():
+            for group in self._stage.groups():
+                if group.group_id == group_id:
+                    return group.is_closed
+            return group_id in self._stage.load_places().committed
+
+    def commit(self) -> int:
+        """Write every shard whose places are all taken by closed groups; the number of shards written.
+
+        Raises:
+            ContractError: A shard would break a spec limit, or rollout ids repeat in it.
+            UsageError: The writer is closed.
+        """
+        self._check_open()
+        return sum(self._commit_shard(shard, partial=False) for shard in self._staged_shards())
+
+    def _staged_shards(self) -> list[int]:
+        with self._stage.registry():
+            places = self._stage.load_places()
+            return sorted({places.shard_of(group.index) for group in self._stage.groups()})
+
+    def _commit_shard(self, shard: int, *, partial: bool) -> bool:
+        """Write one shard unless a group in it is open or, if not `partial`, a place in it is free."""
+        with self._stage.registry():
+            places = self._stage.load_places()
+            groups = [group for group in self._stage.groups() if places.shard_of(group.index) == shard]
+            taken = {group.index for group in groups}
+            taken |= {index for index in places.committed.values() if places.shard_of(index) == shard}
+            filled = [group for group in groups if group.rollout_ids]
+            if not filled or not all(group.is_closed for group in groups):
+                return False
+            if len(taken) < places.groups_per_shard and not partial:
+                return False
+            assemble_shard(self._stage, places, shard, filled)
+            return True
+
+    def finalize(self) -> str:
+        """Write the remaining shards and then, last of all, the manifest; close the writer.
+
+        A finished dataset that nothing was added to is left as it is.
+
+        Returns:
+            The identity of the dataset, 64 hexadecimal digits.
+
+        Raises:
+            UsageError: A group is open, there is no rollout at all, the folder holds files that are
+                not the writer's, or the writer is closed. The dataset is not finished then.
+            DatasetError: The folder holds a link or a special file, or a finished dataset has changed.
+            ContractError: Rollout ids repeat, or a shard would break a spec limit.
+        """
+        self._check_open()
+        self._check_none_open()
+        if self.is_finished:  # and nothing was added to it
+            identity = check_against_manifest(self.root).identity
+            self.close()
+            return identity
+        for shard in self._staged_shards():
+            self._commit_shard(shard, partial=True)
+        self._check_rollouts()
+        with self._stage.registry():
+            self._check_none_open()
+            for empty in self._stage.groups():
+                self._stage.drop(empty)
+            manifest = build_manifest(self.root)
+            self._check_places(manifest)
+            write_manifest(self.root, manifest)
+            self._stage.remove()  # nobody else can write before this
+        self._stage.let_go()
+        return manifest.identity
+
+    def _check_none_open(self) -> None:
+        open_groups = [group.group_id for group in self._stage.groups() if not group.is_closed]
+        if open_groups:
+            raise UsageError(f"{self.root}: groups {open_groups} are open; close each with `begin_group(...).close()`")
+
+    def _shards(self) -> list[Shard]:
+        """The shards that hold the committed groups."""
+        places = self._stage.load_places()
+        return [Shard(self.root, index) for index in sorted({places.shard_of(i) for i in places.committed.values()})]
+
+    def _check_rollouts(self) -> None:
+        rollouts = (shard.decode(ROLLOUTS) for shard in self._shards())
+        counts = Counter(rollout_id for table in rollouts for rollout_id in table.column("rollout_id").to_pylist())
+        if not counts:
+            raise UsageError(f"{self.root}: there is no rollout to finish a dataset with")
+        repeated = sorted(rollout_id for rollout_id, count in counts.items() if count > 1)
+        if repeated:
+            raise ContractError(f"rollout ids {repeated} occur in two groups; give every attempt its own rollout_id")
+
+    def _check_places(self, manifest: Manifest) -> None:
+        own = {DESCRIPTOR_FILE} | {
+            f"{RAW_DIR}/{shard.folder.name}/{TABLES[name].file_name}"
+            for shard in self._shards()
+            for name in self.descriptor.tables
+        }
+        foreign = sorted(set(manifest.files) - own)
+        if foreign:
+            raise UsageError(f"{self.root}: {foreign[:5]} have no place in the dataset; move them out of it")
+
+    def _check_open(self) -> None:
+        if not self._stage.is_held:
+            raise UsageError(f"the writer of {self.root} is closed; make another `DatasetWriter`")
+
+    def close(self) -> None:
+        """Let go of the dataset as it is; a later `DatasetWriter` resumes it. A finished one stays finished."""
+        if self._stage.is_held and self._stage.folder.exists():
+            with self._stage.registry():
+                if self.is_finished and not self._stage.groups():
+                    self._stage.remove()
+        self._stage.let_go()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"DatasetWriter({str(self.root)!r}, dataset {self.descriptor.dataset_id!r})"
