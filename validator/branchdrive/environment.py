@@ -170,12 +170,12 @@ def import_fault(error: ImportError, of: str, *extras: str, otherwise: str = "")
         otherwise: How to go without them.
     """
     package = (error.name or "").partition(".")[0]
-    known = [one for one in requirements() if _same_name(one.name, package)]
-    if not isinstance(error, ModuleNotFoundError) or error.name != package or not known:
+    matching = [one for one in requirements() if _same_name(one.name, package)]
+    if not isinstance(error, ModuleNotFoundError) or error.name != package or not matching:
         place = f" (found at {error.path})" if error.path else ""
         return PlatformError(f"{of} cannot be loaded: {error}{place}; reinstall the package that this belongs to")
-    wanted = extras or tuple(dict.fromkeys(one.extra for one in known if one.extra))[:1]
-    install = f"branchdrive[{','.join(wanted)}]" if wanted else f"{package}>={known[0].bound}"
+    wanted = extras or tuple(dict.fromkeys(one.extra for one in matching if one.extra))[:1]
+    install = f"branchdrive[{','.join(wanted)}]" if wanted else f"{package}>={matching[0].bound}"
     return PlatformError(
         f"{of} needs the package {package!r}: pip install '{install}'" + (f", or {otherwise}" if otherwise else "")
     )

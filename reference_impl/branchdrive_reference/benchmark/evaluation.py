@@ -49,7 +49,7 @@ from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.risk import RISK, waiting_risk
 from branchdrive_reference.benchmark.workspace import Workspace
 
-__all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "presented"]
+__all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "render_files"]
 
 TABLES = f"{BENCHMARK}/TABLES.md"
 
@@ -90,21 +90,21 @@ def evaluate_published(
         ledger = with_benchmark_access(ledger, event, lock_digest(document))
     if files.get(BENCHMARK_LEDGER_FILE) != dump_json(ledger) or files.get(RANKING_LOCK_FILE) != dump_json(ranking_lock):
         # On the record before anything is looked at; results of another lock do not stay beside it.
-        files = {path: content for path, content in files.items() if not _is_presented(path)}
+        files = {path: content for path, content in files.items() if not _is_rendered(path)}
         files |= {BENCHMARK_LEDGER_FILE: dump_json(ledger), RANKING_LOCK_FILE: dump_json(ranking_lock)}
         workspace.publish(files)
     show(1, 4, "statistics")
-    said = _said(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
+    notes = _warnings(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    results = results_document(protocol, data, predictions, risk, noise, warnings=said)
+    results = results_document(protocol, data, predictions, risk, noise, warnings=notes)
     show(2, 4, "figures")
-    shown = presented(release, protocol, results, with_figures=with_figures)
+    rendered = render_files(release, protocol, results, with_figures=with_figures)
     show(3, 4, "publication")
-    kept = {path: content for path, content in files.items() if not _is_presented(path)}
-    workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in shown.items()})
+    kept = {path: content for path, content in files.items() if not _is_rendered(path)}
+    workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in rendered.items()})
     workspace.drop(RISK)  # the ranking lock holds it
     show(4, 4)
-    return Evaluation(results, shown)
+    return Evaluation(results, rendered)
 
 
 def evaluate_foreign(
@@ -132,13 +132,13 @@ def evaluate_foreign(
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     published = () if lock is None or unevaluated is not None else unlocked_models(lock, predictions)
     unlocked = sorted({*found.models, *published})
-    said = _said(release, ledger, data, protocol, unlocked, changed)
-    said += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
-    results = results_document(protocol, data, predictions, risk, noise, warnings=said)
-    return Evaluation(results, presented(release, protocol, results, with_figures=with_figures))
+    notes = _warnings(release, ledger, data, protocol, unlocked, changed)
+    notes += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
+    results = results_document(protocol, data, predictions, risk, noise, warnings=notes)
+    return Evaluation(results, render_files(release, protocol, results, with_figures=with_figures))
 
 
-def _said(
+def _warnings(
     release: Release,
     ledger: Ledger,
     data: BenchmarkData,
@@ -166,7 +166,7 @@ def _unevaluated(ledger: Ledger, protocol: BenchmarkProtocol, lock: Any | None, 
     return None
 
 
-def presented(
+def render_files(
     release: Release, protocol: BenchmarkProtocol, results: dict[str, Any], *, with_figures: bool
 ) -> dict[str, bytes]:
     """Results as files by path in the benchmark layer; figures take the extra `plots`."""
@@ -184,7 +184,7 @@ def presented(
     return files | {f"figures/{name}": content for name, content in drawn.items()}
 
 
-def _is_presented(path: str) -> bool:
+def _is_rendered(path: str) -> bool:
     return path in (RESULTS_FILE, TABLES) or path.startswith(f"{BENCHMARK}/figures/")
 
 

@@ -14,10 +14,10 @@ from pathlib import Path
 from branchdrive.contract.layout import BENCHMARK
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import delete, make_dir, replace_file
-from branchdrive.release.publish import benchmark_area, held, make_private, publish_layer
+from branchdrive.release.publish import benchmark_area, lock_area, make_private, publish_layer
 from branchdrive_reference.benchmark.release import Release, open_release
 
-__all__ = ["Workspace", "opened_workspace"]
+__all__ = ["Workspace", "open_workspace"]
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ class Workspace:
         Args:
             published: SHA-256 of published files by path; those of the release's manifest by default.
         """
-        stated = self.release.manifest.files if published is None else published
+        listed = self.release.manifest.files if published is None else published
         for file in [entry for entry in sorted(self.area.rglob("*")) if entry.is_file()]:
             path = f"{BENCHMARK}/{file.relative_to(self.area).as_posix()}"
-            if stated.get(path) == hashlib.sha256(file.read_bytes()).hexdigest():
+            if listed.get(path) == hashlib.sha256(file.read_bytes()).hexdigest():
                 delete(file)
 
     def reopened(self) -> Workspace:
@@ -91,14 +91,14 @@ class Workspace:
 
 
 @contextmanager
-def opened_workspace(release: Release) -> Iterator[Workspace]:
+def open_workspace(release: Release) -> Iterator[Workspace]:
     """The working area of the benchmark of a release.
 
     Raises:
         UsageError: Another build or benchmark is at work there, or a link leads out of it.
         DatasetError: The release has changed meanwhile.
     """
-    with held(release.root):
+    with lock_area(release.root):
         area = benchmark_area(release.root)
         if area.name.removeprefix("benchmark-") != release.manifest.identity[:16]:
             raise DatasetError(f"{release.root}: was built anew meanwhile; run the command again")

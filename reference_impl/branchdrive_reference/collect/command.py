@@ -174,11 +174,11 @@ def _command_line(args: argparse.Namespace) -> str:
         "--faults": args.faults,
     }
     out = str(args.out)
-    words = ["branchdrive", "collect", f"./{out}" if out.startswith("-") else out]
-    words += [word for name, value in options.items() if value is not None for word in (name, str(value))]
-    words += [word for name in args.scenario or () for word in ("--scenario", name)]
-    words += [name for name, is_given in (("--no-media", args.no_media), ("--resume", args.resume)) if is_given]
-    return shlex.join(words)
+    tokens = ["branchdrive", "collect", f"./{out}" if out.startswith("-") else out]
+    tokens += [token for name, value in options.items() if value is not None for token in (name, str(value))]
+    tokens += [token for name in args.scenario or () for token in ("--scenario", name)]
+    tokens += [name for name, is_given in (("--no-media", args.no_media), ("--resume", args.resume)) if is_given]
+    return shlex.join(tokens)
 
 
 def _summary(args: argparse.Namespace, report: CampaignReport) -> str:

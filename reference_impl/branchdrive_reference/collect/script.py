@@ -80,12 +80,12 @@ class Attempt:
     @property
     def faults(self) -> tuple[Fault, ...]:
         """Every fault that shows in the attempt."""
-        shown = {
+        is_shown = {
             Fault.SEED_DISAGREEMENT: self.other_seed is not None,
             Fault.ONLINE_STEERING: self.keeps_steering,
         }
         own = () if self.fault is None else (self.fault,)
-        return (*own, *(fault for fault, shows in shown.items() if shows))
+        return (*own, *(fault for fault, shows in is_shown.items() if shows))
 
 
 @dataclass(frozen=True)

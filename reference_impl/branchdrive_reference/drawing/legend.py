@@ -159,13 +159,13 @@ def _draw_lines(
     nominal = scene.nominal
     axes.plot(nominal.time_s[nominal.history], values(nominal)[nominal.history], color=BACKDROP["ink"], linewidth=1.3)
     for candidate in (*scene.candidates[1:], nominal):
-        colour, shown = colours[candidate.policy.key], values(candidate)
+        colour, heights_of = colours[candidate.policy.key], values(candidate)
         for part, width in ((candidate.recovery, 0.8), (candidate.future, 1.6)):
-            axes.plot(candidate.time_s[part], shown[part], color=colour, linewidth=width, zorder=3)
+            axes.plot(candidate.time_s[part], heights_of[part], color=colour, linewidth=width, zorder=3)
         if candidate.ends_early:
-            axes.plot(candidate.time_s[-1:], shown[-1:], linestyle="none", color=colour, zorder=4, **END_MARKER)
+            axes.plot(candidate.time_s[-1:], heights_of[-1:], linestyle="none", color=colour, zorder=4, **END_MARKER)
         rows = candidate.contacts
-        heights = shown[rows] if touch is None else np.full(len(rows), touch)
+        heights = heights_of[rows] if touch is None else np.full(len(rows), touch)
         axes.plot(candidate.time_s[rows], heights, linestyle="none", color=colour, zorder=4,
                   **{**CONTACT_MARKER, "markersize": 7})  # fmt: skip
 

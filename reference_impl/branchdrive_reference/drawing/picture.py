@@ -106,8 +106,8 @@ def _draw_plan(plan: Axes, scene: Scene, view: View) -> Mapping[str, Mapping[str
         draw_roads(plan, network, view)
         posts = draw_signs(plan, network, view, scene)
     else:
-        said = f"no map of {label(scene.record['town'])}"
-        plan.text(0.985, 0.02, said, transform=plan.transAxes, ha="right", fontsize=9,
+        remark = f"no map of {label(scene.record['town'])}"
+        plan.text(0.985, 0.02, remark, transform=plan.transAxes, ha="right", fontsize=9,
                   color=BACKDROP["quiet"])  # fmt: skip
     draw_route(plan, scene, view)
     draw_actors(plan, scene, view)

@@ -229,21 +229,21 @@ def _candidate(rollout: Rollout, policy: Policy) -> Candidate:
         raise _refused(rollout, "has no observations around a branch; run `branchdrive-validate`")
     if not np.array_equal(tick, _since_branch(rollout, "evidence")) or (np.diff(tick) <= 0).any():
         raise _refused(rollout, "has no evidence for each observation, or a tick twice; run `branchdrive-validate`")
-    shown = (tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS)
+    in_view = (tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS)
 
     def column(table: str, name: str) -> Array:
         values = np.ma.filled(np.ma.asarray(rollout.column(table, name), dtype=np.float64), np.nan)
-        return np.asarray(values, np.float64)[shown]
+        return np.asarray(values, np.float64)[in_view]
 
     return Candidate(
         policy,
-        tick[shown],
+        tick[in_view],
         x_m=column("observations", "x_m"),
         y_m=column("observations", "y_m"),
         yaw_rad=column("observations", "yaw_rad"),
         speed_mps=column("observations", "speed_mps"),
         separation_m=column("evidence", "separation_m"),
-        touched=rollout.column("evidence", "collision")[shown].astype(np.bool_),
+        touched=rollout.column("evidence", "collision")[in_view].astype(np.bool_),
     )
 
 

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.guard.calibration import ALPHA
-from branchdrive.benchmark.guard.path import TOLERANCE_M, price_grid
+from branchdrive.benchmark.guard.path import TOLERANCE_M, multiplier_grid
 from branchdrive.benchmark.guard.risk import (
     FEATURES,
     SEVERITY_M,
-    PriceGrid,
+    MultiplierGrid,
     RiskFit,
     probability,
     risk_features,
@@ -34,7 +34,7 @@ from branchdrive.benchmark.guard.risk import (
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import PROFILES, TIE, Profile, Scale, predicted_utility
 from branchdrive.errors import UsageError
-from branchdrive_reference.guard.knapsack import dual_price
+from branchdrive_reference.guard.knapsack import dual_multiplier
 from branchdrive_reference.guard.program import cvxpy, solve
 from branchdrive_reference.guard.regression import HUBER, LOGISTIC, Regression
 
@@ -70,7 +70,7 @@ def fit_risk(
         outcomes: Their executed targets ``[groups, candidates, 6]``.
         nominal: Place of the nominal candidate.
         scale: Quantiles of the training partition.
-        profiles: Profiles that get a price grid.
+        profiles: Profiles that get a multiplier grid.
         tolerance_m: ``eps``.
         alpha: Budget of the knapsack.
         penalty: ``r``, above 0.
@@ -85,8 +85,8 @@ def fit_risk(
             f"predictions {list(scalars.shape)} and outcomes {list(outcomes.values.shape)} do not match: "
             "[seeds, groups, candidates, 6] and [groups, candidates, 6]"
         )
-    known = outcomes.available[..., _SEPARATION].all(axis=1)
-    found, separation = scalars[:, known], outcomes.values[known, :, _SEPARATION]
+    has_separation = outcomes.available[..., _SEPARATION].all(axis=1)
+    found, separation = scalars[:, has_separation], outcomes.values[has_separation, :, _SEPARATION]
     difference = np.delete(separation - separation[:, nominal, None], nominal, axis=1)
     violated = difference < -tolerance_m - TIE
     if not violated.any() or violated.all():
@@ -122,8 +122,8 @@ def fit_risk(
     for name, profile in profiles.items():
         utilities = predicted_utility(found.mean(axis=0), scale, profile)
         gains = np.delete(utilities - utilities[:, nominal, None], nominal, axis=1)
-        price = dual_price(gains, chances, alpha=alpha)
-        grids[name] = PriceGrid(dual_price=price, prices=price_grid(price))
+        multiplier = dual_multiplier(gains, chances, alpha=alpha)
+        grids[name] = MultiplierGrid(dual_multiplier=multiplier, multipliers=multiplier_grid(multiplier))
     return RiskFit(
         features=tuple(feature.name for feature in FEATURES),
         tolerance_m=float(tolerance_m),

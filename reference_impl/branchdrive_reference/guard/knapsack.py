@@ -1,12 +1,12 @@
-"""The price of a violation: a knapsack over training groups under one budget.
+"""The multiplier of a violation: a knapsack over training groups under one budget.
 
 With predicted gains ``g`` and probabilities ``p`` of the interventions ``a`` of ``N`` groups::
 
     max sum g_ga x_ga     such that   sum p_ga x_ga <= alpha N,   sum_a x_ga <= 1,   x >= 0
 
-At a price ``lambda`` of a violation a group takes ``argmax_a g_ga - lambda p_ga``, 0 for nominal, and of equal ones
-that of the least ``p``. What all groups take together, ``P(lambda)``, is a falling step function, and the dual
-price is::
+At a multiplier ``lambda`` of a violation a group takes ``argmax_a g_ga - lambda p_ga``, 0 for nominal, and of equal
+ones that of the least ``p``. What all groups take together, ``P(lambda)``, is a falling step function, and the dual
+multiplier is::
 
     lambda* = min { lambda >= 0 : P(lambda) <= (alpha + 1e-9) N }
 
@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["dual_price"]
+__all__ = ["dual_multiplier"]
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ _TIE = 1e-9
 """Violations per group by which a budget may be exceeded."""
 
 
-def dual_price(gains: Array, probabilities: Array, *, alpha: float) -> float:
+def dual_multiplier(gains: Array, probabilities: Array, *, alpha: float) -> float:
     """Utility per expected violation, at least 0; 0 where the budget is not used up.
 
     Args:

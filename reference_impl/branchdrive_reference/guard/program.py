@@ -30,7 +30,7 @@ except ModuleNotFoundError as error:
         name=error.name,
     ) from error
 
-__all__ = ["ACCURACY", "SOLVERS", "ProgramError", "cvxpy", "solve", "stated"]
+__all__ = ["ACCURACY", "SOLVERS", "ProgramError", "cvxpy", "cvxpy_problem", "solve"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class ProgramError(ToolError):
     """A convex program whose minimum was not found by any solver."""
 
 
-def stated(program: Regression, loss: Callable[[Any], Any]) -> Any:
+def cvxpy_problem(program: Regression, loss: Callable[[Any], Any]) -> Any:
     """The same program as a problem of cvxpy, with the variables ``w`` and ``b``.
 
     Args:
@@ -65,14 +65,14 @@ def solve(program: Regression, loss: Callable[[Any], Any], name: str) -> Array:
 
     Args:
         program: What is minimised.
-        loss: As in `stated`.
+        loss: As in `cvxpy_problem`.
         name: What an error calls it.
 
     Raises:
         ProgramError: No start led to a point with such a certificate.
     """
     tried = []
-    for origin, start in _starts(stated(program, loss)):
+    for origin, start in _starts(cvxpy_problem(program, loss)):
         if start is None or not np.isfinite(start).all():
             tried.append(f"{origin} and left no numbers")
             continue
@@ -104,7 +104,7 @@ def _starts(problem: Any) -> Iterator[tuple[str, Array | None]]:
         except BaseException as error:  # however a solver fails, the next one is tried; a panic in Rust is no Exception
             yield f"{solver} failed ({type(error).__name__}: {error})", None
             continue
-        known = weights.value is not None and offset.value is not None
-        start = np.append(weights.value, offset.value).astype(np.float64) if known else None
+        is_solved = weights.value is not None and offset.value is not None
+        start = np.append(weights.value, offset.value).astype(np.float64) if is_solved else None
         yield f"{solver} ended with {problem.status!r}", start
     yield "0 was the last start", np.zeros(weights.size + 1)

@@ -155,8 +155,8 @@ class Regression:
     def residual(self, point: Array) -> Array:
         """``v`` ``[features + 1]`` of a point that keeps the signs."""
         gradient = self.gradient(point)
-        held = (self.signs != 0) & (point == 0)
-        return np.where(held, np.minimum(self.signs * gradient, 0.0), gradient)
+        at_bound = (self.signs != 0) & (point == 0)
+        return np.where(at_bound, np.minimum(self.signs * gradient, 0.0), gradient)
 
     def certificate(self, point: Array) -> Certificate:
         """How far a point may be from the minimum; one that breaks a sign or is not finite may be anywhere."""

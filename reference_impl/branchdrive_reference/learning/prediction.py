@@ -123,9 +123,9 @@ def physical(outcome: Outcome, scalings: Scalings) -> tuple[Array, Array]:
         scalings: Of the release.
     """
     scalars, trajectories = (values.double().cpu().numpy() for values in outcome)
-    known = np.isfinite(scalings.scalars.offset)
+    is_scaled = np.isfinite(scalings.scalars.offset)
     return (
-        np.where(known, scalings.scalars.invert(scalars), 0.0),
+        np.where(is_scaled, scalings.scalars.invert(scalars), 0.0),
         np.ascontiguousarray(scalings.trajectories.invert(trajectories)),
     )
 

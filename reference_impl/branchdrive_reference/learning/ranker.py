@@ -166,9 +166,9 @@ class BankNetwork(nn.Module):
         for name, scaling in (("state", scalings.state), ("controls", scalings.controls)):
             for part in ("offset", "scale", "limit"):
                 self.register_buffer(f"{name}_{part}", _float32(getattr(scaling, part)))
-        known = np.isfinite(scalings.scalars.offset)
-        self.register_buffer("target_scale", _float32(np.where(known, scalings.scalars.scale, 0.0)))
-        self.register_buffer("target_offset", _float32(np.where(known, scalings.scalars.offset, 0.0)))
+        is_scaled = np.isfinite(scalings.scalars.offset)
+        self.register_buffer("target_scale", _float32(np.where(is_scaled, scalings.scalars.scale, 0.0)))
+        self.register_buffer("target_offset", _float32(np.where(is_scaled, scalings.scalars.offset, 0.0)))
 
     def _keep_lanes(self, lanes: Sequence[SequenceEncoder]) -> None:
         width = self._width

@@ -81,9 +81,9 @@ class ReplayNoise:
         """Change the expert's command in a `PLAN` row."""
         if self.scale == 0.0:
             return
-        held = tick // OBSERVATION_STRIDE_TICKS
-        steer = plan["steer"] + self.scale * _STEER * normal(self.key, Purpose.REPLAY_CONTROL, 0, held)
-        share = max(1.0 + self.scale * _PEDAL_SHARE * normal(self.key, Purpose.REPLAY_CONTROL, 1, held), 0.0)
+        hold_index = tick // OBSERVATION_STRIDE_TICKS
+        steer = plan["steer"] + self.scale * _STEER * normal(self.key, Purpose.REPLAY_CONTROL, 0, hold_index)
+        share = max(1.0 + self.scale * _PEDAL_SHARE * normal(self.key, Purpose.REPLAY_CONTROL, 1, hold_index), 0.0)
         plan["steer"] = min(max(steer, -1.0), 1.0)
         for pedal in ("throttle", "brake"):
             plan[pedal] = min(plan[pedal] * share, 1.0)

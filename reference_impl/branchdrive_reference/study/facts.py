@@ -14,8 +14,8 @@ from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.driving.target import TARGETS
 from branchdrive.engine.examine import examine
 from branchdrive.model.targets import targets_of
+from branchdrive.quality.qualification import first_attempts, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs
-from branchdrive.quality.standing import first_attempts, group_standing
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
@@ -128,7 +128,7 @@ def shard_facts(view: ShardView) -> Facts:
 
 
 def _groups(view: ShardView, examination: Examination) -> Groups:
-    standing, described = group_standing(view, examination), first_attempts(view, examination)
+    standing, described = group_quality(view, examination), first_attempts(view, examination)
     nominal, records = examination.selection.nominal, view.rollouts
     routes = [_polyline(records["route_x_m"][i], records["route_y_m"][i]) for i in described]
     return Groups(

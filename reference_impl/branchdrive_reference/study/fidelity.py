@@ -66,7 +66,7 @@ def _rows(stream: StreamView, rollouts: Index, lengths: Index, pair: Index) -> I
 def _bits(stream: StreamView, column: str, rows: Index) -> NDArray[np.uint8]:
     """Bytes of a column's values at `rows`, and whether they are null: ``[rows, bytes]``."""
     if TABLES[stream.name][column].type == "string":
-        values: NDArray[Any] = stream.words(column)[0][rows]
+        values: NDArray[Any] = stream.categories(column)[0][rows]
     else:
         values = stream[column][rows]
     valid = stream.valid(column)[rows]

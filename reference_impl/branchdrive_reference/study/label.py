@@ -24,8 +24,8 @@ def label(text: str) -> str:
     >>> label("a\x1b[31m"), len(label("a" * 1000))
     ('a\\x1b[31m', 60)
     """
-    shown = printable(text[: LABEL_CHARACTERS + 1])
-    return shown if len(shown) <= LABEL_CHARACTERS else f"{shown[: LABEL_CHARACTERS - 3]}..."
+    escaped = printable(text[: LABEL_CHARACTERS + 1])
+    return escaped if len(escaped) <= LABEL_CHARACTERS else f"{escaped[: LABEL_CHARACTERS - 3]}..."
 
 
 def labels(texts: Iterable[str]) -> str:

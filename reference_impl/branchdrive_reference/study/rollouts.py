@@ -30,8 +30,8 @@ def check_names(shard: Shard, table: pa.Table, columns: Collection[str]) -> None
         names = pc.unique(table.column(column).combine_chunks()).dictionary.drop_null()
         longest = max(pc.utf8_length(names).to_pylist(), default=0)
         if longest > MAX_TEXT_CHARACTERS:
-            shown = next(name for name in names.to_pylist() if len(name) == longest)
+            name = next(name for name in names.to_pylist() if len(name) == longest)
             raise UsageError(
-                f"{shard.path(ROLLOUTS)!r}: `{column}` holds a text of {longest:,} characters, '{label(shown)}', and "
+                f"{shard.path(ROLLOUTS)!r}: `{column}` holds a text of {longest:,} characters, '{label(name)}', and "
                 f"may hold {MAX_TEXT_CHARACTERS:,}; run `branchdrive-validate`"
             )

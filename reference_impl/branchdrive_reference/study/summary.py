@@ -40,7 +40,7 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
         descriptor.dataset_version,
         _population(facts),
         PROFILE,
-        tuple(words for words, missing in zip(RESULTS.values(), unseen, strict=True) if missing),
+        tuple(title for title, missing in zip(RESULTS.values(), unseen, strict=True) if missing),
         has_evidence,
         tuple(
             _scenario(name, banks.scenario_type == name, banks, shares, bank)

@@ -211,16 +211,16 @@ def _print_equality(console: Console, study: Study) -> None:
     tables = ", ".join(equality.differing)
     console.print()
     if not num:
-        said, style = "No nominal replay could be compared bit by bit with its nominal.", "yellow"
+        text, style = "No nominal replay could be compared bit by bit with its nominal.", "yellow"
     elif not unequal:
         whose = "replay is bit-equal to its nominal" if num == 1 else "replays are bit-equal to their nominals"
-        said, style = f"{'The one' if num == 1 else f'All {num:,}'} compared nominal {whose} in {tables}.", "green"
+        text, style = f"{'The one' if num == 1 else f'All {num:,}'} compared nominal {whose} in {tables}.", "green"
     else:
         differ = ", ".join(f"{table} {count:,}" for table, count in equality.differing.items() if count)
         whose = "differs from its nominal" if unequal == 1 else "differ from their nominals"
-        said = f"{unequal:,} of {counted(num, 'compared nominal replay')} {whose}: {differ}."
+        text = f"{unequal:,} of {counted(num, 'compared nominal replay')} {whose}: {differ}."
         style = "yellow"
     if alone := equality.num_replays - num:
-        said += f" {alone:,} more {'lacks' if alone == 1 else 'lack'} a complete nominal or "
-        said += f"{'is' if alone == 1 else 'are'} not complete."
-    console.print(Text(said, style=style))
+        text += f" {alone:,} more {'lacks' if alone == 1 else 'lack'} a complete nominal or "
+        text += f"{'is' if alone == 1 else 'are'} not complete."
+    console.print(Text(text, style=style))

@@ -98,8 +98,8 @@ def accelerate(vehicle: Records, throttle: float, brake: float, grip: float) -> 
     vehicle.brake_mps2 += _BRAKE_SHARE * (brake * MAX_BRAKE_MPS2 - pressed)
     limit = grip * GRAVITY_MPS2
     pushed = speed + min(0.5 * (drive + vehicle.drive_mps2), limit) * TICK_S
-    held = (min(0.5 * (pressed + vehicle.brake_mps2), limit) + resistance_mps2(speed)) * TICK_S
-    return math.copysign(max(abs(pushed) - held, 0.0), pushed)
+    slowed = (min(0.5 * (pressed + vehicle.brake_mps2), limit) + resistance_mps2(speed)) * TICK_S
+    return math.copysign(max(abs(pushed) - slowed, 0.0), pushed)
 
 
 @kernel

@@ -91,7 +91,7 @@ def test_directions_hold_and_the_document_is_complete(fit: RiskFit) -> None:
     assert (np.array(fit.logistic) * SIGNS >= 0).all()
     assert (np.array(fit.severity) * SIGNS >= 0).all()
     assert list(fit.grids) == list(PROFILES)
-    assert all(grid.dual_price > 0 for grid in fit.grids.values())
+    assert all(grid.dual_multiplier > 0 for grid in fit.grids.values())
     assert RiskFit.model_validate_json(fit.model_dump_json()) == fit
 
 
@@ -108,8 +108,8 @@ def test_neither_the_solver_nor_the_last_bits_of_predictions_decide(
     for name in ("logistic", "logistic_offset", "severity", "severity_offset", "centre", "spread"):
         np.testing.assert_allclose(getattr(moved, name), getattr(fit, name), rtol=0, atol=1e-9)
     for name, grid in fit.grids.items():
-        assert moved.grids[name].dual_price == pytest.approx(grid.dual_price, rel=1e-9)
-        np.testing.assert_allclose(moved.grids[name].prices, grid.prices, rtol=1e-9)
+        assert moved.grids[name].dual_multiplier == pytest.approx(grid.dual_multiplier, rel=1e-9)
+        np.testing.assert_allclose(moved.grids[name].multipliers, grid.multipliers, rtol=1e-9)
 
 
 def test_a_feature_that_varies_by_rounding_is_no_feature(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,7 +57,7 @@ def ended(monkeypatch: pytest.MonkeyPatch, solve: Callable[..., Any], status: st
 def test_the_statement_is_the_program(loss: Any) -> None:
     rng = np.random.default_rng(2)
     regression = example(loss, 2)
-    problem = program.stated(regression, statement(regression))
+    problem = program.cvxpy_problem(regression, statement(regression))
     assert problem.is_dcp()
     weights, offset = sorted(problem.variables(), key=lambda variable: -variable.size)
     for scale in (0.0, 0.1, 5.0):
@@ -83,7 +83,7 @@ def test_a_solver_that_doubts_itself_is_judged_by_its_point() -> None:
     best = polished(regression, np.zeros(7))
     beyond = {"tol_gap_abs": 1e-30, "tol_gap_rel": 1e-30, "tol_feas": 1e-30}
     with pytest.warns(UserWarning, match="inaccurate"):
-        problem = program.stated(regression, statement(regression))
+        problem = program.cvxpy_problem(regression, statement(regression))
         problem.solve(solver="CLARABEL", **beyond)
     assert problem.status == "optimal_inaccurate"
     for options in (beyond, {"max_iter": 2}):

@@ -11,7 +11,7 @@ from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
-from branchdrive.benchmark.guard.risk import FEATURES, PriceGrid, RiskFit
+from branchdrive.benchmark.guard.risk import FEATURES, MultiplierGrid, RiskFit
 from branchdrive.benchmark.metric.outcome import Predictions
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol
@@ -109,7 +109,7 @@ def risk_fit() -> RiskFit:
     """A risk that falls with the predicted margin."""
     size = len(FEATURES)
     weights = tuple(-2.0 if feature.name == "margin_m" else 0.0 for feature in FEATURES)
-    grid = PriceGrid(dual_price=0.1, prices=tuple(2.0**-k for k in range(8)))
+    grid = MultiplierGrid(dual_multiplier=0.1, multipliers=tuple(2.0**-k for k in range(8)))
     return RiskFit(
         features=tuple(feature.name for feature in FEATURES),
         tolerance_m=0.25,

@@ -185,7 +185,7 @@ def test_guards_stand_side_by_side() -> None:
         assert beyond["num_worse"][0] == beyond["num_better"][0] == 0
         assert beyond["num_worse"][1] + beyond["num_better"][1] > 5
         assert 0 < beyond["standard_error"][1] <= 0.1 / np.sqrt(20) + 1e-12
-        assert profile["trade_off"]["prices"][0] is None
+        assert profile["trade_off"]["multipliers"][0] is None
         assert profile["conformal"]["refusal"] is None
 
 

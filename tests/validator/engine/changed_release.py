@@ -105,7 +105,7 @@ class WatchedView(ReleaseView):
         finally:
             self._open.pop()
 
-    def once(self, compute: Callable[[ReleaseView], T]) -> T:
+    def cached(self, compute: Callable[[ReleaseView], T]) -> T:
         if compute not in self._known:
             with self.noted() as asked:
                 result = compute(self)

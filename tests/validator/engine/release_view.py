@@ -26,8 +26,8 @@ def release_view(root: Path) -> ReleaseView:
         assert reading.layers is not None and not reading.errors
         source = survey.with_shards(tuple(reading.shards))
         view = view_of(next(layers_tasks(task, reading.layers, source, reading.shards, selected)))
-        assert view.raw.extract is not None
-        raw = RawLayer(dict(view.raw.extract), digest=view.raw.digest, descriptor=view.raw.descriptor)
+        assert view.raw.rows is not None
+        raw = RawLayer(dict(view.raw.rows), digest=view.raw.digest, descriptor=view.raw.descriptor)
         tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}
         return ReleaseView(
             view.descriptor, tables, view.documents, view.contents, raw, view.files,

@@ -61,11 +61,11 @@ class OtherBits(ReleaseView):
     """A release as another machine would have computed and as another one would have written it."""
 
     def __init__(self, source: ReleaseView, rng: np.random.Generator) -> None:
-        extract = source.extract
-        points = extract["routes"]["points"]
-        frames = with_noise(extract, tuple(extract), rng)
+        rows = source.raw_rows
+        points = rows["routes"]["points"]
+        frames = with_noise(rows, tuple(rows), rng)
         frames["routes"] = {
-            **extract["routes"], "points": points + rng.integers(-8, 9, points.shape) * np.spacing(points)
+            **rows["routes"], "points": points + rng.integers(-8, 9, points.shape) * np.spacing(points)
         }  # fmt: skip
         super().__init__(
             source.descriptor, source.tables, source.documents, source.contents,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.validator.statistics import random_words
 
-from branchdrive.leakage.structural import held_targets, neighbours_p, ranked_targets
+from branchdrive.leakage.structural import affine_targets, neighbours_p, ranked_targets
 
 GROUPS, ACTIONS = 40, 3
 
@@ -19,14 +19,14 @@ def drawn() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_unrelated_variables_tell_nothing() -> None:
-    assert ranked_targets(*drawn()) == held_targets(*drawn()) == []
+    assert ranked_targets(*drawn()) == affine_targets(*drawn()) == []
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(1, 0), (3, 1), (-0.01, 100)])
 def test_an_affine_function_is_found(scale: float, offset: float) -> None:
     variables, targets, available = drawn()
     variables[:, 4] = scale * targets[:, 1, 1] + offset
-    assert [(t.variable, t.target) for t in held_targets(variables, targets, available)] == [(4, 1)]
+    assert [(t.variable, t.target) for t in affine_targets(variables, targets, available)] == [(4, 1)]
     assert ranked_targets(variables, targets, available) == []
 
 
@@ -34,28 +34,28 @@ def test_an_affine_function_is_found(scale: float, offset: float) -> None:
 def test_only_rounding_is_forgiven(noise: float, expected: int) -> None:
     variables, targets, available = drawn()
     variables[:, 0] = targets[:, 0, 0] + noise * variables[:, 0]
-    assert len(held_targets(variables, targets, available)) == expected
+    assert len(affine_targets(variables, targets, available)) == expected
 
 
 @pytest.mark.parametrize(("num_values", "expected"), [(9, 0), (10, 1)])
 def test_ten_values_are_needed(num_values: int, expected: int) -> None:
     variables, targets, available = drawn()
     variables[:, 0] = targets[:, 0, 0] = np.arange(GROUPS) % num_values
-    assert len(held_targets(variables, targets, available)) == expected
+    assert len(affine_targets(variables, targets, available)) == expected
 
 
 def test_groups_without_the_target_do_not_count() -> None:
     variables, targets, available = drawn()
     available[20:, 0, 0] = False
     variables[:20, 0] = targets[:20, 0, 0]
-    assert len(held_targets(variables, targets, available)) == 1
+    assert len(affine_targets(variables, targets, available)) == 1
 
 
 def test_a_ranking_is_found() -> None:
     variables, targets, available = drawn()
     targets[..., 0] = np.exp(variables[:, :1])
     assert [(t.variable, t.target) for t in ranked_targets(variables, targets, available)] == [(0, 0)]
-    assert held_targets(variables, targets, available) == []
+    assert affine_targets(variables, targets, available) == []
 
 
 def test_p_of_neighbours_is_that_of_orders_in_whole_numbers() -> None:

@@ -110,4 +110,4 @@ def test_most_pairs_are_left_out() -> None:
     shard = tables(np.random.default_rng(3), 200, 0.0, False)
     view = ShardView(shard, Descriptor.model_validate(synthetic.descriptor()))
     assert not any(any(bad) for bad, _ in verdicts(view))
-    assert len(view.once(pairs.deciding_pairs).frame) < len(view.stream("actors")) / 2
+    assert len(view.cached(pairs.deciding_pairs).frame) < len(view.stream("actors")) / 2

@@ -24,7 +24,7 @@ from branchdrive.errors import UsageError
 from branchdrive.leakage import audit
 from branchdrive.release import parts as stored
 from branchdrive.release import publish as publication
-from branchdrive.release.apart import audit_here
+from branchdrive.release.audit_process import audit_here
 from branchdrive.release.publish import staging
 from branchdrive.release.scan import RawScan, scan_raw
 
@@ -113,7 +113,7 @@ def test_a_rebuild_goes_on_after_a_cut_at_any_step(
 @pytest.fixture
 def audit_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a test can look at it."""
-    monkeypatch.setattr("branchdrive.release.leakage.audit_apart", audit_here)
+    monkeypatch.setattr("branchdrive.release.leakage.audit_in_own_process", audit_here)
 
 
 def test_finished_parts_of_an_audit_are_not_computed_again(

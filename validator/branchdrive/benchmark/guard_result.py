@@ -72,7 +72,7 @@ def _reason(
         if not predictions.covers(protocol.guard.model, partition):
             return f"{protocol.guard.model} does not predict the partition {partition!r}."
     lacking = [name for name in protocol.preferences if name not in risk_fit.grids]
-    return f"The fitted risk has no prices for the profile {lacking[0]!r}." if lacking else None
+    return f"The fitted risk has no multipliers for the profile {lacking[0]!r}." if lacking else None
 
 
 def _profile(
@@ -145,7 +145,7 @@ def _report_record(found: MarginReport) -> dict[str, Any]:
 def _calibration_record(found: Calibration, assessment: Assessment) -> dict[str, Any]:
     return {
         "method": found.method,
-        "price": number(float(assessment.trade_off.prices[found.place])),
+        "multiplier": number(float(assessment.trade_off.multipliers[found.place])),
         "place": int(found.place),
         "num_groups": found.num_groups,
         "num_clusters": found.num_clusters,

@@ -109,7 +109,7 @@ def _incomplete(table: PredictionRows, owner: Owner, partition: str) -> Iterator
     """The first place of a partition without a row, and the first with several."""
     groups, keys = table.data.part(partition).groups, table.data.candidates
     counts = np.bincount(table.flat(owner, partition)[1], minlength=len(groups) * len(keys) * table.num_steps)
-    for wrong, words in ((counts == 0, "no row"), (counts > 1, "several rows")):
+    for wrong, count in ((counts == 0, "no row"), (counts > 1, "several rows")):
         for place in np.flatnonzero(wrong)[:1].tolist():
             bank, step = divmod(place, table.num_steps)
             group, key = divmod(bank, len(keys))
@@ -117,7 +117,7 @@ def _incomplete(table: PredictionRows, owner: Owner, partition: str) -> Iterator
             at["action_key"] = keys[key]
             if table.num_steps > 1:
                 at["step"] = step + 1
-            yield Mismatch(at, "one row of this candidate", words)
+            yield Mismatch(at, "one row of this candidate", count)
 
 
 def _place(table: PredictionRows, owner: Owner, row: int) -> Location:

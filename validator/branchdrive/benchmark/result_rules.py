@@ -45,15 +45,15 @@ from branchdrive.layers.view import ReleaseView
 @rule("BD-BMK-007")
 def predictions_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Every model predicts whole banks of the partitions that it must, and nothing beside them."""
-    found = [m for m in view.once(mismatches_of) if not _is_of_seeds(m) and "column" not in m.location]
+    found = [m for m in view.cached(mismatches_of) if not _is_of_seeds(m) and "column" not in m.location]
     yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(_in_file, found))
 
 
 @rule("BD-BMK-008")
 def every_declared_seed_predicts(view: ReleaseView) -> Iterator[Check]:
     """A declared model has predictions of its declared seeds, and of no other."""
-    found = filter(_is_of_seeds, view.once(mismatches_of))
-    yield Check.of(len(view.once(protocol_of).models), map(_in_file, found))
+    found = filter(_is_of_seeds, view.cached(mismatches_of))
+    yield Check.of(len(view.cached(protocol_of).models), map(_in_file, found))
 
 
 def _is_of_seeds(mismatch: Mismatch) -> bool:
@@ -72,13 +72,13 @@ def ranking_lock_follows(view: ReleaseView) -> Iterator[Check]:
     if (other := other_kind(view, RANKING_LOCK_FILE)) is not None:
         yield other
         return
-    document, data = lock_of_kind(view, RANKING_LOCK_FILE), view.once(data_of)
+    document, data = lock_of_kind(view, RANKING_LOCK_FILE), view.cached(data_of)
     try:
         mismatches = ranking_lock_mismatches(
             document,
             prediction_lock_digest=digest_of(view, LOCK_FILE),
-            predictions_digest=view.once(predictions_of).digest(data),
-            scale=utility_scale(view.once(protocol_of), data),
+            predictions_digest=view.cached(predictions_of).digest(data),
+            scale=utility_scale(view.cached(protocol_of), data),
         )
     except DatasetError as error:
         raise PreconditionError(str(error)) from error
@@ -95,7 +95,7 @@ def learned_risk_is_sound(view: ReleaseView) -> Iterator[Check]:
         return
     if risk_fit is None:
         return
-    wanted, found = view.once(protocol_of).guard.tolerance_m, risk_fit.tolerance_m
+    wanted, found = view.cached(protocol_of).guard.tolerance_m, risk_fit.tolerance_m
     at: Location = {"pointer": "/risk_fit/tolerance_m"}
     other = Mismatch(at, f"{wanted:g}, as the protocol has it", f"{found:g}")
     yield document_check(RANKING_LOCK_FILE, 1, [other] if found != wanted else [])
@@ -112,7 +112,7 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
     except DatasetError as error:
         raise PreconditionError(str(error)) from error
     noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
-    protocol, data, predictions = view.once(protocol_of), view.once(data_of), view.once(predictions_of)
+    protocol, data, predictions = view.cached(protocol_of), view.cached(data_of), view.cached(predictions_of)
     try:
         expected = results_document(protocol, data, predictions, risk_fit, noise, warnings=_warnings(view))
     except (DatasetError, ValueError) as error:
@@ -123,12 +123,12 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
 
 
 def _unlocked(view: ReleaseView) -> list[str]:
-    return unlocked_models(lock_of(view), view.once(predictions_of))
+    return unlocked_models(lock_of(view), view.cached(predictions_of))
 
 
 def _warnings(view: ReleaseView) -> list[str]:
     changed = changed_checkpoints(lock_of(view), layer_files(view)) if view.digests else ()
-    has_calibration = view.once(protocol_of).partitions.calibrate in view.once(data_of).parts
+    has_calibration = view.cached(protocol_of).partitions.calibrate in view.cached(data_of).parts
     return warnings(
         view.document(BENCHMARK_LEDGER_FILE),
         unlocked=_unlocked(view),
@@ -159,6 +159,6 @@ def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[Chec
     """No model predicts whose checkpoint was not locked."""
     file: Location = {"file": table_path("predictions"), "table": "predictions"}
     yield Check.of(
-        len(view.once(predictions_of).models),
+        len(view.cached(predictions_of).models),
         [Mismatch({**file, "model": name}, "a locked checkpoint of every seed", "none") for name in _unlocked(view)],
     )

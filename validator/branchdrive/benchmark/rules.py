@@ -66,7 +66,7 @@ def lock_names_every_checkpoint(view: ReleaseView) -> Iterator[Check]:
     """One checkpoint for each declared model and seed, each in a file of its own."""
     document = lock_of(view)
     yield document_check(
-        LOCK_FILE, len(document["checkpoints"]), checkpoint_mismatches(document, view.once(protocol_of))
+        LOCK_FILE, len(document["checkpoints"]), checkpoint_mismatches(document, view.cached(protocol_of))
     )
 
 
@@ -94,7 +94,7 @@ def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-BMK-005")
 def locks_name_the_training_groups(view: ReleaseView) -> Iterator[Check]:
     """Every checkpoint was trained on the training groups of the frozen population, and on no other."""
-    data, protocol, entries = view.once(data_of), view.once(protocol_of), lock_of(view)["checkpoints"]
+    data, protocol, entries = view.cached(data_of), view.cached(protocol_of), lock_of(view)["checkpoints"]
     fit = data.parts.get(protocol.partitions.fit)
     expected = groups_digest(() if fit is None else fit.groups)
     name = "training_groups_digest"
@@ -105,7 +105,7 @@ def locks_name_the_training_groups(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-BMK-006")
 def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
     """Provenance in the header of a checkpoint: model, seed, configuration, split, normalisation, training groups."""
-    lock, protocol = lock_of(view), view.once(protocol_of)
+    lock, protocol = lock_of(view), view.cached(protocol_of)
     configurations = {model.id: model.config_digest for model in protocol.models}
     mismatches, examined = [], 0
     for entry in lock["checkpoints"]:
@@ -127,9 +127,9 @@ def checkpoints_say_what_the_lock_says(view: ReleaseView) -> Iterator[Check]:
             mismatches.append(Mismatch({"file": path}, "a header with provenance", str(error)))
             continue
         mismatches += [
-            Mismatch({"file": path}, f"{name} {wanted!r}", f"{name} {said!r}")
-            for name, wanted, said in zip(CheckpointFacts._fields, expected, found, strict=True)
-            if wanted != said
+            Mismatch({"file": path}, f"{name} {wanted!r}", f"{name} {given!r}")
+            for name, wanted, given in zip(CheckpointFacts._fields, expected, found, strict=True)
+            if wanted != given
         ][:1]
     yield Check.of(examined, mismatches)
 

@@ -1,6 +1,6 @@
 """The benchmark layer as its rules see it: documents, locks, predictions and what they are judged on.
 
-Everything is read once for a dataset: `ReleaseView.once` keeps what a function here gives.
+Everything is read once for a dataset: `ReleaseView.cached` keeps what a function here gives.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _frames(view: ReleaseView) -> dict[str, Any]:
 
 def mismatches_of(view: ReleaseView) -> list[Mismatch]:
     """What is wrong with predictions."""
-    return list(prediction_mismatches(_frames(view), view.once(data_of), view.once(protocol_of)))
+    return list(prediction_mismatches(_frames(view), view.cached(data_of), view.cached(protocol_of)))
 
 
 def predictions_of(view: ReleaseView) -> PredictionSet:
@@ -108,7 +108,7 @@ def predictions_of(view: ReleaseView) -> PredictionSet:
         PreconditionError: They are not complete.
     """
     try:
-        return PredictionSet.from_frames(_frames(view), view.once(data_of))
+        return PredictionSet.from_frames(_frames(view), view.cached(data_of))
     except DatasetError as error:
         raise PreconditionError(f"predictions are not complete: {error}") from error
 

@@ -15,7 +15,7 @@ from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
-from branchdrive.layers.compare import columns_agree, document_check, place, rows_agree, shown
+from branchdrive.layers.compare import columns_agree, document_check, format_cell, place, rows_agree
 from branchdrive.layers.view import ReleaseView
 
 _REPEATED = (
@@ -58,9 +58,11 @@ def nominal_entries_are_links(view: ReleaseView) -> Iterator[Check]:
 
     def mismatch(row: int) -> Mismatch:
         if records["kind"][row] != expected[row]:
-            return Mismatch(place("records", records, row, "kind"), shown(expected[row]), shown(records["kind"][row]))
+            return Mismatch(
+                place("records", records, row, "kind"), format_cell(expected[row]), format_cell(records["kind"][row])
+            )
         where = place("records", records, row, "nominal_rollout_id")
-        return Mismatch(where, shown(records["rollout_id"][row]), shown(records["nominal_rollout_id"][row]))
+        return Mismatch(where, format_cell(records["rollout_id"][row]), format_cell(records["nominal_rollout_id"][row]))
 
     yield Check(len(expected), bad, mismatch)
 
@@ -80,8 +82,8 @@ def interventions_share_their_nominal(view: ReleaseView) -> Iterator[Check]:
         [
             Mismatch(
                 place("records", records, row, "nominal_rollout_id"),
-                shown(links.get(records["group_id"][row]) or None),
-                shown(named[row] or None),
+                format_cell(links.get(records["group_id"][row]) or None),
+                format_cell(named[row] or None),
             )
             for row in bad
         ],
@@ -112,14 +114,14 @@ def records_state_control_semantics(view: ReleaseView) -> Iterator[Check]:
     at = np.array([row_of.get(key, -1) for key in records["action_key"].tolist()], np.int64)
     columns = [name for name in policies if name != "action_key"]
     unknown = at < 0
-    wrong = unknown & (view.raw.extract is None)
-    apart = np.stack([((records[name] != policies[name][at]) & ~unknown) | wrong for name in columns], axis=1)
-    bad = np.flatnonzero(apart.any(axis=1))
+    wrong = unknown & (view.raw.rows is None)
+    differing = np.stack([((records[name] != policies[name][at]) & ~unknown) | wrong for name in columns], axis=1)
+    bad = np.flatnonzero(differing.any(axis=1))
 
     def mismatch(row: int) -> Mismatch:
-        column = columns[int(np.argmax(apart[row]))]
-        wanted = shown(policies[column][at[row]]) if at[row] >= 0 else "an action of the bank"
-        return Mismatch(place("records", records, row, column), wanted, shown(records[column][row]))
+        column = columns[int(np.argmax(differing[row]))]
+        wanted = format_cell(policies[column][at[row]]) if at[row] >= 0 else "an action of the bank"
+        return Mismatch(place("records", records, row, column), wanted, format_cell(records[column][row]))
 
     yield Check(len(at), bad, mismatch)
 
@@ -154,11 +156,11 @@ def dispositions_recompute(view: ReleaseView) -> Iterator[Check]:
 def records_and_dispositions_agree(view: ReleaseView) -> Iterator[Check]:
     """Exactly the attempts that records name are selected or kept."""
     records, attempts = view.frame("records"), view.frame("attempts")
-    words = dict(zip(("selected", "ineligible"), _STANDS, strict=True))
+    disposition_of = dict(zip(("selected", "ineligible"), _STANDS, strict=True))
     named = {
-        rollout_id: words[state]
+        rollout_id: disposition_of[state]
         for rollout_id, state in zip(records["rollout_id"].tolist(), records["state"].tolist(), strict=True)
-        if rollout_id is not None and state in words
+        if rollout_id is not None and state in disposition_of
     }
     listed = dict(zip(attempts["rollout_id"].tolist(), attempts["disposition"].tolist(), strict=True))
     taken = {rollout_id for rollout_id, word in listed.items() if word in _STANDS}

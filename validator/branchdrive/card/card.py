@@ -152,7 +152,7 @@ def _population(population: Document) -> list[str]:
 
 def _attempts(source: Document) -> list[str]:
     records, states = source["records"], source["states"]
-    told = [
+    rows = [
         [f"`{name}`", count_text(source["dispositions"][name]), text]
         for name, text in _DISPOSITIONS.items()
         if name in source["dispositions"]
@@ -164,7 +164,7 @@ def _attempts(source: Document) -> list[str]:
         "layer was left as it was.",
         "Every attempt has one disposition:",
         "",
-        *grid([*_texts("Disposition"), Column("Attempts"), *_texts("Meaning")], told),
+        *grid([*_texts("Disposition"), Column("Attempts"), *_texts("Meaning")], rows),
         "",
         f"They give {sum(records.values()):,} canonical records, one for each group and action: "
         f"{records['physical']:,} physical, {records['nominal_link']:,} links to the nominal and "
@@ -333,15 +333,15 @@ def _licence(descriptor: Descriptor) -> list[str]:
 
 def render_licence(spdx: str) -> str:
     """Text of `LICENCE.txt`: the licence of the data by its SPDX identifier or expression, and where its text is."""
-    words = spdx.split()
-    ids = words[::2]
-    is_spdx = len(words) % 2 == 1 and all(word in ("AND", "OR", "WITH") for word in words[1::2])
-    is_spdx &= all(re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+-]*", word) and "LicenseRef-" not in word for word in ids)
+    parts = spdx.split()
+    ids = parts[::2]
+    is_spdx = len(parts) % 2 == 1 and all(part in ("AND", "OR", "WITH") for part in parts[1::2])
+    is_spdx &= all(re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+-]*", part) and "LicenseRef-" not in part for part in ids)
     lines = [f"SPDX-License-Identifier: {spdx}" if is_spdx else f"Licence: {spdx}", ""]
     lines.append("The data of this dataset, all files of this folder and below it, are licensed under the above.")
     if is_spdx:
-        exceptions = {after for word, after in zip(words[1::2], words[2::2], strict=True) if word == "WITH"}
-        places = [f"  https://spdx.org/licenses/{word}.html" for word in dict.fromkeys(ids) if word not in exceptions]
+        exceptions = {after for part, after in zip(parts[1::2], parts[2::2], strict=True) if part == "WITH"}
+        places = [f"  https://spdx.org/licenses/{part}.html" for part in dict.fromkeys(ids) if part not in exceptions]
         lines += [
             "The full text is at:",
             "",

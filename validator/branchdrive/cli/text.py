@@ -140,8 +140,8 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
         console.print(Padding(Text(f"expected {finding.expected}; found {finding.found}"), (0, 0, 0, 8)))
     if len(tally.findings) > FINDINGS_SHOWN:
         # Rules on rows count rows, of which a finding may hold several; the others count findings.
-        shown = tally.findings[:FINDINGS_SHOWN]
-        left = tally.num_findings - tally.places(shown)
+        listed = tally.findings[:FINDINGS_SHOWN]
+        left = tally.num_findings - tally.places(listed)
         more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))

@@ -66,7 +66,7 @@ def document_mismatches(expected: Any, found: Any, *, tolerance: float = 0.0, po
                 if key in expected and key in found:
                     yield from document_mismatches(expected[key], found[key], tolerance=tolerance, pointer=place)
                 else:
-                    one, other = (_shown(side[key]) if key in side else "nothing" for side in (expected, found))
+                    one, other = (_format_value(side[key]) if key in side else "nothing" for side in (expected, found))
                     yield Mismatch({"pointer": place}, one, other)
         case list(), list() if len(expected) == len(found):
             for i, (one, other) in enumerate(zip(expected, found, strict=True)):
@@ -76,10 +76,10 @@ def document_mismatches(expected: Any, found: Any, *, tolerance: float = 0.0, po
             yield Mismatch({"pointer": pointer or "/"}, f"{len(expected)} entries", f"{len(found)} entries")
         case _ if _is_number(expected) and _is_number(found):
             if not agree(expected, found, tolerance):
-                yield Mismatch({"pointer": pointer or "/"}, _shown(expected), _shown(found))
+                yield Mismatch({"pointer": pointer or "/"}, _format_value(expected), _format_value(found))
         case _:
             if type(expected) is not type(found) or expected != found:
-                yield Mismatch({"pointer": pointer or "/"}, _shown(expected), _shown(found))
+                yield Mismatch({"pointer": pointer or "/"}, _format_value(expected), _format_value(found))
 
 
 def _is_same(one: Any, other: Any) -> bool:
@@ -92,6 +92,6 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     text = ascii(value)
     return text if len(text) <= _SHOWN_CHARACTERS else f"{text[: _SHOWN_CHARACTERS - 3]}..."

@@ -25,8 +25,8 @@ def quote(value: object) -> str:
 def percent(share: float, digits: int = 2) -> str:
     """A share as per cent; what is not all is never rounded to 100, what is not nothing never to 0."""
     least = 0.51 * 10.0 ** -(digits + 2)
-    shown = min(max(share, least), 1 - least) if 0 < share < 1 else share
-    return f"{100 * shown:.{digits}f}%"
+    clipped = min(max(share, least), 1 - least) if 0 < share < 1 else share
+    return f"{100 * clipped:.{digits}f}%"
 
 
 def count_text(count: int | None) -> str:

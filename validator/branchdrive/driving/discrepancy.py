@@ -128,7 +128,7 @@ def core_discrepancy(replay: History, nominal: History) -> Array:
     heading = np.degrees(np.abs(wrap_rad(_without_infinity(replay.yaw_rad) - _without_infinity(nominal.yaw_rad))))
     columns = [
         np.sqrt(x * x + y * y).max(axis=1),
-        _missing_apart(heading, replay.yaw_rad, nominal.yaw_rad).max(axis=1),
+        _with_missing(heading, replay.yaw_rad, nominal.yaw_rad).max(axis=1),
         *(
             _difference(getattr(replay, name), getattr(nominal, name)).max(axis=1)
             for name in ("speed_mps", "steer", "throttle", "brake")
@@ -150,7 +150,7 @@ def extended_discrepancy(replay: HistoryEvidence, nominal: HistoryEvidence) -> A
         for name in ("vehicle_available", "pedestrian_available")
     )
 
-    def apart(available: list[NDArray[np.bool_]], name: str) -> Array:
+    def gap_or_missing(available: list[NDArray[np.bool_]], name: str) -> Array:
         sides = (
             np.where(there, getattr(side, name), np.nan)
             for there, side in zip(available, (replay, nominal), strict=True)
@@ -158,11 +158,11 @@ def extended_discrepancy(replay: HistoryEvidence, nominal: HistoryEvidence) -> A
         return np.asarray(_difference(*sides).max(axis=1))
 
     columns = [
-        apart(vehicles, "vehicle_gap_m"),
-        apart(vehicles, "vehicle_rel_speed_mps"),
+        gap_or_missing(vehicles, "vehicle_gap_m"),
+        gap_or_missing(vehicles, "vehicle_rel_speed_mps"),
         (replay.num_actors != nominal.num_actors).mean(axis=1),
         (replay.traffic_light != nominal.traffic_light).mean(axis=1),
-        apart(pedestrians, "pedestrian_gap_m"),
+        gap_or_missing(pedestrians, "pedestrian_gap_m"),
     ]
     return np.stack(columns, axis=1)
 
@@ -187,7 +187,7 @@ def _without_infinity(values: Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _missing_apart(difference: Array, a: Array, b: Array) -> Array:
+def _with_missing(difference: Array, a: Array, b: Array) -> Array:
     """`difference`, but ``inf`` where one of `a` and `b` alone is no finite number, and 0 where both are none."""
     there_a, there_b = np.isfinite(a), np.isfinite(b)
     return np.where(there_a & there_b, difference, np.where(there_a == there_b, 0.0, np.inf))
@@ -196,4 +196,4 @@ def _missing_apart(difference: Array, a: Array, b: Array) -> Array:
 def _difference(a: ArrayLike, b: ArrayLike) -> Array:
     """``|a - b|`` under the rule of what is missing."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    return _missing_apart(np.abs(_without_infinity(a) - _without_infinity(b)), a, b)
+    return _with_missing(np.abs(_without_infinity(a) - _without_infinity(b)), a, b)

@@ -142,8 +142,8 @@ def layers_tasks(
         own = replace(raw, shards=(spooled_name(shard.folder),))
         identities = frozenset((*shard.rollout_ids, *shard.group_ids))
         yield replace(every, rules=tuple(rows), part="shard", identities=identities, raw=own)
-    known = frozenset(identity for shard in shards for identity in (*shard.rollout_ids, *shard.group_ids))
-    yield replace(every, rules=tuple(rows), part="nobody", identities=known)
+    of_all_shards = frozenset(identity for shard in shards for identity in (*shard.rollout_ids, *shard.group_ids))
+    yield replace(every, rules=tuple(rows), part="nobody", identities=of_all_shards)
 
 
 def _raw_rows(source: Survey, shards: Sequence[ShardResult]) -> RawRows:

@@ -17,7 +17,7 @@ from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing bi
 from branchdrive.engine.judge import judge
 from branchdrive.engine.tally import Tally
 from branchdrive.raw.examination import Examination
-from branchdrive.raw.funnel import standings_of
+from branchdrive.raw.funnel import group_outcomes
 from branchdrive.raw.rules.status import ATTEMPT_IS_COMPLETE
 from branchdrive.raw.selection import select_candidates
 from branchdrive.raw.shard_view import ShardView
@@ -65,7 +65,7 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[d
         bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)
         if not tally.errors:
             result.failed_groups[rule_id] = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
-    result.standings = standings_of(view, selection, result.failed, result.failed_groups)
+    result.outcomes = group_outcomes(view, selection, result.failed, result.failed_groups)
     return tallies, result
 
 
@@ -104,11 +104,11 @@ def _of_rows(view: ShardView, check: Check) -> Iterator[Mismatch]:
         yield Mismatch(_row_location(view, str(check.table), row, found.location), found.expected, found.found, rows)
 
 
-def _row_location(view: ShardView, name: str, row: int, known: Location) -> Location:
+def _row_location(view: ShardView, name: str, row: int, found: Location) -> Location:
     location: Location = {"table": name}
     if view.file_prefix:
         location = {"file": f"{view.file_prefix}/{name}.parquet", **location}
-    location |= known
+    location |= found
     table = view[name]
     rollout_id = table["rollout_id"][row]
     if rollout_id:

@@ -103,8 +103,8 @@ def judge_part(task: LayersTask) -> LayersResult:
     """Judge the rules of a task."""
     view = view_of(task)
     tallies, _ = judge_layers(view, task.rules, task.broken)
-    is_told = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
-    return LayersResult(tallies, view.document(POPULATION) if is_told else None)
+    holds = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
+    return LayersResult(tallies, view.document(POPULATION) if holds else None)
 
 
 def view_of(task: LayersTask) -> ReleaseView:
@@ -131,7 +131,7 @@ def _rows_of(task: LayersTask, name: str, table: pa.Table) -> pa.Table:
     key = LAYER_TABLES[name].key[0]
     if key not in ("group_id", "rollout_id"):
         return table
-    codes, texts = TableView(name, table).words(key)
+    codes, texts = TableView(name, table).categories(key)
     wanted = np.array([(text in task.identities) == (task.part == "shard") for text in texts] + [False], bool)
     return table.filter(pa.array(wanted[codes]))
 
@@ -149,19 +149,19 @@ def _raw_layer(task: LayersTask) -> RawLayer:
 
 @np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
 def judge_layers(
-    view: ReleaseView, rule_ids: Iterable[str], known: Mapping[str, frozenset[str]] = MappingProxyType({})
+    view: ReleaseView, rule_ids: Iterable[str], broken_before: Mapping[str, frozenset[str]] = MappingProxyType({})
 ) -> tuple[dict[str, Tally], dict[str, frozenset[str]]]:
     """Judge rules on derived layers in order; tables that fail a rule are kept from those that require it.
 
     Args:
         view: The layers, or a part of their rows.
         rule_ids: Rules of the scopes `layers` and `layer_rows`, in order of the catalogue.
-        known: Tables that fail rules which were judged before.
+        broken_before: Tables that fail rules that were judged before.
 
     Returns:
         Totals of the rules, and the tables that fail each.
     """
-    tallies, broken = {}, dict(known)
+    tallies, broken = {}, dict(broken_before)
     for rule_id in rule_ids:
         info = CATALOGUE[rule_id]
         tally = tallies[rule_id] = Tally(rule_id, is_claimed=info.layer is None or view.claims(info.layer))

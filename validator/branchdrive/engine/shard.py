@@ -16,7 +16,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.examine import VIEW_RULES, examine
-from branchdrive.engine.extract import extract_shard
+from branchdrive.engine.raw_rows import raw_rows_of
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
@@ -184,6 +184,6 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     elif any(tally.errors for tally in tallies.values()):
         result.no_frames = "a rule on the raw layer failed"
     else:
-        for name, frame in extract_shard(view, examination).items():
+        for name, frame in raw_rows_of(view, examination).items():
             task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
             result.frames += (name,)

@@ -105,14 +105,14 @@ class SpooledTables(Mapping[str, "pa.Table"]):
 
     def __init__(self, spool: Spool, names: Sequence[str]) -> None:
         self._spool, self._names = spool, tuple(names)
-        self._opened: dict[str, pa.Table] = {}
+        self._tables: dict[str, pa.Table] = {}
 
     def __getitem__(self, name: str) -> pa.Table:
         if name not in self._names:
             raise KeyError(name)
-        if name not in self._opened:
-            self._opened[name] = self._spool.table(f"{name}.table")
-        return self._opened[name]
+        if name not in self._tables:
+            self._tables[name] = self._spool.table(f"{name}.table")
+        return self._tables[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

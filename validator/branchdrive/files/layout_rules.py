@@ -42,17 +42,17 @@ def manifest_is_well_formed(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-002")
 def digests_match(survey: Survey) -> Iterator[Check]:
     """SHA-256 of every listed file that is there equals the manifest's."""
-    stated = survey.manifest.files if survey.manifest else {}
-    read = {path: digest for path, digest in survey.digests.items() if path in stated}
+    listed = survey.manifest.files if survey.manifest else {}
+    read = {path: digest for path, digest in survey.digests.items() if path in listed}
     found = [
-        Mismatch({"file": path}, f"sha256 {stated[path]}", f"sha256 {digest}")
+        Mismatch({"file": path}, f"sha256 {listed[path]}", f"sha256 {digest}")
         for path, digest in sorted(read.items())
-        if digest != stated[path]
+        if digest != listed[path]
     ]
     found += [
-        Mismatch({"file": path}, f"sha256 {stated[path]}", reason)
+        Mismatch({"file": path}, f"sha256 {listed[path]}", reason)
         for path, reason in sorted(survey.unreadable.items())
-        if path in stated
+        if path in listed
     ]
     yield Check.of(len(read), tuple(found))
 
@@ -60,19 +60,19 @@ def digests_match(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-003")
 def listed_files_exist(survey: Survey) -> Iterator[Check]:
     """Every path of the manifest is there, and is no folder; links and devices are BD-LAY-006's."""
-    stated = survey.manifest.files if survey.manifest else {}
+    listed = survey.manifest.files if survey.manifest else {}
     there = {entry.path for entry in survey.entries if entry.kind != "folder"}
-    found = [Mismatch({"file": path}, "the listed file", "no such file") for path in stated if path not in there]
-    yield Check.of(len(stated), tuple(found))
+    found = [Mismatch({"file": path}, "the listed file", "no such file") for path in listed if path not in there]
+    yield Check.of(len(listed), tuple(found))
 
 
 @rule("BD-LAY-004")
 def existing_files_are_listed(survey: Survey) -> Iterator[Check]:
     """Every regular file but the manifest is listed; a writer's working area counts as one file."""
-    stated = survey.manifest.files if survey.manifest else {}
+    listed = survey.manifest.files if survey.manifest else {}
     files = [e.path for e in survey.files if e.path != MANIFEST_FILE and not e.path.startswith(f"{STAGING_DIR}/")]
     found = [
-        Mismatch({"file": path}, "a file that the manifest lists", "not listed") for path in files if path not in stated
+        Mismatch({"file": path}, "a file that the manifest lists", "not listed") for path in files if path not in listed
     ]
     if any(entry.path == STAGING_DIR for entry in survey.entries):
         found.append(
@@ -94,16 +94,16 @@ def paths_are_safe(survey: Survey) -> Iterator[Check]:
         reason = unsafe_reason(entry.path)
         if reason is not None and "longer" not in reason and "deeper" not in reason:
             found.append(Mismatch({"file": entry.path}, SAFE_PATH, f"{quote(entry.path)} {reason}"))
-    stated = len(survey.manifest.files) if survey.manifest else 0
-    yield Check.of(stated + len(survey.entries), tuple(found))
+    listed = len(survey.manifest.files) if survey.manifest else 0
+    yield Check.of(listed + len(survey.entries), tuple(found))
 
 
 @rule("BD-LAY-006")
 def only_files_and_folders(survey: Survey) -> Iterator[Check]:
     """No links, devices, sockets or pipes, and no folder that cannot be listed."""
-    words = {"link": "a symbolic link", "special": "a special file", "unreadable": "nothing that can be read"}
+    kinds = {"link": "a symbolic link", "special": "a special file", "unreadable": "nothing that can be read"}
     found = [
-        Mismatch({"file": e.path}, "a regular file or folder", words[e.kind]) for e in survey.entries if e.kind in words
+        Mismatch({"file": e.path}, "a regular file or folder", kinds[e.kind]) for e in survey.entries if e.kind in kinds
     ]
     yield Check.of(len(survey.entries), tuple(found))
 
@@ -135,12 +135,12 @@ def derived_digests_recompute(survey: Survey) -> Iterator[Check]:
     derived = Manifest.of(survey.manifest.files)
     found = []
     for layer in sorted({*derived.layers, *survey.manifest.layers}):
-        wanted, stated = (
+        wanted, listed = (
             derived.layers.get(layer, "no such layer"),
             survey.manifest.layers.get(layer, "not stated"),
         )
-        if wanted != stated:
-            found.append(Mismatch({"file": MANIFEST_FILE, "pointer": f"layer {layer}"}, wanted, stated))
+        if wanted != listed:
+            found.append(Mismatch({"file": MANIFEST_FILE, "pointer": f"layer {layer}"}, wanted, listed))
     if derived.identity != survey.manifest.identity:
         found.append(
             Mismatch({"file": MANIFEST_FILE, "pointer": "dataset"}, derived.identity, survey.manifest.identity)

@@ -121,8 +121,8 @@ class Survey:
 
     def is_damaged(self, path: str) -> bool:
         """Whether the file was read and its digest is not the manifest's."""
-        stated = self.manifest.files.get(path) if self.manifest else None
-        return stated is not None and self.digests.get(path, stated) != stated
+        listed = self.manifest.files.get(path) if self.manifest else None
+        return listed is not None and self.digests.get(path, listed) != listed
 
     def is_condemned(self, path: str) -> bool:
         """Whether other rules already say that the file is missing, unreadable or damaged."""

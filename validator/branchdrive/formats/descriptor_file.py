@@ -60,5 +60,5 @@ def _differences(place: str, found: Any, given: Any) -> list[str]:
         return [text for pair in pairs for text in _differences(*pair)]
     if found == given:
         return []
-    shown = [repr(value) if len(repr(value)) <= _SHOWN_CHARACTERS else "" for value in (found, given)]
-    return [f"{place} is {shown[0]}, not {shown[1]}" if all(shown) else f"{place} differs"]
+    texts = [repr(value) if len(repr(value)) <= _SHOWN_CHARACTERS else "" for value in (found, given)]
+    return [f"{place} is {texts[0]}, not {texts[1]}" if all(texts) else f"{place} differs"]

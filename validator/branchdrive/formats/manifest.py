@@ -243,7 +243,7 @@ def build_manifest(root: Path) -> Manifest:
     Raises:
         DatasetError: The dataset holds a link, a special file or an unsafe path.
     """
-    return Manifest.of({path: _file_digest(root, path) for path in _files_below(root)})
+    return Manifest.of({path: _file_digest(root, path) for path in _files_under(root)})
 
 
 def check_against_manifest(root: Path) -> Manifest:
@@ -252,16 +252,16 @@ def check_against_manifest(root: Path) -> Manifest:
     Raises:
         DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
     """
-    stated, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    listed, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
     found = build_manifest(root)
-    if mismatches or stated != found:
-        paths = sorted(path for path, _ in set(stated.files.items()) ^ set(found.files.items()))
+    if mismatches or listed != found:
+        paths = sorted(path for path, _ in set(listed.files.items()) ^ set(found.files.items()))
         what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
         raise DatasetError(f"{root}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")
     return found
 
 
-def _files_below(root: Path) -> Iterator[str]:
+def _files_under(root: Path) -> Iterator[str]:
     not_listed = {MANIFEST_FILE, partial_path(root / MANIFEST_FILE).name, STAGING_DIR}
     folders = [""]
     while folders:

@@ -227,5 +227,5 @@ def _check_size(num_rows: int, num_bytes: int, label: str, limits: Limits) -> No
 
 def _reason(error: BaseException) -> str:
     """First line of an error's message, short and printable: it may quote the file."""
-    words = str(error).split("\n", maxsplit=1)[0] or type(error).__name__
-    return "".join(c if c.isascii() and c.isprintable() else "?" for c in words)[:_MAX_REASON_CHARACTERS]
+    text = str(error).split("\n", maxsplit=1)[0] or type(error).__name__
+    return "".join(c if c.isascii() and c.isprintable() else "?" for c in text)[:_MAX_REASON_CHARACTERS]

@@ -24,11 +24,11 @@ __all__ = [
     "columns_agree",
     "differs",
     "document_check",
+    "format_cell",
     "frames_agree",
     "place",
     "rows_agree",
     "rows_are",
-    "shown",
     "text_agrees",
     "text_mismatches",
 ]
@@ -58,12 +58,12 @@ def differs(expected: Values, found: Values, *, exact: bool = False) -> Mask:
     absent, gone = np.ma.getmaskarray(expected), np.ma.getmaskarray(found)
     a, b = np.ma.getdata(expected), np.ma.getdata(found)
     if a.dtype.kind == "f" and not exact:
-        apart = ~agree(a, b)
+        differing = ~agree(a, b)
     elif a.dtype.kind == "f" and b.dtype.kind == "f":
-        apart = (a != b) | (np.signbit(a) != np.signbit(b))
+        differing = (a != b) | (np.signbit(a) != np.signbit(b))
     else:
-        apart = np.asarray(a != b, bool)
-    return np.asarray((absent != gone) | (apart & ~absent & ~gone))
+        differing = np.asarray(a != b, bool)
+    return np.asarray((absent != gone) | (differing & ~absent & ~gone))
 
 
 def rows_agree(view: ReleaseView, table: str) -> Iterator[Check]:
@@ -110,13 +110,13 @@ def _cells(
     right: Index,
     exact: Collection[str],
 ) -> Check:
-    apart = np.stack([differs(expected[c][left], found[c][right], exact=c in exact) for c in columns], axis=1)
-    bad = np.flatnonzero(apart.any(axis=1))
+    differing = np.stack([differs(expected[c][left], found[c][right], exact=c in exact) for c in columns], axis=1)
+    bad = np.flatnonzero(differing.any(axis=1))
 
     def mismatch(i: int) -> Mismatch:
-        column = columns[int(np.argmax(apart[i]))]
+        column = columns[int(np.argmax(differing[i]))]
         wanted, value = expected[column][left[i]], found[column][right[i]]
-        return Mismatch(place(table, found, int(right[i]), column), shown(wanted), shown(value))
+        return Mismatch(place(table, found, int(right[i]), column), format_cell(wanted), format_cell(value))
 
     return Check(len(left), bad, mismatch)
 
@@ -128,7 +128,7 @@ def frames_agree(
     yield _cells(table, columns, expected, found, left, right, columns)
 
 
-def shown(value: Any) -> str:
+def format_cell(value: Any) -> str:
     """A cell for a finding."""
     return "null" if value is np.ma.masked or value is None else quote(value)
 
@@ -157,4 +157,4 @@ def text_agrees(view: ReleaseView, path: str, expected: str) -> Check:
         return Check.of(1)
     lines = list(zip([*expected.split("\n"), "the end"], [*found.split("\n"), "the end"], strict=False))
     number, (wanted, line) = next((i, pair) for i, pair in enumerate(lines, start=1) if pair[0] != pair[1])
-    return Check.of(1, [Mismatch({"file": path, "line": number}, shown(wanted), shown(line))])
+    return Check.of(1, [Mismatch({"file": path, "line": number}, format_cell(wanted), format_cell(line))])

@@ -16,12 +16,12 @@ from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.layers.view import ReleaseView
 from branchdrive.raw.rules.values import (
+    categories_are_declared,
     masks_agree_with_values,
     required_columns_hold_no_null,
     text_matches_pattern,
     values_are_finite,
     values_lie_in_range,
-    words_belong_to_vocabulary,
 )
 from branchdrive.tables.frame import repeated_rows, sort_rows
 
@@ -83,7 +83,7 @@ def layer_keys_are_unique(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-LYR-007")
 def layer_values_are_as_declared(view: ReleaseView) -> Iterator[Check]:
     """Numbers are finite and in range, words in the vocabulary, text in its pattern."""
-    for check in (values_are_finite, values_lie_in_range, words_belong_to_vocabulary, text_matches_pattern):
+    for check in (values_are_finite, values_lie_in_range, categories_are_declared, text_matches_pattern):
         yield from check(view)
 
 

@@ -34,7 +34,7 @@ class RawLayer:
     """The raw layer that a release was derived from, as far as it is at hand.
 
     Attributes:
-        extract: Rows that it gives, by table; ``None`` where it is not at hand.
+        rows: Rows that it gives, by table; ``None`` where it is not at hand.
         reason: Why it is not.
         digest: Digest of the layer; ``None`` where it was not computed.
         descriptor: Its dataset's descriptor; ``None`` where it is not at hand.
@@ -42,13 +42,13 @@ class RawLayer:
 
     def __init__(
         self,
-        extract: Mapping[str, Frame] | None,
+        rows: Mapping[str, Frame] | None,
         reason: str = "",
         *,
         digest: str | None = None,
         descriptor: Descriptor | None = None,
     ) -> None:
-        self.extract = extract
+        self.rows = rows
         self.reason = reason
         self.digest = digest
         self.descriptor = descriptor
@@ -146,18 +146,18 @@ class ReleaseView:
         return self.documents[path]
 
     @property
-    def extract(self) -> Mapping[str, Frame]:
+    def raw_rows(self) -> Mapping[str, Frame]:
         """What the raw layer says.
 
         Raises:
             PreconditionError: It is not at hand, or is another than the release names.
         """
-        if self.raw.extract is None:
+        if self.raw.rows is None:
             raise PreconditionError(self.raw.reason)
         named = self.documents.get(SOURCE_FILE, {}).get("raw_layer", self.raw.digest)
         if self.raw.digest not in (None, named):
             raise PreconditionError("the raw layer at hand is not the one that the release names")
-        return self.raw.extract
+        return self.raw.rows
 
     def expected(self, table: str) -> Frame:
         """Rows that the raw layer gives for a table, as far as raw alone decides them.
@@ -168,7 +168,7 @@ class ReleaseView:
             PreconditionError: The raw layer, or the contexts, are not at hand.
         """
         if table not in self._expected:
-            frame = self.extract[table]
+            frame = self.raw_rows[table]
             if table in LAYERS["model"].tables:
                 wanted = set(self.frame("contexts")["group_id"].tolist())
                 frame = take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
@@ -185,7 +185,7 @@ class ReleaseView:
             self._aligned[table] = align(self.expected(table), self.frame(table), LAYER_TABLES[table].key)
         return self._aligned[table]
 
-    def once(self, compute: Callable[[ReleaseView], T]) -> T:
+    def cached(self, compute: Callable[[ReleaseView], T]) -> T:
         """Result of `compute` on this view, computed on first use: what several rules need."""
         if compute not in self._computed:
             self._computed[compute] = compute(self)

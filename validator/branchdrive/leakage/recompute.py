@@ -59,19 +59,19 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
     Raises:
         ValueError: The protocol of the document is out of range.
     """
-    stated, seed = document["gate"], int(document["seed"])
+    recorded, seed = document["gate"], int(document["seed"])
     protocol = AuditProtocol.from_json(document["protocol"]).gate
     x, columns = gate_features(inputs)
     keys = [inputs.action_keys[index] for index in inputs.interventions]
     if not x.size or len(x) < protocol.num_folds or rows_agree(x):
         gate = gate_as_json(leakage_gate(x, seed=seed, protocol=protocol), columns, keys)  # nothing is drawn
         expected = {name: gate[name] for name in ("bit_identical", "bandwidth", "places")}
-        yield from value_mismatches("/gate", expected, {name: stated[name] for name in expected})
-        if len(stated["tests"]) != len(gate["tests"]):
-            yield from value_mismatches("/gate/tests", gate["tests"], stated["tests"])
+        yield from value_mismatches("/gate", expected, {name: recorded[name] for name in expected})
+        if len(recorded["tests"]) != len(gate["tests"]):
+            yield from value_mismatches("/gate/tests", gate["tests"], recorded["tests"])
         return
-    if len(stated["tests"]) != len(STATISTICS):
-        yield from value_mismatches("/gate/tests", list(STATISTICS), stated["tests"])
+    if len(recorded["tests"]) != len(STATISTICS):
+        yield from value_mismatches("/gate/tests", list(STATISTICS), recorded["tests"])
         return
     x = dealt(x, protocol.num_folds)
     battery = Battery.of(x, protocol, seed=seed)
@@ -84,15 +84,15 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
         "places": [_without_p(place_as_json(place, columns, keys)) for place in places],
     }
     found = {
-        "bit_identical": stated["bit_identical"],
-        "bandwidth": stated["bandwidth"],
-        "tests": [{"name": test["name"], "observed": test["observed"]} for test in stated["tests"]],
-        "places": [_without_p(place) for place in stated["places"]],
+        "bit_identical": recorded["bit_identical"],
+        "bandwidth": recorded["bandwidth"],
+        "tests": [{"name": test["name"], "observed": test["observed"]} for test in recorded["tests"]],
+        "places": [_without_p(place) for place in recorded["places"]],
     }
     yield from value_mismatches("/gate", expected, found)
     null = _redrawn(battery, observed, protocol, seed)
-    yield from _p_mismatches(stated, null, observed, places, protocol.num_permutations)
-    if (effect := stated["minimum_detectable_effect"]) is not None:
+    yield from _p_mismatches(recorded, null, observed, places, protocol.num_permutations)
+    if (effect := recorded["minimum_detectable_effect"]) is not None:
         yield from _critical_mismatches(effect, null, protocol)
         yield from _detection_mismatches(effect, x, battery, protocol, seed)
 
@@ -160,23 +160,23 @@ def _detection_mismatches(
         of_pattern = [(i, d) for i, d in enumerate(effect["detections"]) if d["pattern"] == pattern]
         missed = [(i, d) for i, d in of_pattern if d["gate_share"] < 1]
         smallest = [(i, d) for i, d in of_pattern if d["offset_sd"] == effect["smallest_sd"][pattern]]
-        for index, stated in (*smallest[:1], *missed[-1:]):
+        for index, recorded in (*smallest[:1], *missed[-1:]):
             pointer = f"/gate/minimum_detectable_effect/detections/{index}"
-            moved = replicate_values(features, battery.reference, pattern, stated["offset_sd"], 0, seed=seed)
+            moved = replicate_values(features, battery.reference, pattern, recorded["offset_sd"], 0, seed=seed)
             values = np.full(len(critical), -np.inf)
             if moved is not None:
                 values = Battery.like(battery.reference, moved, protocol).observed()
             found, tied = values > critical, np.isclose(values, critical, rtol=REL, atol=0.0)
-            for i, share in enumerate(stated["shares"]):
+            for i, share in enumerate(recorded["shares"]):
                 yield from _share_mismatches(f"{pointer}/shares/{i}", share, found[i], tied[i])
-            yield from _share_mismatches(f"{pointer}/gate_share", stated["gate_share"], found.any(), tied.any())
+            yield from _share_mismatches(f"{pointer}/gate_share", recorded["gate_share"], found.any(), tied.any())
 
 
 def _share_mismatches(pointer: str, share: float, is_found: np.bool_, is_tied: np.bool_) -> Iterator[Mismatch]:
     """A share of all replicates, or of none, against the first of them."""
     if not is_tied and share == (0.0 if is_found else 1.0):
-        told = "above 0: the first replicate is found" if is_found else "below 1: it is missed"
-        yield mismatch_at(pointer, told, share)
+        expected = "above 0: the first replicate is found" if is_found else "below 1: it is missed"
+        yield mismatch_at(pointer, expected, share)
 
 
 def score_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> Iterator[Mismatch]:
@@ -187,11 +187,11 @@ def score_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> Itera
     """
     protocol = AuditProtocol.from_json(document["protocol"]).parity
     quick = replace(protocol, num_permutations=min(_HELD_OUT, protocol.num_permutations))
-    for index, (way, stated) in enumerate(zip(ways(inputs), document["battery"]["ways"], strict=True)):
+    for index, (way, recorded) in enumerate(zip(ways(inputs), document["battery"]["ways"], strict=True)):
         parts = way.parts(seed=int(document["seed"]), protocol=quick, classifier=Unavailable("not repeated"))
         computed = {part.name: part.compute for part in parts if part.name not in SEQUENCE_TESTS}
         for kind in ("controls", "tests"):
-            for place, result in enumerate(stated[kind]):
+            for place, result in enumerate(recorded[kind]):
                 compute = computed.get(result["name"])
                 if compute is not None and result["score"] is not None:
                     yield from _score_mismatches(
@@ -204,11 +204,11 @@ def score_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> Itera
 
 
 def _score_mismatches(
-    pointer: str, score: Mapping[str, Any], stated: Mapping[str, Any], drawn: int, num_permutations: int
+    pointer: str, score: Mapping[str, Any], recorded: Mapping[str, Any], drawn: int, num_permutations: int
 ) -> Iterator[Mismatch]:
     """A stated score against one of fewer permutations."""
     names = ("accuracy", "accuracy_interval", "log_likelihood", "identical")
-    yield from value_mismatches(pointer, {n: score[n] for n in names}, {n: stated[n] for n in names})
+    yield from value_mismatches(pointer, {n: score[n] for n in names}, {n: recorded[n] for n in names})
     for name in () if score["identical"] else (f"p_{measure}" for measure in MEASURES):
         reached = round(score[name] * (drawn + 1)) - 1
-        yield from _plausible_mismatches(f"{pointer}/{name}", reached, drawn, stated[name], num_permutations)
+        yield from _plausible_mismatches(f"{pointer}/{name}", reached, drawn, recorded[name], num_permutations)

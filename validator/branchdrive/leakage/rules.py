@@ -25,7 +25,14 @@ from branchdrive.layers.view import ReleaseView
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
 from branchdrive.leakage.replays import replay_inputs
-from branchdrive.leakage.structural import ALPHA, MAX_CORRELATION, Telltale, held_targets, neighbours_p, ranked_targets
+from branchdrive.leakage.structural import (
+    ALPHA,
+    MAX_CORRELATION,
+    TargetLeak,
+    affine_targets,
+    neighbours_p,
+    ranked_targets,
+)
 from branchdrive.leakage.verify import (
     battery_mismatches,
     count_mismatches,
@@ -58,7 +65,7 @@ def _found(examined: int, mismatches: Iterable[Mismatch]) -> Check:
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
     try:
-        return replay_inputs(view.extract["replays"], view.frame("group_quality"), view.descriptor.action_bank)
+        return replay_inputs(view.raw_rows["replays"], view.frame("group_quality"), view.descriptor.action_bank)
     except ValueError as error:
         raise PreconditionError(f"inputs of the leakage audit: {error}") from error
 
@@ -79,7 +86,7 @@ def audit_is_of_the_core_valid_groups(view: ReleaseView) -> Iterator[Check]:
 def audit_inputs_recompute(view: ReleaseView) -> Iterator[Check]:
     """What the audit saw is what raw says about replays before the branch, in the stored groups and partitions."""
     if (audit := _audit(view)) is not None:
-        inputs = view.once(_recomputed)
+        inputs = view.cached(_recomputed)
         found = input_mismatches(audit, inputs)
         # Numbers of groups are the matter of another rule.
         yield _found(
@@ -101,7 +108,7 @@ def _audited(view: ReleaseView, audit: dict[str, Any]) -> ReplayInputs:
     Raises:
         PreconditionError: They are not.
     """
-    inputs = view.once(_recomputed)
+    inputs = view.cached(_recomputed)
     if inputs.digest() != audit["inputs"]["digest"]:
         raise PreconditionError("the leakage audit saw other inputs")
     if any(protocol_mismatches(audit)):
@@ -146,13 +153,13 @@ def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[Check]:
         "table": "group_quality",
         "column": "group_id",
     }
-    told = [Mismatch(place, f"p above {ALPHA:g} that order and partition are unrelated", f"p = {p:.2g}")]
-    yield Check.of(int(len(ordered) > 1), told if p <= ALPHA else [])
+    mismatches = [Mismatch(place, f"p above {ALPHA:g} that order and partition are unrelated", f"p = {p:.2g}")]
+    yield Check.of(int(len(ordered) > 1), mismatches if p <= ALPHA else [])
 
 
 def _history_variables(view: ReleaseView) -> tuple[NDArray[np.float64], list[str], Targets]:
     """Sensor histories as variables ``[groups, variables]``, their names, and the scalar targets."""
-    arrays = view.once(model_arrays)
+    arrays = view.cached(model_arrays)
     size = len(arrays.groups)
     variables = np.concatenate([arrays.state.reshape(size, -1), arrays.controls.reshape(size, -1)], axis=1)
     names = [f"state {f.name} at tick {offset}" for offset in HISTORY_OFFSETS for f in SENSOR_PROFILE.state]
@@ -161,28 +168,28 @@ def _history_variables(view: ReleaseView) -> tuple[NDArray[np.float64], list[str
     return variables, names, (np.where(available, arrays.scalars.values, 0.0), available)
 
 
-def _told(expected: str, names: list[str], found: list[Telltale]) -> Check:
-    sightings = [
+def _target_check(expected: str, names: list[str], found: list[TargetLeak]) -> Check:
+    mismatches = [
         Mismatch(
             {"file": FEATURES, "column": names[t.variable]}, expected, f"{t.how} of the target {TARGETS[t.target].name}"
         )
         for t in found
     ]
-    return Check.of(len(names), sightings)
+    return Check.of(len(names), mismatches)
 
 
 @rule("BD-LKG-009")
 def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history ranks a target by itself."""
-    variables, names, targets = view.once(_history_variables)
-    yield _told(f"a correlation of at most {MAX_CORRELATION:g}", names, ranked_targets(variables, *targets))
+    variables, names, targets = view.cached(_history_variables)
+    yield _target_check(f"a correlation of at most {MAX_CORRELATION:g}", names, ranked_targets(variables, *targets))
 
 
 @rule("BD-LKG-010")
 def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history is an affine function of a target of one action."""
-    variables, names, targets = view.once(_history_variables)
-    yield _told("values of its own", names, held_targets(variables, *targets))
+    variables, names, targets = view.cached(_history_variables)
+    yield _target_check("values of its own", names, affine_targets(variables, *targets))
 
 
 @rule("BD-LKG-011")

@@ -111,9 +111,9 @@ def median_distance(values: Array, *, unit: float = 1.0) -> float:
     square = np.einsum("gac,gac->ga", values, values)
     distance = square[:, :, None] + square[:, None, :] - 2 * values @ values.transpose(0, 2, 1)
     first, second = np.triu_indices(values.shape[1], 1)
-    apart = distance[:, first, second]
-    apart = apart[apart > 1e-12 * max(square.max(initial=0.0), 1e-300)]
-    return float(np.sqrt(np.median(apart)) * unit) if apart.size else 1.0
+    distances = distance[:, first, second]
+    distances = distances[distances > 1e-12 * max(square.max(initial=0.0), 1e-300)]
+    return float(np.sqrt(np.median(distances)) * unit) if distances.size else 1.0
 
 
 def frequencies(num_columns: int, num_frequencies: int, *, seed: int) -> Array:
@@ -193,11 +193,11 @@ class Ridge:
         groups = table.steps.reshape(table.num_groups, num_actions, num_columns)
         means, grams = [], []
         for start, stop in pairwise(edges):
-            held = groups[start:stop].astype(np.float64)
-            centre = held.mean(axis=1, keepdims=True)
+            rows = groups[start:stop].astype(np.float64)
+            centre = rows.mean(axis=1, keepdims=True)
             means.append(centre.sum(axis=(0, 1)))
-            held = (held - centre).reshape(-1, num_columns)
-            grams.append(held.T @ held)
+            rows = (rows - centre).reshape(-1, num_columns)
+            grams.append(rows.T @ rows)
         whole = np.sum(grams, axis=0)
         for fold, gram in enumerate(grams):
             trained = whole - gram
@@ -220,7 +220,7 @@ class Ridge:
             np.subtract(labels[:, start:stop] @ self.steps[start:stop], self.mean[fold], out=sums[fold])
         whole = sums.sum(axis=0)
         score = np.zeros(len(labels))
-        for held, solver in zip(sums, self.solvers, strict=True):
-            score += np.einsum("rc,rc->r", (whole - held) @ solver, held)
+        for own, solver in zip(sums, self.solvers, strict=True):
+            score += np.einsum("rc,rc->r", (whole - own) @ solver, own)
         num_groups = self.bounds[-1] // self.num_actions
         return np.asarray(score.reshape(-1, self.num_actions).sum(axis=1) / (num_groups * (self.num_actions - 1)))

@@ -20,7 +20,15 @@ from numpy.typing import NDArray
 
 from branchdrive.statistics.stream import orders, words
 
-__all__ = ["ALPHA", "MAX_CORRELATION", "MAX_UNEXPLAINED", "Telltale", "held_targets", "neighbours_p", "ranked_targets"]
+__all__ = [
+    "ALPHA",
+    "MAX_CORRELATION",
+    "MAX_UNEXPLAINED",
+    "TargetLeak",
+    "affine_targets",
+    "neighbours_p",
+    "ranked_targets",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,15 +49,15 @@ _MIN_GROUPS = 10
 """Groups, or distinct values, below which a correlation says nothing."""
 
 
-class Telltale(NamedTuple):
-    """A variable that tells a target: their places, and how."""
+class TargetLeak(NamedTuple):
+    """A variable that gives a target away: their places, and how."""
 
     variable: int
     target: int
     how: str
 
 
-def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
+def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[TargetLeak]:
     """Variables that rank a target; none are looked for among fewer than ten groups.
 
     Args:
@@ -68,11 +76,11 @@ def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Te
             ranked[weight.tobytes()] = _centred_ranks(places, weight)
         rho = _spearman(*ranked[weight.tobytes()], targets[..., target], available[..., target])
         ranking = np.flatnonzero(np.abs(rho) > MAX_CORRELATION).tolist()
-        found += [Telltale(v, target, f"a rank correlation of {rho[v]:.3f}") for v in ranking]
+        found += [TargetLeak(v, target, f"a rank correlation of {rho[v]:.3f}") for v in ranking]
     return found
 
 
-def held_targets(variables: Array, targets: Array, available: Mask) -> list[Telltale]:
+def affine_targets(variables: Array, targets: Array, available: Mask) -> list[TargetLeak]:
     """Variables that are an affine function of a target of one action, each target once.
 
     Args:
@@ -80,12 +88,12 @@ def held_targets(variables: Array, targets: Array, available: Mask) -> list[Tell
         targets: ``[groups, actions, targets]``; any value where not available.
         available: ``[groups, actions, targets]``.
     """
-    found: dict[tuple[int, int], Telltale] = {}
+    found: dict[tuple[int, int], TargetLeak] = {}
     for target in range(targets.shape[2]):
         for action in range(targets.shape[1]):
             there = available[:, action, target]
             for v in np.flatnonzero(_is_affine(variables[there], targets[there, action, target])).tolist():
-                found.setdefault((target, v), Telltale(v, target, f"an affine function, at action {action},"))
+                found.setdefault((target, v), TargetLeak(v, target, f"an affine function, at action {action},"))
     return list(found.values())
 
 

@@ -46,9 +46,9 @@ def _battery(leakage: Mapping[str, Any]) -> list[str]:
     counts = Counter(test["status"] for way in leakage["battery"]["ways"] for test in way["tests"])
     if not counts:
         return []
-    told = ", ".join(f"{counts[status]} {title}" for status, title in _STATUSES.items() if counts[status])
+    counts_text = ", ".join(f"{counts[status]} {title}" for status, title in _STATUSES.items() if counts[status])
     reasons = dict.fromkeys(_sentence(entry["reason"]) for entry in leakage["not_run"])
-    return [f"The battery of classifiers, a diagnostic beside the gate: {told}.", *reasons]
+    return [f"The battery of classifiers, a diagnostic beside the gate: {counts_text}.", *reasons]
 
 
 def _place_sentence(place: Mapping[str, Any]) -> str:

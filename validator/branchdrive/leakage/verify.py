@@ -14,7 +14,7 @@ from typing import Any
 
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
-from branchdrive.layers.compare import shown
+from branchdrive.layers.compare import format_cell
 from branchdrive.leakage.gate import IDENTICAL, NOTHING, Outcome, gate_verdict, too_few
 from branchdrive.leakage.inputs import CONTROL_SPANS
 from branchdrive.leakage.parity import PARTITIONS
@@ -45,8 +45,8 @@ _PLACES = {"discrepancy": 1, "ego": HISTORY_OBSERVATIONS, "controls": len(CONTRO
 
 def mismatch_at(pointer: str, expected: Any, found: Any) -> Mismatch:
     """A place of a document, by JSON pointer, that says something else than what follows; text stands as it is."""
-    wanted, stated = (value if isinstance(value, str) else shown(value) for value in (expected, found))
-    return Mismatch({"pointer": pointer}, wanted, stated)
+    wanted, recorded = (value if isinstance(value, str) else format_cell(value) for value in (expected, found))
+    return Mismatch({"pointer": pointer}, wanted, recorded)
 
 
 def value_mismatches(pointer: str, expected: Any, found: Any) -> Iterator[Mismatch]:
@@ -131,24 +131,24 @@ def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
 
 def _effect_mismatches(gate: Mapping[str, Any], protocol: Protocol) -> Iterator[Mismatch]:
     """Minimum detectable effect against its detections, and critical values against the p-values."""
-    stated, pointer = gate["minimum_detectable_effect"], "/gate/minimum_detectable_effect"
+    recorded, pointer = gate["minimum_detectable_effect"], "/gate/minimum_detectable_effect"
     if gate["bit_identical"]:
-        yield from value_mismatches(pointer, None, stated)
+        yield from value_mismatches(pointer, None, recorded)
         return
-    if stated is None:
-        yield mismatch_at(pointer, "an effect size, since rows differ", stated)
+    if recorded is None:
+        yield mismatch_at(pointer, "an effect size, since rows differ", recorded)
         return
-    detections = tuple(Detection(**{**found, "shares": tuple(found["shares"])}) for found in stated["detections"])
+    detections = tuple(Detection(**{**found, "shares": tuple(found["shares"])}) for found in recorded["detections"])
     effect = Sensitivity(protocol.alpha / len(STATISTICS), (), detections)
-    yield from value_mismatches(f"{pointer}/alpha", effect.alpha, stated["alpha"])
+    yield from value_mismatches(f"{pointer}/alpha", effect.alpha, recorded["alpha"])
     expected = [[pattern, offset_sd] for pattern in PATTERNS for offset_sd in protocol.offsets_sd]
     yield from value_mismatches(f"{pointer}/detections", expected, [[d.pattern, d.offset_sd] for d in detections])
     smallest = {pattern: effect.smallest_sd(pattern) for pattern in PATTERNS}
-    yield from value_mismatches(f"{pointer}/smallest_sd", smallest, stated["smallest_sd"])
+    yield from value_mismatches(f"{pointer}/smallest_sd", smallest, recorded["smallest_sd"])
     for index, detection in enumerate(detections):
         yield from _detection_mismatches(f"{pointer}/detections/{index}", detection, protocol.num_replicates)
     is_finite = 1 <= critical_rank(protocol.num_permutations, effect.alpha) <= protocol.num_permutations
-    for index, (test, critical) in enumerate(zip(gate["tests"], stated["critical"], strict=False)):
+    for index, (test, critical) in enumerate(zip(gate["tests"], recorded["critical"], strict=False)):
         if is_finite != (critical is not None):
             yield mismatch_at(f"{pointer}/critical/{index}", "a number" if is_finite else None, critical)
             continue

@@ -113,9 +113,9 @@ def pack_surroundings(frame: Frame, groups: Sequence[str]) -> Masked | None:
         if feature.name == column:
             parts.append(_numbers(frame, table, column, rows))
         else:
-            words, available = _masked(frame, table, column, rows)
-            is_word = (words == feature.name.removeprefix(f"{column}_")).astype(np.float64)
-            parts.append(Masked(np.where(available, is_word, np.nan), available))
+            categories, available = _masked(frame, table, column, rows)
+            is_category = (categories == feature.name.removeprefix(f"{column}_")).astype(np.float64)
+            parts.append(Masked(np.where(available, is_category, np.nan), available))
     values, masks = zip(*parts, strict=True)
     return Masked(np.stack(values, axis=-1), np.stack(masks, axis=-1))
 
@@ -176,7 +176,7 @@ def _rows(frame: Frame, table: str, axes: tuple[Sequence[Any], ...]) -> Index:
         values = np.ma.getdata(frame[name]).tolist()
         codes = np.array([places.get(value, -1) for value in values], np.int64)
         for row in np.flatnonzero(codes < 0)[:1]:
-            found = _shown(frame, key, int(row))
+            found = _format_key(frame, key, int(row))
             raise DatasetError(f"table `{table}`: row of {found}: this `{name}` is none of the {len(labels)} wanted")
         flat = flat * len(labels) + codes
     counts = np.bincount(flat, minlength=int(np.prod(shape)))
@@ -193,7 +193,7 @@ def _repeated(labels: Sequence[Any]) -> Any:
     return next(label for i, label in enumerate(labels) if label in labels[:i])
 
 
-def _shown(frame: Frame, key: Sequence[str], row: int) -> str:
+def _format_key(frame: Frame, key: Sequence[str], row: int) -> str:
     return ", ".join(f"`{name}` {np.ma.getdata(frame[name])[row : row + 1].tolist()[0]!r}" for name in key)
 
 
@@ -204,7 +204,7 @@ def _masked(frame: Frame, table: str, column: str, rows: Index) -> tuple[NDArray
     if declared is not None and declared.mask is not None:
         mask = np.ma.getdata(frame[declared.mask]).astype(bool)
         for row in np.flatnonzero(mask != there)[:1]:
-            found = _shown(frame, LAYER_TABLES[table].key, int(row))
+            found = _format_key(frame, LAYER_TABLES[table].key, int(row))
             state = "null where its mask is true" if mask[row] else "not null where its mask is false"
             raise DatasetError(f"table `{table}`: row of {found}: `{column}` is {state}, `{declared.mask}`")
     return values[rows], np.asarray(there[rows])
@@ -216,7 +216,7 @@ def _numbers(frame: Frame, table: str, column: str, rows: Index) -> Masked:
     numbers = np.where(available, values.astype(np.float64), np.nan)
     for place in np.argwhere(available & ~np.isfinite(numbers))[:1]:
         row = int(rows[tuple(place)])
-        found = _shown(frame, LAYER_TABLES[table].key, row)
+        found = _format_key(frame, LAYER_TABLES[table].key, row)
         raise DatasetError(
             f"table `{table}`: row of {found}: `{column}` is {numbers[tuple(place)]}, not a finite number"
         )

@@ -25,11 +25,11 @@ class _Shown:
     """Shows shapes and types of its arrays instead of their values."""
 
     def __repr__(self) -> str:
-        shown = []
+        parts = []
         for field in fields(self):  # type: ignore[arg-type]
             values: NDArray[Any] = getattr(self, field.name)
-            shown.append(f"{field.name} {values.dtype} {list(values.shape)}")
-        return f"{type(self).__name__}({', '.join(shown)})"
+            parts.append(f"{field.name} {values.dtype} {list(values.shape)}")
+        return f"{type(self).__name__}({', '.join(parts)})"
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -53,17 +53,17 @@ EXPERT_PROFILE = Profile("expert", InputContract.MIXED, MIXED_PROFILE.state[len(
 
 
 def _surroundings() -> Iterator[Feature]:
-    """Evidence columns in their units; a column of words becomes one feature for each word."""
+    """Evidence columns in their units; a column of categories becomes one feature for each category."""
     table = LAYER_TABLES["surroundings"]
     masks = {column.available.mask for column in table.columns if column.available}
     for column in table.columns:
         if column.name in masks or column.name in table.key:
             continue
-        words = TABLES["evidence"][column.name].values
-        for word in words:
-            text = f"{column.description.rstrip('.')}: {word}."
-            yield Feature(f"{column.name}_{word}", "evidence", (column.name,), text, normalised=False)
-        if not words:
+        categories = TABLES["evidence"][column.name].values
+        for category in categories:
+            text = f"{column.description.rstrip('.')}: {category}."
+            yield Feature(f"{column.name}_{category}", "evidence", (column.name,), text, normalised=False)
+        if not categories:
             yield Feature(
                 column.name, "evidence", (column.name,), column.description, column.unit, column.frame, normalised=False
             )
@@ -104,8 +104,8 @@ def admit_column(contract: InputContract, table: str, column: str) -> Column:
     try:
         declared = LAYER_TABLES[table][column]
     except KeyError:
-        known = [known.name for known in LAYER_TABLES[table].columns]
-        raise UsageError(f"no column {column!r} in the table `{table}`, which has {known}") from None
+        names = [declared.name for declared in LAYER_TABLES[table].columns]
+        raise UsageError(f"no column {column!r} in the table `{table}`, which has {names}") from None
     if declared.track not in contract.tracks:
         raise UsageError(
             f"column `{table}.{column}` is of track {declared.track!r} and the input contract {contract.value!r} "

@@ -226,4 +226,4 @@ def duplicate_flags(groups: Frame, state: Frame, past_controls: Frame, assignmen
     found = duplicates_among(of_groups(state, valid), of_groups(past_controls, valid), valid, assignment)
     judged = {group: row for row, group in enumerate(valid) if assignment[group] != TRAINING}
     rows = [judged.get(group, len(valid)) for group in groups["group_id"].tolist()]
-    return DuplicateFlags(*(np.append(told, False)[rows] for told in (found.flagged, found.doubtful)))
+    return DuplicateFlags(*(np.append(flags, False)[rows] for flags in (found.flagged, found.doubtful)))

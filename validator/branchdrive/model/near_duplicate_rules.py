@@ -22,7 +22,7 @@ from branchdrive.quality.partition import assignment_of
 @rule("BD-SPL-007")
 def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
     """Core-valid groups outside of training that all but repeat a context of another partition are marked."""
-    groups, frames = view.frame("group_quality"), view.extract
+    groups, frames = view.frame("group_quality"), view.raw_rows
     complete = set(frames["routes"]["group_id"].tolist())
     judged = np.asarray(groups["core_valid"], bool)
     if not set(groups["group_id"][judged].tolist()) <= complete & assignment_of(groups).keys():
@@ -31,11 +31,11 @@ def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
         {**groups, "core_valid": judged}, frames["state"], frames["past_controls"], assignment_of(groups)
     )
     bad = np.flatnonzero((expected != np.asarray(groups["near_duplicate"], bool)) & ~doubtful)
-    words = {True: "a near duplicate", False: "no near duplicate"}
+    labels = {True: "a near duplicate", False: "no near duplicate"}
 
     def mismatch(row: int) -> Mismatch:
         where = place("group_quality", groups, row, "near_duplicate")
-        return Mismatch(where, words[bool(expected[row])], words[not expected[row]])
+        return Mismatch(where, labels[bool(expected[row])], labels[not expected[row]])
 
     yield Check(len(expected), bad, mismatch)
 

@@ -21,10 +21,10 @@ from branchdrive.layers.compare import (
     columns_agree,
     differs,
     document_check,
+    format_cell,
     frames_agree,
     place,
     rows_are,
-    shown,
     text_mismatches,
 )
 from branchdrive.layers.view import ReleaseView
@@ -157,7 +157,7 @@ def actions_are_the_bank(view: ReleaseView) -> Iterator[Check]:
     wrong = [
         int(row)
         for at, row in zip(pairs.expected, pairs.found, strict=True)
-        if shown_vector(expected["encoding"][at]) != shown_vector(found["encoding"][row])
+        if vector_bytes(expected["encoding"][at]) != vector_bytes(found["encoding"][row])
     ]
     yield Check.of(
         len(pairs.found),
@@ -192,7 +192,7 @@ def _own_encoding(declared: DeclaredEncoding, actions: Frame) -> Check:
     return Check.of(1, [Mismatch(where, "float32 numbers", "numbers of more digits")] if inexact else [])
 
 
-def shown_vector(cell: object) -> bytes | None:
+def vector_bytes(cell: object) -> bytes | None:
     """Bytes of an encoding, ``None`` where it is null."""
     return None if cell is np.ma.masked or cell is None else np.asarray(cell, np.float64).tobytes()
 
@@ -231,14 +231,14 @@ def scalar_targets_recompute(view: ReleaseView) -> Iterator[Check]:
         values = np.where(both, np.ma.getdata(right[target.name]), np.ma.getdata(left[target.name]))
         right[target.name] = np.ma.masked_array(values, np.ma.getmaskarray(left[target.name]))
     names = [target.name for target in TARGETS]
-    apart = np.stack([differs(left[name], right[name], exact=name in _SMALLEST) for name in names], axis=1)
-    bad = np.flatnonzero(apart.any(axis=1))
+    differing = np.stack([differs(left[name], right[name], exact=name in _SMALLEST) for name in names], axis=1)
+    bad = np.flatnonzero(differing.any(axis=1))
 
     def mismatch(row: int) -> Mismatch:
-        name = names[int(np.argmax(apart[row]))]
-        return Mismatch(place("scalars", right, row, name), shown(left[name][row]), shown(right[name][row]))
+        name = names[int(np.argmax(differing[row]))]
+        return Mismatch(place("scalars", right, row, name), format_cell(left[name][row]), format_cell(right[name][row]))
 
-    yield Check(len(apart), bad, mismatch)
+    yield Check(len(differing), bad, mismatch)
 
 
 @rule("BD-MOD-013")
@@ -265,7 +265,7 @@ def displacement_is_the_last_step(view: ReleaseView) -> Iterator[Check]:
 
     def mismatch(i: int) -> Mismatch:
         where = place("scalars", scalars, int(right[i]), "displacement_m")
-        return Mismatch(where, shown(last["x_m"][left[i]]), shown(scalars["displacement_m"][right[i]]))
+        return Mismatch(where, format_cell(last["x_m"][left[i]]), format_cell(scalars["displacement_m"][right[i]]))
 
     yield Check(len(wrong), np.flatnonzero(wrong), mismatch)
 
@@ -307,7 +307,7 @@ def _assignment(view: ReleaseView) -> dict[str, str]:
 def normalisation_recomputes(view: ReleaseView) -> Iterator[Check]:
     """Scalings of histories and targets over the training groups of the frozen population alone."""
     document = view.document(NORMALISATION)
-    mismatches = normalisation_mismatches(document, view.once(model_arrays), _assignment(view))
+    mismatches = normalisation_mismatches(document, view.cached(model_arrays), _assignment(view))
     entries = sum(len(value) for value in document.values() if isinstance(value, list))
     judged = (found for found in mismatches if found.location["pointer"] != "/split_digest")
     yield document_check(NORMALISATION, entries, judged)

@@ -20,10 +20,10 @@ from branchdrive.layers.compare import (
     columns_agree,
     differs,
     document_check,
+    format_cell,
     frames_agree,
     place,
     rows_agree,
-    shown,
     text_mismatches,
 )
 from branchdrive.layers.view import ReleaseView
@@ -117,7 +117,7 @@ def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[Check]:
         raise PreconditionError(f"{THRESHOLDS}: {error}") from error
     rows = np.arange(num_rows(pairs))
     yield from frames_agree("pairs", ("core_pass", "extended_pass"), expected, pairs, rows, rows)
-    if view.raw.extract is not None:
+    if view.raw.rows is not None:
         yield _turned_around(view, expected, thresholds)
 
 
@@ -131,17 +131,17 @@ def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> 
     """
     found, pairs = view.frame("pairs"), view.aligned("pairs")
     raw, here = take(view.expected("pairs"), pairs.expected), take(found, pairs.found)
-    told = take(stored, pairs.found)
+    recorded = take(stored, pairs.found)
     names = [variable.name for variable in VARIABLES]
     agree = ~np.any([differs(raw[name], here[name], exact=name in COUNTED) for name in names], axis=0)
     near, passed = near_thresholds(raw, thresholds, TOLERANCE), with_passes(raw, thresholds)
     mismatches: dict[int, Mismatch] = {}
     for criterion, num_variables in zip(CRITERIA, (len(CORE), len(VARIABLES)), strict=True):
         flag = f"{criterion}_pass"
-        turned = (passed[flag] != here[flag]) & (told[flag] == here[flag]) & agree
+        turned = (passed[flag] != here[flag]) & (recorded[flag] == here[flag]) & agree
         for i in np.flatnonzero(turned & ~near[:, :num_variables].any(axis=1)).tolist():
             where = place("pairs", found, int(pairs.found[i]), flag)
-            mismatches.setdefault(i, Mismatch(where, shown(passed[flag][i]), shown(here[flag][i])))
+            mismatches.setdefault(i, Mismatch(where, format_cell(passed[flag][i]), format_cell(here[flag][i])))
     return Check.of(0, mismatches.values())
 
 

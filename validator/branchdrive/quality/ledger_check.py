@@ -40,7 +40,7 @@ def order_mismatches(ledger: Ledger) -> Iterator[Mismatch]:
                 yield Mismatch({"pointer": f"{pointer}/event"}, " or ".join(allowed) or "no further entry", event)
             last = entry
             continue
-        if event == SELECTION_ACCESS and not any(known == PREDICTION_ACCESS for known, *_ in seen):
+        if event == SELECTION_ACCESS and not any(earlier == PREDICTION_ACCESS for earlier, *_ in seen):
             yield Mismatch({"pointer": f"{pointer}/event"}, PREDICTION_ACCESS, event)
         access = (event, *digests_of(entry))
         if access in seen:

@@ -20,7 +20,7 @@ from branchdrive.tables.frame import Frame, Values
 
 __all__ = [
     "ALGORITHM", "PARTITIONS", "assignment_of", "calibration_of", "cluster_of_groups", "clusters_of",
-    "draw_partitions", "held_by", "split_document", "with_partitions",
+    "draw_partitions", "partition_sizes", "split_document", "with_partitions",
 ]  # fmt: skip
 
 ALGORITHM = "clustered-1"
@@ -110,10 +110,10 @@ def with_partitions(groups: Frame, clusters: Mapping[str, int], assignment: Mapp
 
 
 def _check_same(subject: str, wanted: Sequence[str], noun: str, given: Mapping[str, Any]) -> None:
-    apart = sorted(set(wanted) ^ set(given))
-    if apart:
-        side = "has none" if apart[0] in set(wanted) else "is none of them"
-        raise ValueError(f"{subject} and groups with {noun} are not the same: {apart[0]!r} {side}")
+    unmatched = sorted(set(wanted) ^ set(given))
+    if unmatched:
+        side = "has none" if unmatched[0] in set(wanted) else "is none of them"
+        raise ValueError(f"{subject} and groups with {noun} are not the same: {unmatched[0]!r} {side}")
 
 
 def split_document(
@@ -133,18 +133,20 @@ def split_document(
         "shares": dict(SHARES),
         "calibration": None if calibration is None else calibration._asdict(),
         "num_clusters": len({clusters[group_id] for group_id in assignment}),
-        "partitions": held_by(assignment, clusters),
+        "partitions": partition_sizes(assignment, clusters),
         "digest": split_digest(assignment),
     }
 
 
-def held_by(assignment: Mapping[str, str], clusters: Mapping[str, int]) -> dict[str, dict[str, int]]:
+def partition_sizes(assignment: Mapping[str, str], clusters: Mapping[str, int]) -> dict[str, dict[str, int]]:
     """Groups and clusters of every partition that has a group."""
-    held: dict[str, list[int]] = {}
+    members: dict[str, list[int]] = {}
     for group_id, name in assignment.items():
-        held.setdefault(name, []).append(clusters[group_id])
-    order = [*PARTITIONS, *sorted(held.keys() - set(PARTITIONS))]
-    return {name: {"groups": len(held[name]), "clusters": len(set(held[name]))} for name in order if name in held}
+        members.setdefault(name, []).append(clusters[group_id])
+    order = [*PARTITIONS, *sorted(members.keys() - set(PARTITIONS))]
+    return {
+        name: {"groups": len(members[name]), "clusters": len(set(members[name]))} for name in order if name in members
+    }
 
 
 def assignment_of(groups: Frame) -> dict[str, str]:

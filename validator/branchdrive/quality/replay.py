@@ -20,7 +20,7 @@ from branchdrive.driving.discrepancy import (
     core_discrepancy,
     extended_discrepancy,
 )
-from branchdrive.quality.standing import nominal_replays
+from branchdrive.quality.qualification import nominal_replays
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.frame import Values
@@ -65,7 +65,7 @@ def history_of(view: ShardView, rollouts: Index) -> History:
 def _evidence_of(view: ShardView, rollouts: Index) -> HistoryEvidence:
     evidence = view.stream("evidence")
     rows = window_rows(view, evidence, rollouts, HISTORY_OFFSETS)
-    light, _ = evidence.words("traffic_light")
+    light, _ = evidence.categories("traffic_light")
     return HistoryEvidence(
         evidence["nearest_vehicle_available"][rows],
         evidence["nearest_vehicle_gap_m"][rows],

@@ -133,13 +133,13 @@ def layers_list_the_same(view: ReleaseView) -> Iterator[Check]:
         ("records", "group_quality", "group_id"),
     ):
         left, right = (set(view.frame(name)[key].tolist()) for name in (canonical, quality))
-        apart = left ^ right if view.raw.extract is None else set()
+        differing = left ^ right if view.raw.rows is None else set()
         mismatches = [
             Mismatch(
                 {"file": table_path(quality), "table": quality, key: value},
                 f"in {canonical} and {quality}",
                 f"in {canonical if value in left else quality} alone",
             )
-            for value in sorted(apart)
+            for value in sorted(differing)
         ]  # fmt: skip
         yield Check.of(len(left), mismatches)

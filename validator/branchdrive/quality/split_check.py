@@ -20,7 +20,7 @@ from branchdrive.quality.partition import (
     calibration_of,
     clusters_of,
     draw_partitions,
-    held_by,
+    partition_sizes,
 )
 from branchdrive.statistics.split import CALIBRATION, SHARES, Calibration, split_digest
 from branchdrive.tables.frame import Frame
@@ -46,8 +46,8 @@ def membership_mismatches(groups: Frame) -> Iterator[Mismatch]:
             yield Mismatch(at, "no partition: it is not integrity-complete", repr(name))
         elif partitioned != complete or (group_id in clusters) != complete:
             has = f"partitioned {str(partitioned).lower()}, {'a' if group_id in clusters else 'no'} route cluster"
-            words = "partitioned true, a route cluster" if complete else "partitioned false, no route cluster"
-            yield Mismatch(at, words, has)
+            expected = "partitioned true, a route cluster" if complete else "partitioned false, no route cluster"
+            yield Mismatch(at, expected, has)
 
 
 def cluster_mismatches(groups: Frame) -> Iterator[Mismatch]:
@@ -73,21 +73,21 @@ def digest_mismatches(document: Mapping[str, Any], groups: Frame) -> Iterator[Mi
 
 def empty_mismatches(groups: Frame) -> Iterator[Mismatch]:
     """Training, validation and test have a group each."""
-    held = set(assignment_of(groups).values())
+    present = set(assignment_of(groups).values())
     for name in SHARES:
-        if name not in held:
+        if name not in present:
             yield Mismatch({"pointer": f"/partitions/{name}"}, "at least 1 group", "0 groups")
 
 
 def calibration_mismatches(document: Mapping[str, Any], groups: Frame) -> Iterator[Mismatch]:
     """The calibration partition holds what was asked of it, and exists only if it was."""
     least = calibration_of(document)
-    held = held_by(*_both(groups)).get(CALIBRATION, {"groups": 0, "clusters": 0})
-    has = f"{held['groups']} groups in {held['clusters']} route clusters"
+    counted = partition_sizes(*_both(groups)).get(CALIBRATION, {"groups": 0, "clusters": 0})
+    has = f"{counted['groups']} groups in {counted['clusters']} route clusters"
     if least is None:
-        if held["groups"]:
+        if counted["groups"]:
             yield Mismatch({"pointer": "/calibration"}, "no calibration partition", has)
-    elif held["groups"] < least.min_groups or held["clusters"] < least.min_clusters:
+    elif counted["groups"] < least.min_groups or counted["clusters"] < least.min_clusters:
         wanted = f"at least {least.min_groups} groups in {least.min_clusters} route clusters"
         yield Mismatch({"pointer": "/calibration"}, wanted, has)
 
@@ -95,11 +95,11 @@ def calibration_mismatches(document: Mapping[str, Any], groups: Frame) -> Iterat
 def count_mismatches(document: Mapping[str, Any], groups: Frame) -> Iterator[Mismatch]:
     """Counts of groups and clusters are those of the stored assignment."""
     assignment, clusters = _both(groups)
-    held, stated = held_by(assignment, clusters), document["partitions"]
+    counted, recorded = partition_sizes(assignment, clusters), document["partitions"]
     counts = [("/num_clusters", len({clusters[group_id] for group_id in assignment}), document["num_clusters"])]
     counts += [
-        (f"/partitions/{name}/{unit}", held.get(name, {}).get(unit, 0), stated.get(name, {}).get(unit))
-        for name in [*held, *(name for name in stated if name not in held)]
+        (f"/partitions/{name}/{unit}", counted.get(name, {}).get(unit, 0), recorded.get(name, {}).get(unit))
+        for name in [*counted, *(name for name in recorded if name not in counted)]
         for unit in ("groups", "clusters")
     ]
     for pointer, count, it in counts:

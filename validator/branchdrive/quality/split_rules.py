@@ -38,7 +38,7 @@ def complete_groups_have_a_partition(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-SPL-002")
 def clusters_recompute(view: ReleaseView) -> Iterator[Check]:
     """Route clusters by geometry, numbered in order of the sorted groups."""
-    found, routes = clusters_of(view.frame("group_quality")), view.extract["routes"]
+    found, routes = clusters_of(view.frame("group_quality")), view.raw_rows["routes"]
     expected = cluster_of_groups(routes["group_id"].tolist(), routes["town"].tolist(), routes["points"])
     both = sorted(expected.keys() & found.keys())
     mismatches = (

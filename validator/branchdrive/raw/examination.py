@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
-from branchdrive.raw.funnel import Funnel, Standing, funnel_of
+from branchdrive.raw.funnel import Funnel, GroupOutcome, funnel_of
 from branchdrive.raw.selection import Selection
 
 __all__ = ["Examination"]
@@ -24,23 +24,23 @@ class Examination:
     Attributes:
         selection: Candidates of the groups.
         complies: Complete attempts that violate no rule ``[rollouts]``.
-        standings: How far each group gets ``[groups]``.
+        outcomes: How far each group gets ``[groups]``.
         failed: Attempts that fail each rule on rows or attempts ``[rollouts]``.
         failed_groups: Groups that fail each rule on groups ``[groups]``.
     """
 
     selection: Selection = field(default_factory=lambda: Selection(np.zeros((0, 0), np.int64), np.zeros(0, np.int64)))
     complies: Mask = field(default_factory=lambda: np.zeros(0, bool))
-    standings: list[Standing] = field(default_factory=list)
+    outcomes: list[GroupOutcome] = field(default_factory=list)
     failed: dict[str, Mask] = field(default_factory=dict)
     failed_groups: dict[str, Mask] = field(default_factory=dict)
 
     @property
     def complete_groups(self) -> NDArray[np.int64]:
         """Groups that are integrity-complete, ascending."""
-        return np.flatnonzero([standing.is_integrity_complete for standing in self.standings]).astype(np.int64)
+        return np.flatnonzero([outcome.is_integrity_complete for outcome in self.outcomes]).astype(np.int64)
 
     @property
     def funnel(self) -> Funnel:
         """Groups that reach each stage."""
-        return funnel_of(self.standings)
+        return funnel_of(self.outcomes)

@@ -18,7 +18,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["STAGES", "Funnel", "Standing", "funnel_of", "standings_of"]
+__all__ = ["STAGES", "Funnel", "GroupOutcome", "funnel_of", "group_outcomes"]
 
 STAGES = {
     "discovered": "Groups discovered",
@@ -77,7 +77,7 @@ class Funnel:
 
 
 @dataclass(frozen=True)
-class Standing:
+class GroupOutcome:
     """How far one group gets: the stage at which it is lost, ``None`` if none, and the rules it fails there."""
 
     lost_at: str | None = None
@@ -89,10 +89,10 @@ class Standing:
         return self.lost_at in (None, "eligibility")
 
 
-def standings_of(
+def group_outcomes(
     view: ShardView, selection: Selection, failed: dict[str, Mask], failed_groups: dict[str, Mask]
-) -> list[Standing]:
-    """Standing of every group of a shard.
+) -> list[GroupOutcome]:
+    """How far every group of a shard gets.
 
     Args:
         view: The shard.
@@ -108,20 +108,20 @@ def standings_of(
         groups = np.zeros(len(view.group_ids), bool)
         groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
         by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
-    standings = [Standing()] * len(view.group_ids)
+    outcomes = [GroupOutcome()] * len(view.group_ids)
     for stage, rules in by_stage.items():
-        for g, standing in enumerate(standings):
+        for g, outcome in enumerate(outcomes):
             reasons = tuple(rule_id for rule_id, groups in rules.items() if groups[g])
-            if reasons and standing.lost_at is None:
-                standings[g] = Standing(stage, reasons)
-    return standings
+            if reasons and outcome.lost_at is None:
+                outcomes[g] = GroupOutcome(stage, reasons)
+    return outcomes
 
 
-def funnel_of(standings: list[Standing]) -> Funnel:
+def funnel_of(outcomes: list[GroupOutcome]) -> Funnel:
     """Funnel of groups."""
-    funnel = Funnel(discovered=len(standings))
-    for standing in standings:
-        if standing.lost_at is not None:
-            funnel.lost[standing.lost_at] += 1
-            funnel.reasons[standing.lost_at].update(standing.rules)
+    funnel = Funnel(discovered=len(outcomes))
+    for outcome in outcomes:
+        if outcome.lost_at is not None:
+            funnel.lost[outcome.lost_at] += 1
+            funnel.reasons[outcome.lost_at].update(outcome.rules)
     return funnel

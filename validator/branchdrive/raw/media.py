@@ -38,7 +38,7 @@ def media_mismatches(root: Path, folder: str, files: Sequence[str], frames: pa.T
         files: Regular files of the shard, relative to the root.
         frames: The shard's frames table with its declared columns.
     """
-    known = set(files)
+    listed = set(files)
     columns = ("file", "offset_bytes", "size_bytes", "checksum", "rollout_id", "tick")
     rows = zip(*(frames[name].to_pylist() for name in columns), strict=True)
     by_file: dict[str, list[tuple[int, int, str, str, int]]] = {}
@@ -47,7 +47,7 @@ def media_mismatches(root: Path, folder: str, files: Sequence[str], frames: pa.T
             continue  # nulls and unsafe names are reported by other rules
         by_file.setdefault(f"{folder}/{name}", []).append((offset, size, checksum, rollout_id, tick))
     for path, images in sorted(by_file.items()):
-        if path not in known:
+        if path not in listed:
             yield Mismatch({"file": path}, "a file of the shard", "no such file", len(images))
             continue
         try:

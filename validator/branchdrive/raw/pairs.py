@@ -58,8 +58,8 @@ def _egos(view: ShardView) -> _Egos:
 
 
 def _kinds(view: ShardView) -> NDArray[np.int8]:
-    codes, words = view.stream("actors").words("actor_class")
-    return np.array([_KIND.get(word, _OTHER) for word in words] + [_OTHER], np.int8)[codes]
+    codes, classes = view.stream("actors").categories("actor_class")
+    return np.array([_KIND.get(actor_class, _OTHER) for actor_class in classes] + [_OTHER], np.int8)[codes]
 
 
 def _limits(view: ShardView, name: str, column: str) -> Array:
@@ -96,8 +96,8 @@ def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
 
 def _actors_within_limits(view: ShardView) -> _Actors:
     """Actors whose bounds do not rule them out."""
-    egos, stream = view.once(_egos), view.stream("actors")
-    frame, kinds = view.observations.rows_of(stream), view.once(_kinds)
+    egos, stream = view.cached(_egos), view.stream("actors")
+    frame, kinds = view.observations.rows_of(stream), view.cached(_kinds)
     yaw = egos.boxes.yaw_rad
     ego_vel_x, ego_vel_y = egos.speed_mps * np.cos(yaw), egos.speed_mps * np.sin(yaw)
     ego_reach = np.hypot(egos.boxes.length_m, egos.boxes.width_m) / 2
@@ -160,13 +160,13 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
 
 def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
     """The pairs that actors form; `PairRisk.frame` indexes the view's observations."""
-    egos, stream = view.once(_egos), view.stream("actors")
-    static = np.flatnonzero(view.once(_kinds)[actors.row] == _STATIC)
+    egos, stream = view.cached(_egos), view.stream("actors")
+    static = np.flatnonzero(view.cached(_kinds)[actors.row] == _STATIC)
     corridor_m = np.full(len(actors.row), -np.inf)
     corridor_m[static] = _corridor_m(view, actors.take(static))
     may_count = np.flatnonzero(~(corridor_m > CUTOFF_SLACK))
     actors, corridor_m = actors.take(may_count), corridor_m[may_count]
-    kind = view.once(_kinds)[actors.row]
+    kind = view.cached(_kinds)[actors.row]
     return pair_risk(
         egos.boxes,
         egos.speed_mps,

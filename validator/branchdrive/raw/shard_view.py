@@ -72,7 +72,7 @@ class ShardView:
             self._streams[table] = StreamView(table, self._tables[table], self._rollout_index, self.num_rollouts)
         return self._streams[table]
 
-    def once(self, compute: Callable[[ShardView], T]) -> T:
+    def cached(self, compute: Callable[[ShardView], T]) -> T:
         """Result of `compute` on this view, computed on first use: what several rules need."""
         if compute not in self._computed:
             self._computed[compute] = compute(self)

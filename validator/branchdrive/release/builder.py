@@ -33,7 +33,7 @@ from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
 from branchdrive.release.layers import LEDGERS, BuiltLayers, load_layers, load_ledger
 from branchdrive.release.leakage import build_leakage
-from branchdrive.release.publish import publish, staging, stated_identity
+from branchdrive.release.publish import publish, published_identity, staging
 from branchdrive.release.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality, check_encoding
 
@@ -232,7 +232,7 @@ class _Job:
         """Put everything in its place; the manifest of the release."""
         scan, layers = self.scan, self.layers
         kept_files = scan.files if self.is_in_place else {}
-        if BENCHMARK in layers.names and _identity(kept_files, layers) != stated_identity(self.target):
+        if BENCHMARK in layers.names and _identity(kept_files, layers) != published_identity(self.target):
             layers.drop_after("model")  # it belongs to another release
         if BENCHMARK not in layers.names:
             self._keep_accesses()

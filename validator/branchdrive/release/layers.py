@@ -99,7 +99,7 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
 
     Ledgers are kept whatever became of the files beside them.
     """
-    found, stated = BuiltLayers(keys), _stated_digests(root)
+    found, listed = BuiltLayers(keys), _listed_digests(root)
     for layer in LAYERS.values():
         read = BuiltLayers(keys)
         try:
@@ -111,9 +111,9 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
                 path = f"{layer.name}/{document.name}"
                 if not document.optional or (root / path).is_file():
                     _load_document(read, root, path, document.schema)
-            for path in (path for path in stated if layer.admits_free(path)):
+            for path in (path for path in listed if layer.admits_free(path)):
                 read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
-            _check_digests(read, root, stated)
+            _check_digests(read, root, listed)
         except DatasetError:
             for path in LEDGERS:
                 with suppress(DatasetError):
@@ -128,7 +128,7 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
     return found
 
 
-def _stated_digests(root: Path) -> dict[str, str]:
+def _listed_digests(root: Path) -> dict[str, str]:
     """SHA-256 of files by path, as the manifest has them; none without a manifest."""
     try:
         manifest, _ = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
@@ -137,10 +137,10 @@ def _stated_digests(root: Path) -> dict[str, str]:
     return dict(manifest.files)
 
 
-def _check_digests(read: BuiltLayers, root: Path, stated: Mapping[str, str]) -> None:
+def _check_digests(read: BuiltLayers, root: Path, listed: Mapping[str, str]) -> None:
     """A layer that was interrupted while it was published is a mixture of two, whose files decode all the same."""
     for path in read.contents:
-        if stated.get(path) != read.digest(path):
+        if listed.get(path) != read.digest(path):
             raise DatasetError(f"{root}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
 
 

@@ -12,7 +12,7 @@ from branchdrive.leakage.audit import Progress, audit_key
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable, sequence_classifier
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.leakage.replays import replay_inputs
-from branchdrive.release.apart import AuditTask, audit_apart
+from branchdrive.release.audit_process import AuditTask, audit_in_own_process
 from branchdrive.release.layers import BuiltLayers
 from branchdrive.release.parts import StoredParts
 from branchdrive.release.scan import RawScan
@@ -44,8 +44,8 @@ def build_leakage(
     Raises:
         ToolError: The audit's process died.
     """
-    inputs = replay_inputs(scan.extract["replays"], layers.frames["group_quality"], scan.descriptor.action_bank)
+    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor.action_bank)
     classifier = classifier or sequence_classifier()
     key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
     task = AuditTask(inputs, seed, protocol, classifier)
-    layers.put_document(LEAKAGE_FILE, audit_apart(task, StoredParts.of(area, key), progress))
+    layers.put_document(LEAKAGE_FILE, audit_in_own_process(task, StoredParts.of(area, key), progress))

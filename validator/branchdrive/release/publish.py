@@ -32,7 +32,7 @@ from branchdrive.formats.file_lock import FileLock
 from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifest
 from branchdrive.formats.untrusted import read_file
 
-__all__ = ["benchmark_area", "held", "make_private", "publish", "publish_layer", "staging", "stated_identity"]
+__all__ = ["benchmark_area", "lock_area", "make_private", "publish", "publish_layer", "published_identity", "staging"]
 
 _WORK = "build"
 _NEW = "new"
@@ -42,7 +42,7 @@ _PRIVATE = 0o700
 
 
 @contextmanager
-def held(target: Path) -> Iterator[Path]:
+def lock_area(target: Path) -> Iterator[Path]:
     """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
 
     Raises:
@@ -122,13 +122,13 @@ def _sole_writer(target: Path, area: Path) -> Iterator[None]:
         lock.release()
 
 
-def stated_identity(target: Path) -> str:
+def published_identity(target: Path) -> str:
     """Identity of the release that `target` holds, as its manifest has it.
 
     Raises:
         DatasetError: There is no manifest that could be read.
     """
-    return _stated(target).identity
+    return _published_manifest(target).identity
 
 
 def benchmark_area(target: Path) -> Path:
@@ -137,10 +137,10 @@ def benchmark_area(target: Path) -> Path:
     Raises:
         DatasetError: There is no manifest that could be read.
     """
-    return target / STAGING_DIR / f"{_BENCHMARK}{stated_identity(target)[:16]}"
+    return target / STAGING_DIR / f"{_BENCHMARK}{published_identity(target)[:16]}"
 
 
-def _stated(target: Path) -> Manifest:
+def _published_manifest(target: Path) -> Manifest:
     return parse_manifest(read_file(target, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
 
 
@@ -246,7 +246,7 @@ def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manif
     claimed = [*(name for name in descriptor.layers if name != layer), *([layer] if files else [])]
     kept = {
         path: digest
-        for path, digest in _stated(target).files.items()
+        for path, digest in _published_manifest(target).files.items()
         if layer_of(path) != layer and path != DESCRIPTOR_FILE
     }
     return publish(

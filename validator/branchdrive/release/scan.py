@@ -39,14 +39,14 @@ class RawScan:
         descriptor: The dataset's descriptor.
         digest: Digest of the raw layer.
         files: SHA-256 of every file of the raw layer and its media, by path.
-        extract: Rows that it gives for the derived layers, by table.
+        rows: Rows that it gives for the derived layers, by table.
     """
 
     root: Path
     descriptor: Descriptor
     digest: str
     files: dict[str, str]
-    extract: Mapping[str, Frame]
+    rows: Mapping[str, Frame]
 
 
 def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -> RawScan:
@@ -62,7 +62,7 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
         results = reading.shards
         names = [spooled_name(shard.folder) for shard in results]
-        extract = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
+        rows = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
     survey = survey.with_shards(tuple(results))
     for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
@@ -73,7 +73,7 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     if lacking is not None:
         raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and mend the raw layer first")
     files = _raw_files(survey.digests)
-    return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, extract)
+    return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, rows)
 
 
 def _finished(survey: Survey) -> Descriptor:
@@ -93,11 +93,11 @@ def check_unchanged(scan: RawScan) -> None:
     Raises:
         DatasetError: It does not, or is gone.
     """
-    stated: dict[str, str] = {}
+    listed: dict[str, str] = {}
     if (scan.root / MANIFEST_FILE).exists():
         manifest, _ = parse_manifest(read_file(scan.root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
-        stated = _raw_files(manifest.files)
-    if stated != scan.files:
+        listed = _raw_files(manifest.files)
+    if listed != scan.files:
         raise DatasetError(f"{scan.root}: its raw layer was changed while it was built from; build again afterwards")
 
 
@@ -108,10 +108,10 @@ def _raw_files(digests: Mapping[str, str]) -> dict[str, str]:
 
 def _damage(survey: Survey) -> Iterator[str]:
     """Files of the raw layer that are not what the manifest says."""
-    stated = _raw_files(survey.manifest.files if survey.manifest else {})
+    listed = _raw_files(survey.manifest.files if survey.manifest else {})
     found = _raw_files(survey.digests)
-    for path in sorted(stated.keys() | found.keys()):
-        if stated.get(path) != found.get(path):
+    for path in sorted(listed.keys() | found.keys()):
+        if listed.get(path) != found.get(path):
             yield f"{path!r} is not the file that {MANIFEST_FILE} lists"
             return
 

@@ -66,7 +66,7 @@ class BuildOptions:
 def build_canonical(scan: RawScan, layers: BuiltLayers) -> None:
     """One record for each group and action, and what became of every attempt."""
     for name in LAYERS["canonical"].tables:
-        layers.put_table(name, scan.extract[name])
+        layers.put_table(name, scan.rows[name])
     document: dict[str, Any] = {
         "spec_version": SPEC_VERSION,
         "raw_layer": scan.digest,
@@ -92,14 +92,14 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     Raises:
         DatasetError: There are too few groups for a split or for thresholds.
     """
-    extract = scan.extract
-    standing, routes = extract["group_quality"], extract["routes"]
+    rows = scan.rows
+    quality, routes = rows["group_quality"], rows["routes"]
     try:
         clusters = cluster_of_groups(routes["group_id"].tolist(), routes["town"].tolist(), routes["points"])
-        assignment = draw_partitions(standing, clusters, seed=options.seed, calibration=options.calibration)
-        groups = with_partitions(standing, clusters, assignment)
+        assignment = draw_partitions(quality, clusters, seed=options.seed, calibration=options.calibration)
+        groups = with_partitions(quality, clusters, assignment)
         split = split_document(assignment, clusters, seed=options.seed, calibration=options.calibration)
-        thresholds = threshold_document(extract["pairs"], groups)
+        thresholds = threshold_document(rows["pairs"], groups)
     except ValueError as error:
         raise DatasetError(f"{scan.root}: {error}; collect more groups or ask for less") from error
     layers.put_document(_SPLIT, split)
@@ -107,10 +107,10 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
     layers.put_document(LEDGER_FILE, with_round(ledger, **digests))
 
-    pairs = with_passes(extract["pairs"], thresholds_of(thresholds))
+    pairs = with_passes(rows["pairs"], thresholds_of(thresholds))
     groups = with_validity(groups, pairs)
-    groups["near_duplicate"] = near_duplicate_flags(groups, extract["state"], extract["past_controls"], assignment)
-    layers.put_table("attempt_quality", extract["attempt_quality"])
+    groups["near_duplicate"] = near_duplicate_flags(groups, rows["state"], rows["past_controls"], assignment)
+    layers.put_table("attempt_quality", rows["attempt_quality"])
     layers.put_table("pairs", pairs)
     layers.put_table("group_quality", groups)
     # From the tables as they are stored, as a validator recomputes it.
@@ -150,7 +150,7 @@ def build_model(scan: RawScan, layers: BuiltLayers) -> None:
     layers.put_table("actions", action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None))
     for name in LAYERS["model"].tables:
         if name not in ("contexts", "actions"):
-            layers.put_table(name, of_groups(scan.extract[name], groups))
+            layers.put_table(name, of_groups(scan.rows[name], groups))
     layers.put_document("model/features.json", features_document(descriptor))
     arrays = pack_arrays(layers.frames, groups, descriptor.action_bank.keys)
     try:

@@ -102,11 +102,11 @@ def _quantile(ordered: Array, num_defined: NDArray[np.int64], level: Array) -> A
     """Linear quantiles of the first `num_defined` of each column; NaN where there is none, or no level."""
     there = (num_defined > 0) & ~np.isnan(level)
     place = np.where(there, level, 0.0) * np.maximum(num_defined - 1, 0)
-    below = np.floor(place).astype(np.int64)
+    lower_place = np.floor(place).astype(np.int64)
     column = np.arange(len(level))
-    lower = ordered[below, column]
-    upper = ordered[np.minimum(below + 1, np.maximum(num_defined - 1, 0)), column]
-    return np.where(there, lower + (upper - lower) * (place - below), np.nan)
+    lower = ordered[lower_place, column]
+    upper = ordered[np.minimum(lower_place + 1, np.maximum(num_defined - 1, 0)), column]
+    return np.where(there, lower + (upper - lower) * (place - lower_place), np.nan)
 
 
 def _bca_levels(

@@ -100,8 +100,8 @@ def is_plausible(reached: int, drawn: int, p: float, num_permutations: int) -> b
         p: As stated.
         num_permutations: Permutations that `p` was counted over, ``B``.
     """
-    stated = round(p * (num_permutations + 1)) - 1
-    counts = range(max(0, stated - _SLACK), min(num_permutations, stated + _SLACK) + 1)
+    whole = round(p * (num_permutations + 1)) - 1
+    counts = range(max(0, whole - _SLACK), min(num_permutations, whole + _SLACK) + 1)
     return any(_two_sided(reached, drawn, k, num_permutations) >= LEAST_TAIL for k in counts)
 
 

@@ -136,7 +136,9 @@ def _fill(clusters: Sequence[_Cluster], shares: Sequence[int]) -> list[list[_Clu
     types: list[_Types] = [Counter() for _ in shares]
     for cluster in clusters:
         size = len(cluster.group_ids)
-        room = [Fraction(share * num_groups, whole) - held.total() for share, held in zip(shares, types, strict=True)]
+        room = [
+            Fraction(share * num_groups, whole) - counts.total() for share, counts in zip(shares, types, strict=True)
+        ]
         fits = [place for place, free in enumerate(room) if free >= size] or [room.index(max(room))]
         burden = {
             place: (

@@ -70,8 +70,8 @@ def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
             plain[i] = items[stop - length : stop]
     elif pa.types.is_string(kind) or pa.types.is_dictionary(kind):
         coded = array if pa.types.is_dictionary(kind) else array.dictionary_encode()
-        words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-        plain = words[np.where(absent, -1, filled(coded.indices))]
+        categories = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+        plain = categories[np.where(absent, -1, filled(coded.indices))]
     else:
         plain = filled(array)
     return np.ma.masked_array(plain, absent) if nullable else plain

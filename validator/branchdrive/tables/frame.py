@@ -76,11 +76,11 @@ def sort_rows(frame: Frame, key: Sequence[str], orders: Mapping[str, Sequence[st
     """Rows in ascending order of their key; a text column in `orders` follows the order of its words there."""
     columns = []
     for name in key:
-        words = (orders or {}).get(name)
+        categories = (orders or {}).get(name)
         values = np.ma.getdata(frame[name])
-        if words is not None:
-            place = {word: i for i, word in enumerate(words)}
-            values = np.array([place.get(word, len(place)) for word in values.tolist()], np.int64)
+        if categories is not None:
+            place = {category: i for i, category in enumerate(categories)}
+            values = np.array([place.get(category, len(place)) for category in values.tolist()], np.int64)
         elif values.dtype == object:
             values = _codes(values)
         columns.append(values)
@@ -132,6 +132,6 @@ def _codes(values: NDArray[Any]) -> Index:
     if values.dtype != object:
         return np.unique(values, return_inverse=True)[1].astype(np.int64)
     cells = values.tolist()
-    words = sorted(set(cells) - {None})
-    places = {word: i for i, word in enumerate([None, *words] if None in cells else words)}
+    categories = sorted(set(cells) - {None})
+    places = {category: i for i, category in enumerate([None, *categories] if None in cells else categories)}
     return np.fromiter(map(places.__getitem__, cells), np.int64, len(cells))

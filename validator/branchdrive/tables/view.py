@@ -46,7 +46,7 @@ class TableView:
         self._arrays: dict[str, pa.Array] = {}
         self._values: dict[str, NDArray[Any]] = {}
         self._valid: dict[str, Mask] = {}
-        self._words: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
+        self._categories: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
         self._extremes: dict[str, tuple[Any, Any]] = {}
 
     def __len__(self) -> int:
@@ -92,8 +92,8 @@ class TableView:
         array = self._array(column)
         kind = declared_table(self.name)[column].type
         if kind == "string":
-            codes, words = self.words(column)
-            lookup = np.array([*words, ""], dtype=object)
+            codes, categories = self.categories(column)
+            lookup = np.array([*categories, ""], dtype=object)
             return np.asarray(lookup[codes])
         if kind.startswith("list"):
             items, lengths = self.items(column)
@@ -132,11 +132,11 @@ class TableView:
         lengths = array.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
         return array.flatten().to_numpy(zero_copy_only=False), lengths
 
-    def words(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
-        """Codes ``[rows]`` into the distinct words of a text column; -1 where null."""
-        if column not in self._words:
-            self._words[column] = self._encode(column)
-        return self._words[column]
+    def categories(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
+        """Codes ``[rows]`` into the distinct categories of a text column; -1 where null."""
+        if column not in self._categories:
+            self._categories[column] = self._encode(column)
+        return self._categories[column]
 
     def _encode(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
         import pyarrow as pa
@@ -147,10 +147,10 @@ class TableView:
         codes = array.indices.cast(pa.int32()).fill_null(-1).to_numpy(zero_copy_only=False)
         return codes, array.dictionary.to_pylist()
 
-    def equals(self, column: str, word: str) -> Mask:
+    def equals(self, column: str, category: str) -> Mask:
         """Rows whose text is `word`."""
-        codes, words = self.words(column)
-        matching = np.array([candidate == word for candidate in words] + [False])
+        codes, categories = self.categories(column)
+        matching = np.array([candidate == category for candidate in categories] + [False])
         return np.asarray(matching[codes])
 
 
@@ -177,8 +177,8 @@ class StreamView(TableView):
 
     def __init__(self, name: str, table: pa.Table, rollout_index: Mapping[str, int], num_rollouts: int) -> None:
         raw = TableView(name, table)
-        codes, words = raw.words("rollout_id")
-        rollout = np.array([rollout_index.get(word, -1) for word in words] + [-1], np.int64)[codes]
+        codes, categories = raw.categories("rollout_id")
+        rollout = np.array([rollout_index.get(category, -1) for category in categories] + [-1], np.int64)[codes]
         tick = raw["tick"].astype(np.int64)
         key = rollout * _TICK_SPAN + tick
         order = None
@@ -187,7 +187,7 @@ class StreamView(TableView):
             rollout, tick, key = rollout[order], tick[order], key[order]
         super().__init__(name, table, order)
         if order is None:
-            self._arrays, self._values, self._words = raw._arrays, raw._values, raw._words
+            self._arrays, self._values, self._categories = raw._arrays, raw._values, raw._categories
         self.rollout, self.tick, self._key = rollout, tick, key
         self.num_rollouts = num_rollouts
         self._rows_of: dict[str, Index] = {}

@@ -55,23 +55,23 @@ def render(draw: Callable[[Console], None], stdout: TextIO, *, is_file: bool = F
     return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
 
 
-def _shown(text: str) -> str:
+def _escaped(text: str) -> str:
     """Text of anyone, safe on any terminal."""
     return "±".join(map(printable, text.split("±")))
 
 
 def print_section(console: Console, section: Table | Passage, warnings: Iterable[str] = ()) -> None:
     """Print a table, with `warnings` below its title, or a passage."""
-    console.print(Text(_shown(section.title), style="bold"))
+    console.print(Text(_escaped(section.title), style="bold"))
     if isinstance(section, Passage):
-        console.print(Text("\n\n".join(map(_shown, section.paragraphs))))
+        console.print(Text("\n\n".join(map(_escaped, section.paragraphs))))
         return
     for warning in warnings:
-        console.print(Text(f"Warning: {_shown(warning)}", style="yellow"))
-    columns = [column._replace(title=_shown(column.title)) for column in section.columns]
-    _print_rows(console, replace(section, columns=columns, rows=[[*map(_shown, row)] for row in section.rows]))
+        console.print(Text(f"Warning: {_escaped(warning)}", style="yellow"))
+    columns = [column._replace(title=_escaped(column.title)) for column in section.columns]
+    _print_rows(console, replace(section, columns=columns, rows=[[*map(_escaped, row)] for row in section.rows]))
     for note in section.notes:
-        console.print(Text(_shown(note), style="dim"))
+        console.print(Text(_escaped(note), style="dim"))
 
 
 def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
@@ -80,7 +80,7 @@ def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
     grid.add_column(style="dim")
     grid.add_column(overflow="fold")
     for name, text in facts:
-        grid.add_row(Text(_shown(name)), Text(_shown(text)))
+        grid.add_row(Text(_escaped(name)), Text(_escaped(text)))
     console.print(grid)
 
 

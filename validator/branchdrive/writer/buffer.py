@@ -162,7 +162,7 @@ def _from_sequence(values: Sequence[object], declared: str, type_: pa.DataType, 
     for kind in {type(value) for value in plain} - {type(None)}:
         if not issubclass(kind, accepted) or (kind is bool and bool not in accepted):
             wrong = next(value for value in plain if type(value) is kind)
-            raise ContractError(f"{where}: expected {declared}, found {_shown(wrong)}; {_REMEDY}")
+            raise ContractError(f"{where}: expected {declared}, found {_quote(wrong)}; {_REMEDY}")
     if pa.types.is_list(type_):
         lists = [value for value in plain if isinstance(value, (list, tuple, np.ndarray))]
         for value in lists:
@@ -170,7 +170,7 @@ def _from_sequence(values: Sequence[object], declared: str, type_: pa.DataType, 
     try:
         return pa.array(plain, type=type_)
     except (pa.ArrowException, ValueError, OverflowError) as error:
-        raise ContractError(f"{where}: expected {declared}, found {_shown(plain)} ({error}); {_REMEDY}") from error
+        raise ContractError(f"{where}: expected {declared}, found {_quote(plain)} ({error}); {_REMEDY}") from error
 
 
 def _from_numpy(values: np.ndarray[Any, Any], declared: str, type_: pa.DataType, where: str) -> pa.Array:
@@ -193,6 +193,6 @@ def _from_numpy(values: np.ndarray[Any, Any], declared: str, type_: pa.DataType,
         raise ContractError(f"{where}: expected {declared}, found {values.dtype} ({error}); {_REMEDY}") from error
 
 
-def _shown(value: object) -> str:
+def _quote(value: object) -> str:
     text = ascii(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

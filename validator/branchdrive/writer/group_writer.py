@@ -116,8 +116,8 @@ class GroupWriter:
             raise UsageError(f"rollout id {rollout_id!r} does not match {PATTERNS['id']}; pass another `rollout_id`")
         if rollout_id in self._rollouts:
             raise UsageError(f"rollout id `{rollout_id}` is taken in this group; pass another `rollout_id`")
-        known = {**fields, "group_id": self.group_id, "rollout_id": rollout_id, "attempt": attempt}
-        self._open_rollout = RolloutWriter(self._descriptor, known, self._end_rollout)
+        identified = {**fields, "group_id": self.group_id, "rollout_id": rollout_id, "attempt": attempt}
+        self._open_rollout = RolloutWriter(self._descriptor, identified, self._end_rollout)
         return self._open_rollout
 
     def _next_attempt(self, fields: dict[str, object]) -> int:

@@ -124,7 +124,7 @@ class Stage:
         try:
             lock.acquire(blocking=True, create=False)
         except FileNotFoundError:
-            raise self._not_opened() from None
+            raise self._unopened_error() from None
         try:
             yield
         finally:
@@ -139,10 +139,10 @@ class Stage:
         try:
             content = self._places_path.read_bytes()
         except FileNotFoundError:
-            raise self._not_opened() from None
+            raise self._unopened_error() from None
         return Places.parse(content)
 
-    def _not_opened(self) -> UsageError:
+    def _unopened_error(self) -> UsageError:
         return UsageError(f"{self.root}: open the dataset with `DatasetWriter` before writing groups")
 
     def save_places(self, places: Places) -> None:
@@ -176,7 +176,7 @@ class Stage:
                 if lock.acquire(blocking=False):
                     try:
                         self.unfinish()
-                        return self._opened(group_id, index, places), lock
+                        return self._open_group(group_id, index, places), lock
                     except BaseException:
                         lock.release()
                         raise
@@ -194,7 +194,7 @@ class Stage:
         if holder is not None:
             raise UsageError(f"place {index} of group `{group_id}` is taken by group `{holder}`; choose another index")
 
-    def _opened(self, group_id: str, index: int, places: Places) -> StagedGroup:
+    def _open_group(self, group_id: str, index: int, places: Places) -> StagedGroup:
         group = StagedGroup(self.groups_dir / StagedGroup.folder_name(index, group_id))
         if group.folder.exists():
             group.reopen()

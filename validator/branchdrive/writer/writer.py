@@ -118,8 +118,8 @@ class DatasetWriter:
         self._check_open()
         if index is None:
             with self._stage.registry():
-                known = self._known_places()
-                index = known.get(group_id, max(known.values(), default=-1) + 1)
+                places = self._group_places()
+                index = places.get(group_id, max(places.values(), default=-1) + 1)
         return GroupWriter(self.root, self.descriptor, group_id, index)
 
     @property
@@ -127,9 +127,9 @@ class DatasetWriter:
         """Place of every group that was begun, by its id."""
         self._check_open()
         with self._stage.registry():
-            return self._known_places()
+            return self._group_places()
 
-    def _known_places(self) -> dict[str, int]:
+    def _group_places(self) -> dict[str, int]:
         staged = {group.group_id: group.index for group in self._stage.groups()}
         return dict(self._stage.load_places().committed) | staged
 

@@ -7,7 +7,7 @@ from typing import TextIO
 
 from branchdrive.contract.layout import BENCHMARK
 from branchdrive.contract.text import printable
-from branchdrive_reference.benchmark.command.evaluate import add_format, shown
+from branchdrive_reference.benchmark.command.evaluate import add_format, format_evaluation
 from branchdrive_reference.benchmark.command.option import (
     add_no_figures,
     add_release,
@@ -57,6 +57,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         workspace = predict_step(workspace, protocol, device=args.device, progress=progress)
         with progress("evaluating") as show:
             found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
-    stdout.write(shown(found, args.format, stdout))
+    stdout.write(format_evaluation(found, args.format, stdout))
     stderr.write(f"tables and figures are in {printable(str(args.release / BENCHMARK))}\n")
     return 0

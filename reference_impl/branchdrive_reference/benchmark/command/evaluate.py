@@ -21,7 +21,7 @@ from branchdrive_reference.benchmark.command.option import (
 if TYPE_CHECKING:
     from branchdrive_reference.benchmark.evaluation import Evaluation
 
-__all__ = ["SUMMARY", "add_arguments", "add_format", "run", "shown"]
+__all__ = ["SUMMARY", "add_arguments", "add_format", "format_evaluation", "run"]
 
 SUMMARY = "evaluate predictions on the test partition: tables, figures, and what guards promise"
 
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         found = _foreign(args)
         if args.output is not None:
             stderr.write(f"results, tables and figures are in {printable(str(args.output))}\n")
-    stdout.write(shown(found, args.format, stdout))
+    stdout.write(format_evaluation(found, args.format, stdout))
     return 0
 
 
@@ -108,7 +108,7 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
     return found
 
 
-def shown(found: Evaluation, form: str, stdout: TextIO) -> str:
+def format_evaluation(found: Evaluation, form: str, stdout: TextIO) -> str:
     """The evaluation as text, Markdown or JSON."""
     if form == "text":
         from branchdrive_reference.benchmark.text import render_results

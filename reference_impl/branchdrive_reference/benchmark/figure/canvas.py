@@ -55,7 +55,7 @@ def new_figure(width_in: float, height_in: float, heading: str, remarks: str, wa
 
     The figure grows by the lines of the warnings.
     """
-    lines = [line for said in warnings for line in textwrap.wrap(said, round(_LETTERS_PER_IN * width_in))]
+    lines = [line for warning in warnings for line in textwrap.wrap(warning, round(_LETTERS_PER_IN * width_in))]
     top_in = 0.82 + _LINE_IN * len(lines)
     height_in += _LINE_IN * len(lines)
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")

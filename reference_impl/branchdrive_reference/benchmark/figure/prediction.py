@@ -90,9 +90,9 @@ def _shuffles(
 ) -> None:
     kinds = list(dict.fromkeys(row["kind"] for row in shuffles))
     rows = {(row["model"], row["kind"]): row for row in shuffles if row["metric"] == "macro_nmae"}
-    shown = [model for model in models if (model, kinds[0] if kinds else "") in rows]
-    width = 0.8 / max(len(shown), 1)
-    for i, model in enumerate(shown):
+    drawn = [model for model in models if (model, kinds[0] if kinds else "") in rows]
+    width = 0.8 / max(len(drawn), 1)
+    for i, model in enumerate(drawn):
         bars = [rows[model, kinds[0]]["value"], *(rows[model, kind]["shuffled"] for kind in kinds)]
         places = [place - 0.4 + (i + 0.5) * width for place in range(len(bars))]
         axes.bar(places, [value or 0.0 for value in bars], 0.9 * width, color=colours[model])
@@ -109,5 +109,5 @@ def _shuffles(
     )
     axes.set_xticklabels(["as it is", *kinds], fontsize=8.6)
     axes.grid(axis="y")
-    if not shown:
+    if not drawn:
         axes.text(0.5, 0.5, "no shuffles", ha="center", transform=axes.transAxes, color=QUIET)

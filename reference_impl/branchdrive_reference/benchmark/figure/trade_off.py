@@ -1,4 +1,4 @@
-"""Guard: what is gained and what is violated along the price of risk, and where each guard stands."""
+"""Guard: what is gained and what is violated along the path of multipliers, and where each guard stands."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def draw_trade_off(results: Mapping[str, Any], alpha: float) -> Figure | None:
     dotted = "" if repeated is None else " Dotted: repeated nominals of training."
     figure = new_figure(
         3.0 * len(profiles) + 0.8, 4.6, f"What guarding {guard['model']} costs",
-        f"Test partition, {profiles[0]['num_groups']} groups. Curve: the whole path of prices, from which nothing is "
-        f"chosen. Bars: 95 % over route clusters. Dashed: {100 * alpha:g} %, the limit.{dotted}",
+        f"Test partition, {profiles[0]['num_groups']} groups. Curve: the whole path of multipliers, from which nothing "
+        f"is chosen. Bars: 95 % over route clusters. Dashed: {100 * alpha:g} %, the limit.{dotted}",
         results["warnings"],
     )  # fmt: skip
     panels = axes_of(figure, 1, len(profiles), sharex=True)

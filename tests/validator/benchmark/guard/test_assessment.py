@@ -7,7 +7,7 @@ import pytest
 from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.benchmark.guard.assessment import SELECTIONS, Assessment, GuardData, Limits, assess
-from branchdrive.benchmark.guard.path import price_grid
+from branchdrive.benchmark.guard.path import multiplier_grid
 from branchdrive.benchmark.guard.risk import FEATURES, RiskFit
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, fit_scale
@@ -25,7 +25,7 @@ FIT = RiskFit(
     logistic_offset=0.0,
     severity=(0.0,) * K,
     severity_offset=0.0,
-    grids={"balanced": {"dual_price": 0.3, "prices": price_grid(0.3)}},
+    grids={"balanced": {"dual_multiplier": 0.3, "multipliers": multiplier_grid(0.3)}},
 )
 
 

@@ -22,9 +22,9 @@ from branchdrive.benchmark.guard.calibration import (
 Mask = NDArray[np.bool_]
 
 
-def stairs(*first: int, num_prices: int = 6) -> Mask:
+def stairs(*first: int, num_multipliers: int = 6) -> Mask:
     """Groups that violate from a place of the path on."""
-    return np.arange(num_prices)[:, None] >= np.array(first)
+    return np.arange(num_multipliers)[:, None] >= np.array(first)
 
 
 def alone(num_groups: int) -> list[str]:
@@ -96,7 +96,7 @@ def test_a_bound_that_no_sample_of_this_size_can_show_is_refused() -> None:
     assert found.place == 0
 
 
-def test_learn_then_test_stops_at_the_first_price_it_cannot_show() -> None:
+def test_learn_then_test_stops_at_the_first_multiplier_it_cannot_show() -> None:
     losses = stairs(*[9] * 88)
     losses[3, :2] = True
     found = learn_then_test(losses, alone(88), alone(88), seed=1)
@@ -120,7 +120,7 @@ def test_learn_then_test_draws_one_group_of_every_cluster() -> None:
 @given(st.randoms(use_true_random=False), st.integers(0, 5))
 def test_the_order_of_groups_does_not_matter(random: object, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    losses = stairs(*rng.integers(1, 40, 120), num_prices=30)
+    losses = stairs(*rng.integers(1, 40, 120), num_multipliers=30)
     clusters, groups = [f"{place}" for place in rng.integers(0, 70, 120)], alone(120)
     order = list(range(120))
     random.shuffle(order)  # type: ignore[attr-defined]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from tests.each import each
 
-from branchdrive.benchmark.guard.path import TOLERANCE_M, envelope, price_grid, selection_path, violations
+from branchdrive.benchmark.guard.path import TOLERANCE_M, envelope, multiplier_grid, selection_path, violations
 
-GRID = price_grid(0.2)
+GRID = multiplier_grid(0.2)
 unit = st.floats(0, 1, width=16)
 
 
@@ -20,29 +20,29 @@ def bank(values: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((len(values), 1)), values], axis=1)
 
 
-def test_the_grid_falls_about_the_dual_price() -> None:
+def test_the_grid_falls_about_the_dual_multiplier() -> None:
     assert len(GRID) == 100
     assert GRID[0] == pytest.approx(6)
     assert GRID[-1] == pytest.approx(0.2 / 60)
     assert (np.diff(GRID) < 0).all()
-    assert price_grid(0.0) == price_grid(0.01)
+    assert multiplier_grid(0.0) == multiplier_grid(0.01)
 
 
-@pytest.mark.parametrize(("price", "size"), [(-1.0, 9), (np.nan, 9), (np.inf, 9), (0.1, 1)])
-def test_a_grid_needs_a_price(price: float, size: int) -> None:
+@pytest.mark.parametrize(("multiplier", "size"), [(-1.0, 9), (np.nan, 9), (np.inf, 9), (0.1, 1)])
+def test_a_grid_needs_a_multiplier(multiplier: float, size: int) -> None:
     with pytest.raises(ValueError, match="no grid of"):
-        price_grid(price, size=size)
+        multiplier_grid(multiplier, size=size)
 
 
-def test_the_path_buys_risk_as_its_price_falls() -> None:
+def test_the_path_buys_risk_as_its_multiplier_falls() -> None:
     # Candidate 1 gains little without much risk, candidate 2 gains more with more risk.
     path = selection_path(bank(np.array([[0.1, 0.3]])), bank(np.array([[0.1, 0.5]])), [2.0, 0.8, 0.4], nominal=0)
-    assert path.prices.tolist() == [np.inf, 2.0, 0.8, 0.4, 0.0]
+    assert path.multipliers.tolist() == [np.inf, 2.0, 0.8, 0.4, 0.0]
     assert path.selections[:, 0].tolist() == [0, 0, 1, 2, 2]
 
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(-1, 1, width=16)), arrays(np.float64, (5, 4), elements=unit))
-def test_an_infinite_price_is_nominal_and_none_is_unguarded(gains: np.ndarray, risks: np.ndarray) -> None:
+def test_an_infinite_multiplier_is_nominal_and_none_is_unguarded(gains: np.ndarray, risks: np.ndarray) -> None:
     path = selection_path(bank(gains), bank(risks), GRID, nominal=0)
     assert (path.selections[0] == 0).all()
     assert (bank(gains)[np.arange(5), path.selections[-1]] >= bank(gains).max(axis=1) - 1e-9).all()
@@ -101,7 +101,7 @@ def test_the_envelope_rises_and_is_the_least_that_bounds_the_losses(losses: np.n
 
 
 @each(
-    ("gains", "risks", "prices", "message"),
+    ("gains", "risks", "multipliers", "message"),
     [
         ([[0.0, 1]], [[0.0, 1, 1]], [1.0], "are not both"),
         ([[0.0, np.nan]], [[0.0, 1]], [1.0], "finite numbers"),
@@ -114,7 +114,7 @@ def test_the_envelope_rises_and_is_the_least_that_bounds_the_losses(losses: np.n
     ],
 )
 def test_broken_arguments_are_refused(
-    gains: list[list[float]], risks: list[list[float]], prices: list[float], message: str
+    gains: list[list[float]], risks: list[list[float]], multipliers: list[float], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        selection_path(np.array(gains), np.array(risks), prices, nominal=0)
+        selection_path(np.array(gains), np.array(risks), multipliers, nominal=0)

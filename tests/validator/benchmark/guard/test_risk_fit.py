@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from tests.each import each
 from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.benchmark.guard.path import price_grid
-from branchdrive.benchmark.guard.risk import FEATURES, PriceGrid, RiskFit, guarded_path, risk
+from branchdrive.benchmark.guard.path import multiplier_grid
+from branchdrive.benchmark.guard.risk import FEATURES, MultiplierGrid, RiskFit, guarded_path, risk
 from branchdrive.driving.utility import PROFILES, fit_scale, predicted_utility
 
 K = len(FEATURES)
@@ -37,7 +37,7 @@ def document(**changes: Any) -> dict[str, Any]:
         "logistic_offset": -1.0,
         "severity": (weights / 2).tolist(),
         "severity_offset": 0.2,
-        "grids": {"balanced": {"dual_price": 0.2, "prices": list(price_grid(0.2))}},
+        "grids": {"balanced": {"dual_multiplier": 0.2, "multipliers": list(multiplier_grid(0.2))}},
         **changes,
     }
 
@@ -89,7 +89,7 @@ def test_the_path_goes_from_nominal_to_the_best_predicted_utility() -> None:
     assert path.selections.shape == (102, 25)
     assert (path.selections[0] == 0).all()
     assert path.selections[-1].tolist() == utilities.argmax(axis=1).tolist()
-    with pytest.raises(ValueError, match=r"no price grid of the profile 'safety'; there are \['balanced'\]"):
+    with pytest.raises(ValueError, match=r"no multiplier grid of the profile 'safety'; there are \['balanced'\]"):
         guarded_path(fit(), FOUND.scalars, nominal=0, scale=SCALE, profile=PROFILES["safety"], profile_name="safety")
 
 
@@ -116,11 +116,11 @@ def test_candidates_have_keys_not_places() -> None:
         {"features": ["a"] * K},
         {"features": [feature.name for feature in FEATURES][::-1]},
         {"grids": {}},
-        {"grids": {"balanced": {"dual_price": 0.1, "prices": [0.1, 0.1]}}},
-        {"grids": {"balanced": {"dual_price": 0.1, "prices": [0.1, 0.2]}}},
-        {"grids": {"balanced": {"dual_price": 0.1, "prices": [0.1, 0.0]}}},
-        {"grids": {"balanced": {"dual_price": -0.1, "prices": [0.2, 0.1]}}},
-        {"grids": {"balanced": {"dual_price": 0.1, "prices": [1 / place for place in range(1, 1003)]}}},
+        {"grids": {"balanced": {"dual_multiplier": 0.1, "multipliers": [0.1, 0.1]}}},
+        {"grids": {"balanced": {"dual_multiplier": 0.1, "multipliers": [0.1, 0.2]}}},
+        {"grids": {"balanced": {"dual_multiplier": 0.1, "multipliers": [0.1, 0.0]}}},
+        {"grids": {"balanced": {"dual_multiplier": -0.1, "multipliers": [0.2, 0.1]}}},
+        {"grids": {"balanced": {"dual_multiplier": 0.1, "multipliers": [1 / place for place in range(1, 1003)]}}},
         {"more": 1},
     ],
 )
@@ -130,4 +130,4 @@ def test_a_broken_document_is_refused(changes: dict[str, Any]) -> None:
 
 
 def test_a_grid_is_what_it_says() -> None:
-    assert PriceGrid(dual_price=0.2, prices=price_grid(0.2)) == fit().grids["balanced"]
+    assert MultiplierGrid(dual_multiplier=0.2, multipliers=multiplier_grid(0.2)) == fit().grids["balanced"]

@@ -204,7 +204,7 @@ PURE = (
     "branchdrive.engine.layer_files.schema_mismatches",
     "branchdrive.benchmark.view.read_protocol",
     "branchdrive.benchmark.result_rules.results_document",
-    "branchdrive.leakage.rules.held_targets",
+    "branchdrive.leakage.rules.affine_targets",
     "branchdrive.leakage.rules.neighbours_p",
     "branchdrive.leakage.rules.ranked_targets",
     "branchdrive.leakage.rules.score_mismatches",

@@ -200,7 +200,7 @@ def _validity(d: ReleaseDraft) -> None:
 
 
 def _near_duplicates(d: ReleaseDraft) -> None:
-    groups, raw = d.frame("group_quality"), built().scan.extract
+    groups, raw = d.frame("group_quality"), built().scan.rows
     flags = near_duplicate_flags(groups, raw["state"], raw["past_controls"], assignment_of(groups))
     d.put("group_quality", {**groups, "near_duplicate": flags})
 

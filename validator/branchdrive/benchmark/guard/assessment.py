@@ -92,17 +92,17 @@ class GuardData(NamedTuple):
 
 
 class TradeOff(NamedTuple):
-    """The whole path on the test partition, each ``[prices]``: a figure, from which nothing may be chosen.
+    """The whole path on the test partition, each ``[multipliers]``: a figure, from which nothing may be chosen.
 
     Attributes:
-        prices: ``lambda``, from ``inf`` to 0.
+        multipliers: ``lambda``, from ``inf`` to 0.
         violation: Share of groups with a violation.
         violation_of_clusters: The same with equal weight for every cluster, which the guarantee is about.
         intervention: Share of groups that leave nominal.
         gain: Mean executed utility gained over nominal.
     """
 
-    prices: Array
+    multipliers: Array
     violation: Array
     violation_of_clusters: Array
     intervention: Array
@@ -137,7 +137,7 @@ class Assessment(NamedTuple):
     trade_off: TradeOff
 
 
-class _Known(NamedTuple):
+class _CompleteGroups(NamedTuple):
     """The groups of a partition that take part."""
 
     kept: NDArray[np.bool_]
@@ -187,14 +187,14 @@ def assess(
     """
     if fit.tolerance_m != limits.tolerance_m:
         raise ValueError(f"the risk was fitted for a tolerance of {fit.tolerance_m:g} m, not {limits.tolerance_m:g} m")
-    val, cal, tested = (_known(data, scale, profile) for data in (validation, calibration, test))
+    val, cal, tested = (_complete_groups(data, scale, profile) for data in (validation, calibration, test))
 
-    def path_of(found: _Known) -> SelectionPath:
+    def path_of(found: _CompleteGroups) -> SelectionPath:
         return guarded_path(
             fit, found.scalars, nominal=nominal, scale=scale, profile=profile, profile_name=profile_name
         )
 
-    def lost(path: SelectionPath, found: _Known) -> NDArray[np.bool_]:
+    def lost(path: SelectionPath, found: _CompleteGroups) -> NDArray[np.bool_]:
         return violations(path.selections, found.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
 
     losses = lost(path_of(cal), cal)
@@ -253,7 +253,7 @@ def assess(
         selections=selections,
         figures=found,
         trade_off=TradeOff(
-            path.prices,
+            path.multipliers,
             losses.mean(axis=1),
             (losses * weights).sum(axis=1) / weights.sum(),
             (path.selections != nominal).mean(axis=1),
@@ -271,7 +271,7 @@ def _settled(exact: Calibration, tail: Calibration, *, always_nominal: bool) -> 
     }
 
 
-def _known(data: GuardData, scale: Scale, profile: Profile) -> _Known:
+def _complete_groups(data: GuardData, scale: Scale, profile: Profile) -> _CompleteGroups:
     shape = data.outcomes.values.shape
     if data.scalars.ndim != 4 or data.scalars.shape[1:] != shape or not len(data.scalars):
         raise ValueError(f"predictions {list(data.scalars.shape)} and outcomes {list(shape)} do not match")
@@ -285,7 +285,7 @@ def _known(data: GuardData, scale: Scale, profile: Profile) -> _Known:
         raise ValueError(f"none of {len(kept)} groups has every utility and separation; a guard needs one")
     scalars = data.scalars[:, kept]
     mean = scalars.mean(axis=0)
-    return _Known(
+    return _CompleteGroups(
         kept=kept,
         scalars=scalars,
         utilities=utilities[kept],
@@ -297,5 +297,5 @@ def _known(data: GuardData, scale: Scale, profile: Profile) -> _Known:
     )
 
 
-def _report(found: _Known, margin: GlobalMargin, nominal: int) -> MarginReport:
+def _report(found: _CompleteGroups, margin: GlobalMargin, nominal: int) -> MarginReport:
     return margin_report(found.predicted_m, found.separation_m, found.predicted_utilities, margin, nominal=nominal)

@@ -8,8 +8,8 @@ The envelope rises along the path and is at most 1, so for exchangeable clusters
 random group of a new cluster is at most alpha.
 
 Learn then test beside it: one group of every cluster, drawn before losses are looked at, and along the path
-from nominal on a price is kept as long as ``P(Bin(C, alpha) <= losses at the price) <= delta``. With independent
-clusters all that is kept has a rate of at most alpha, but for calibration draws of probability delta.
+from nominal on a multiplier is kept as long as ``P(Bin(C, alpha) <= losses at the multiplier) <= delta``. With
+independent clusters all that is kept has a rate of at most alpha, but for calibration draws of probability delta.
 
 Source: Angelopoulos et al. 2022, arXiv 2208.02814, theorem 1; Angelopoulos et al. 2021, arXiv 2110.01052, its
 fixed sequence.
@@ -68,10 +68,10 @@ class Calibration(NamedTuple):
 
     Attributes:
         method: ``conformal`` or ``learn_then_test``.
-        place: Place on the axis of prices; 0 is always nominal.
+        place: Place on the axis of multipliers; 0 is always nominal.
         num_groups: Calibration groups.
         num_clusters: Calibration clusters.
-        curve: What is held against the limit at every price ``[prices]``: the bound on the risk, or the p-value.
+        curve: What is compared with the limit ``[multipliers]``: the bound on the risk, or the p-value.
         limit: alpha, or delta.
         refusal: Why the guard is not judged and stays nominal; `None` where it is judged.
     """
@@ -96,7 +96,7 @@ def conformal(
     """Conformal risk control of the envelope on cluster means.
 
     Args:
-        losses: Violations along the path ``[prices, groups]``, none at its start; see `path.violations`.
+        losses: Violations along the path ``[multipliers, groups]``, none at its start; see `path.violations`.
         clusters: Cluster of every group ``[groups]``.
         alpha: In ``(0, 1)``.
         min_groups: Fewer are not judged.
@@ -112,10 +112,10 @@ def conformal(
     # Sums by size of cluster are integers, so that no order of groups and no rounding decides at the limit.
     totals = [(int(each), worst[:, size == each].sum(axis=1).tolist()) for each in np.unique(size)]
     bounds = [
-        (sum((Fraction(counts[price], each) for each, counts in totals), Fraction(1))) / (len(sizes) + 1)
-        for price in range(len(losses))
+        (sum((Fraction(counts[multiplier], each) for each, counts in totals), Fraction(1))) / (len(sizes) + 1)
+        for multiplier in range(len(losses))
     ]
-    kept = [price for price, bound in enumerate(bounds) if bound <= exact_fraction(alpha)]
+    kept = [multiplier for multiplier, bound in enumerate(bounds) if bound <= exact_fraction(alpha)]
     refusal = _too_few(len(clusters), len(sizes), min_groups, min_clusters)
     if refusal is None and not kept:
         refusal = f"{len(sizes)} clusters cannot bound a rate of {alpha:g}: 1 / {len(sizes) + 1} is above it"
@@ -168,7 +168,7 @@ def learn_then_test(
 
 def _check(losses: Mask, clusters: Sequence[str], alpha: float) -> None:
     if losses.ndim != 2 or not len(losses) or losses.shape[1] != len(clusters):
-        raise ValueError(f"losses {list(losses.shape)} do not match {len(clusters)} groups: [prices, groups]")
+        raise ValueError(f"losses {list(losses.shape)} do not match {len(clusters)} groups: [multipliers, groups]")
     if losses[0].any():
         raise ValueError("the path starts with a violation; it must start at nominal, which has none")
     if not 0 < alpha < 1:
@@ -197,7 +197,7 @@ def _one_of_each(clusters: Sequence[str], groups: Sequence[str], seed: int) -> l
 
 GUARANTEE = (
     "Assume that the calibration route clusters and the cluster of a new group are exchangeable, and that predictor, "
-    "risk scores, utility, tolerance and price grid were fixed before any calibration outcome was read. Then the "
+    "risk scores, utility, tolerance and multiplier grid were fixed before any calibration outcome was read. Then the "
     "probability, over the calibration data and a group drawn at random from the new cluster among those in which "
     "every candidate has its separation and its utility, that the guarded selector takes an action of the fixed bank "
     "other than nominal whose recorded minimum separation is more than 0.25 m below the recorded nominal one is at "
@@ -215,13 +215,13 @@ CONDITIONAL = (
 )
 """What the average of `GUARANTEE` leaves open, printed after it.
 
-Clusters of 1 to 7 groups, normal latent risks with a correlation of 0, 0.4 and 0.8 within clusters, 30 or 100 prices
-along which the true rate of the envelope rises evenly from 0 to 0.2 or 0.5; 1,500 draws each.
+Clusters of 1 to 7 groups, normal latent risks with a correlation of 0, 0.4 and 0.8 within clusters, 30 or 100
+multipliers along which the true rate of the envelope rises evenly from 0 to 0.2 or 0.5; 1,500 draws each.
 """
 
 LEARN_THEN_TEST = (
     "Assume that the calibration route clusters are independent and distributed like the cluster of a new group, and "
-    "that predictor, risk scores, utility, tolerance and price grid were fixed before any calibration outcome was "
+    "that predictor, risk scores, utility, tolerance and multiplier grid were fixed before any calibration outcome was "
     "read. Then with probability at least 0.9 over calibration draws the rate of such selections by learn then test in "
     "new clusters is at most 0.05. The other limits are the same."
 )

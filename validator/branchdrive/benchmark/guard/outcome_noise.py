@@ -123,14 +123,14 @@ def outcome_noise(
             f"nominal {list(nominal.values.shape)}, repeats {list(repeats.values.shape)} and their {len(group_of)} "
             "groups do not match: [groups, targets], [repeats, targets] and [repeats]"
         )
-    known = nominal.available[group_of]
-    both = known & repeats.available
+    has_nominal = nominal.available[group_of]
+    both = has_nominal & repeats.available
     moved = np.where(both, repeats.values, 0.0) - np.where(both, nominal.values[group_of], 0.0)
     # In ascending order the sums of squares do not depend on the order of the repeats.
     order = np.lexsort((*np.abs(moved).T, group_of))
-    group_of, both, known, moved = group_of[order], both[order], known[order], moved[order]
+    group_of, both, has_nominal, moved = group_of[order], both[order], has_nominal[order], moved[order]
     available = repeats.available[order]
-    num_of, num_one_sided = _sums(both, group_of, nominal), _sums(known ^ available, group_of, nominal)
+    num_of, num_one_sided = _sums(both, group_of, nominal), _sums(has_nominal ^ available, group_of, nominal)
     most, squares = np.zeros(nominal.values.shape), _sums(moved**2, group_of, nominal)
     np.maximum.at(most, group_of, np.abs(moved))
     has = num_of > 0

@@ -1,4 +1,4 @@
-"""The selection path: from always nominal to the unguarded selector, one selection for every price of risk.
+"""The selection path: from always nominal to the unguarded selector, one selection for every multiplier.
 
 With predicted gain ``u_a - u_nominal`` and learned risk ``rho_a`` of a candidate, 0 both for nominal::
 
@@ -8,7 +8,7 @@ With predicted gain ``u_a - u_nominal`` and learned risk ``rho_a`` of a candidat
 
 Scores within ``1e-9 (1 + lambda)`` of the best are equally good, and the first of them is taken.
 
-The loss itself need not grow along the path, since a smaller price may swap one intervention for a
+The loss itself need not grow along the path, since a smaller multiplier may swap one intervention for a
 better one; the envelope does, and bounds it.
 
 Source: this project's choice; a linear program with a violation budget has this selector as its optimum.
@@ -51,7 +51,7 @@ __all__ = [
     "fit_margin",
     "margin_report",
     "margin_selection",
-    "price_grid",
+    "multiplier_grid",
     "selection_path",
     "violations",
 ]
@@ -68,42 +68,42 @@ _ABOVE, _BELOW = 30.0, 60.0
 
 
 class SelectionPath(NamedTuple):
-    """Selections by price.
+    """Selections by multiplier.
 
     Attributes:
-        prices: ``lambda``, falling from ``inf`` to 0, ``[prices]``.
-        selections: Chosen candidate ``[prices, groups]``.
+        multipliers: ``lambda``, falling from ``inf`` to 0, ``[multipliers]``.
+        selections: Chosen candidate ``[multipliers, groups]``.
     """
 
-    prices: Array
+    multipliers: Array
     selections: Indices
 
 
-def price_grid(dual_price: float, *, size: int = 100) -> tuple[float, ...]:
-    """Finite positive prices, falling evenly in their logarithm from 30 to 1/60 times the dual price, at least 0.01.
+def multiplier_grid(dual_multiplier: float, *, size: int = 100) -> tuple[float, ...]:
+    """Finite positive multipliers, falling evenly in their logarithm from 30 to 1/60 times the dual one, at least 0.01.
 
     A grid is made once, from training alone, and kept as data; the path adds ``inf`` and 0.
 
     Raises:
-        ValueError: The dual price is negative or no number, or the grid has fewer than two prices.
+        ValueError: The dual multiplier is negative or no number, or the grid has fewer than two multipliers.
     """
-    if not (0 <= dual_price < np.inf) or size < 2:
-        raise ValueError(f"no grid of {size} prices about {dual_price!r}")
-    centre = max(dual_price, _LEAST_CENTRE)
+    if not (0 <= dual_multiplier < np.inf) or size < 2:
+        raise ValueError(f"no grid of {size} multipliers about {dual_multiplier!r}")
+    centre = max(dual_multiplier, _LEAST_CENTRE)
     return tuple(np.geomspace(_ABOVE * centre, centre / _BELOW, size).tolist())
 
 
-def selection_path(gains: Array, risks: Array, prices: Sequence[float], *, nominal: int) -> SelectionPath:
-    """The selections at ``inf``, at every one of `prices` and at 0.
+def selection_path(gains: Array, risks: Array, multipliers: Sequence[float], *, nominal: int) -> SelectionPath:
+    """The selections at ``inf``, at every one of `multipliers` and at 0.
 
     Args:
         gains: Predicted utility minus that of nominal ``[groups, candidates]``.
         risks: Learned risk ``[groups, candidates]``, at least 0, and 0 for nominal.
-        prices: Finite, positive, falling.
+        multipliers: Finite, positive, falling.
         nominal: Place of the nominal candidate.
 
     Raises:
-        ValueError: Shapes differ, values are out of range, or the prices do not fall.
+        ValueError: Shapes differ, values are out of range, or the multipliers do not fall.
     """
     if gains.shape != risks.shape or gains.ndim != 2:
         raise ValueError(f"gains {list(gains.shape)} and risks {list(risks.shape)} are not both [groups, candidates]")
@@ -111,13 +111,13 @@ def selection_path(gains: Array, risks: Array, prices: Sequence[float], *, nomin
         raise ValueError("gains and risks are finite numbers, and risks at least 0")
     if (gains[:, nominal] != 0).any() or (risks[:, nominal] != 0).any():
         raise ValueError(f"candidate {nominal} is nominal and has neither gain nor risk")
-    inner = np.asarray(prices, np.float64)
+    inner = np.asarray(multipliers, np.float64)
     if not (np.isfinite(inner).all() and (inner > 0).all() and (np.diff(inner) < 0).all()):
-        raise ValueError("prices are finite and positive and fall along the path")
+        raise ValueError("multipliers are finite and positive and fall along the path")
     grid = np.concatenate(([np.inf], inner, [0.0]))
     selections = np.full((len(grid), len(gains)), nominal, np.intp)
-    for place, price in enumerate(grid[1:].tolist(), start=1):
-        selections[place] = choose(gains - price * risks, TIE * (1 + price))
+    for place, multiplier in enumerate(grid[1:].tolist(), start=1):
+        selections[place] = choose(gains - multiplier * risks, TIE * (1 + multiplier))
     return SelectionPath(grid, selections)
 
 
@@ -142,7 +142,7 @@ def violations(selections: Indices, separation_m: Array, *, nominal: int, tolera
 
 
 def envelope(losses: Mask) -> Mask:
-    """Whether any selection up to a price was a violation, ``[prices, groups]`` from the same."""
+    """Whether any selection up to a multiplier was a violation, ``[multipliers, groups]`` from the same."""
     return np.asarray(np.logical_or.accumulate(losses, axis=0))
 
 

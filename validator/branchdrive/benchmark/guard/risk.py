@@ -1,4 +1,4 @@
-"""Fitted risk as data: weights, scaling and price grids, all from out-of-fold training predictions.
+"""Fitted risk as data: weights, scaling and multiplier grids, all from out-of-fold training predictions.
 
 With features ``f``, standardised and clipped to 8::
 
@@ -41,7 +41,7 @@ __all__ = [
     "CLIP_SD",
     "FEATURES",
     "SEVERITY_M",
-    "PriceGrid",
+    "MultiplierGrid",
     "RiskFeature",
     "RiskFit",
     "guarded_path",
@@ -183,23 +183,23 @@ _K = len(FEATURES)
 _Weights = Annotated[tuple[_Number, ...], Field(min_length=_K, max_length=_K, strict=False)]
 
 
-class PriceGrid(BaseModel):
-    """Prices of risk for one profile.
+class MultiplierGrid(BaseModel):
+    """Multipliers of risk for one profile.
 
     Attributes:
-        dual_price: Of the violation budget in the knapsack over training groups.
-        prices: Finite, positive, falling; the path adds ``inf`` and 0.
+        dual_multiplier: Of the violation budget in the knapsack over training groups.
+        multipliers: Finite, positive, falling; the path adds ``inf`` and 0.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    dual_price: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    prices: Annotated[tuple[_Positive, ...], Field(min_length=2, max_length=1000, strict=False)]
+    dual_multiplier: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    multipliers: Annotated[tuple[_Positive, ...], Field(min_length=2, max_length=1000, strict=False)]
 
     @model_validator(mode="after")
     def _falls(self) -> Self:
-        if any(low >= high for high, low in pairwise(self.prices)):
-            raise ValueError("prices must fall")
+        if any(low >= high for high, low in pairwise(self.multipliers)):
+            raise ValueError("multipliers must fall")
         return self
 
 
@@ -216,7 +216,7 @@ class RiskFit(BaseModel):
         logistic_offset: ``b``.
         severity: ``v``, metres.
         severity_offset: ``c``, metres.
-        grids: Prices by name of the profile.
+        grids: Multipliers by name of the profile.
 
     Raises:
         pydantic.ValidationError: A number is out of range, a weight has the wrong sign, or features differ.
@@ -233,7 +233,7 @@ class RiskFit(BaseModel):
     logistic_offset: _Number
     severity: _Weights
     severity_offset: _Number
-    grids: Annotated[dict[str, PriceGrid], Field(min_length=1, max_length=64)]
+    grids: Annotated[dict[str, MultiplierGrid], Field(min_length=1, max_length=64)]
 
     @model_validator(mode="after")
     def _directions_hold(self) -> Self:
@@ -289,11 +289,11 @@ def guarded_path(
         ValueError: The fit has no grid of that profile, the shape is another, or a prediction is not finite.
     """
     if profile_name not in fit.grids:
-        raise ValueError(f"no price grid of the profile {profile_name!r}; there are {sorted(fit.grids)}")
+        raise ValueError(f"no multiplier grid of the profile {profile_name!r}; there are {sorted(fit.grids)}")
     risks = risk(fit, scalars, nominal=nominal)
     utilities = predicted_utility(scalars.mean(axis=0), scale, profile)
     gains = utilities - utilities[:, nominal, None]
-    return selection_path(gains, risks, fit.grids[profile_name].prices, nominal=nominal)
+    return selection_path(gains, risks, fit.grids[profile_name].multipliers, nominal=nominal)
 
 
 def _weighed(rows: Array, weights: Sequence[float]) -> Array:

@@ -217,13 +217,13 @@ def best_fixed(utilities: Array, among: Sequence[int] | None = None) -> int:
     Raises:
         ValueError: No group has all its utilities, or there is nothing to choose from.
     """
-    known = utilities[np.isfinite(utilities).all(axis=1)]
-    if not len(known):
+    complete = utilities[np.isfinite(utilities).all(axis=1)]
+    if not len(complete):
         raise ValueError(f"none of {len(utilities)} groups has all its utilities; a fixed candidate needs one")
     places = list(range(utilities.shape[1])) if among is None else sorted(among)
     if not places:
         raise ValueError("`among` is empty; name the candidates to choose from")
-    return places[int(choose(known.mean(axis=0)[places]))]
+    return places[int(choose(complete.mean(axis=0)[places]))]
 
 
 def _one_hot(chosen: Indices, num_candidates: int) -> Array:

@@ -49,10 +49,10 @@ def _profile_table(profile: Document, results: Document) -> Table:
         notes.append("The global margin is vacuous: it accepts no intervention in any group.")
     for name, title in (("conformal", "Selection-path conformal"), ("learn_then_test", "Learn then test")):
         found = profile[name]
-        price = "nominal alone" if found["price"] is None else f"price {found['price']:.4g}"
+        multiplier = "nominal alone" if found["multiplier"] is None else f"multiplier {found['multiplier']:.4g}"
         refused = "" if found["refusal"] is None else f" Not judged: {found['refusal']}."
         size = f"{found['num_groups']} groups in {found['num_clusters']} clusters"
-        notes.append(f"{title}: {price}, calibrated on {size}.{refused}")
+        notes.append(f"{title}: {multiplier}, calibrated on {size}.{refused}")
     notes.append(UNGUARDED)
     if (floor := noise_floor(results)) is not None:
         notes.append(floor)

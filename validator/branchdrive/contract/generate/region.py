@@ -137,9 +137,9 @@ def _encoding_region() -> str:
     bank = load_action_bank()
     matrix = encode_bank(bank)
     first_of_family = {policy.family: row for row, policy in reversed(list(enumerate(bank.policies)))}
-    shown = sorted(first_of_family.values())
-    rows = [[str(index), *(str(matrix[row, index]) for row in shown)] for index in range(ENCODING_WIDTH)]
-    table = grid(["index", *(f"`{bank.policies[row].key}`" for row in shown)], rows)
+    representatives = sorted(first_of_family.values())
+    rows = [[str(index), *(str(matrix[row, index]) for row in representatives)] for index in range(ENCODING_WIDTH)]
+    table = grid(["index", *(f"`{bank.policies[row].key}`" for row in representatives)], rows)
     return f"{table}\nSHA-256 of the whole matrix of the bank `{bank.name}`: `{encoding_digest(bank)}`.\n"
 
 

@@ -25,12 +25,12 @@ Array = NDArray[np.float64]
 
 def _certain(view: ShardView) -> dict[str, FrameRisk]:
     """Minimum per observation over the pairs that must count: those that no cut-off leaves open."""
-    return frame_risk(view.once(deciding_pairs), len(view.observations), -CUTOFF_SLACK)
+    return frame_risk(view.cached(deciding_pairs), len(view.observations), -CUTOFF_SLACK)
 
 
 def _open_candidates(view: ShardView) -> dict[str, tuple[Array, Mask]]:
     """Values and pairs that may count, those on a cut-off included."""
-    return risk_candidates(view.once(deciding_pairs), CUTOFF_SLACK)
+    return risk_candidates(view.cached(deciding_pairs), CUTOFF_SLACK)
 
 
 def _close(recorded: Array, computed: Array, tolerance: float) -> Mask:
@@ -41,14 +41,14 @@ def _close(recorded: Array, computed: Array, tolerance: float) -> Mask:
 
 def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Check:
     """Mask, value and actor of a minimum are those of the recorded boxes."""
-    evidence, pairs = view.stream("evidence"), view.once(deciding_pairs)
+    evidence, pairs = view.stream("evidence"), view.cached(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
     frame = view.observations.rows_of(evidence)
     rows = np.flatnonzero(frame >= 0)
     there = evidence[f"{name}_available"].astype(bool)
     recorded = evidence[column].astype(np.float64)
 
-    value, may_count = view.once(_open_candidates)[name]
+    value, may_count = view.cached(_open_candidates)[name]
     row_of = np.full(len(view.observations), -1)
     row_of[frame[rows]] = rows
     candidates = np.flatnonzero(may_count & (row_of[pairs.frame] >= 0))
@@ -58,7 +58,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
         fits &= evidence[f"{name}_actor_id"][owner] == pairs.actor_id[candidates]
     has_pair = np.zeros(len(evidence), bool)
     has_pair[owner[fits]] = True
-    certain = view.once(_certain)[name].value[frame[rows]]
+    certain = view.cached(_certain)[name].value[frame[rows]]
     is_least = _close(np.maximum(recorded[rows], certain), certain, tolerance) | ~np.isfinite(certain)
     sound = np.where(there[rows], has_pair[rows] & is_least, ~np.isfinite(certain))
     bad = np.zeros(len(evidence), bool)
@@ -109,7 +109,7 @@ def nearest_actors_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]
 
 def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
     """The recorded closing speed is that of a vehicle at the recorded gap."""
-    evidence, pairs = view.stream("evidence"), view.once(deciding_pairs)
+    evidence, pairs = view.stream("evidence"), view.cached(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
     frame = view.observations.rows_of(evidence)
     row_of = np.full(len(view.observations), -1)

@@ -56,25 +56,25 @@ def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects:
 def _column_codes(table: TableView, column: str) -> NDArray[np.int64]:
     values = table[column]
     if TABLES["rollouts"][column].type == "string":
-        codes, words = table.words(column)
-        first = {word: words.index(word) for word in set(words)}
-        return np.array([*(first[word] for word in words), -1], np.int64)[codes]
+        codes, texts = table.categories(column)
+        first = {text: texts.index(text) for text in set(texts)}
+        return np.array([*(first[text] for text in texts), -1], np.int64)[codes]
     if values.dtype == object:
         seen: dict[bytes, int] = {}
         return np.array([seen.setdefault((cell + 0.0).tobytes(), len(seen)) for cell in values], np.int64)
     return np.unique(values, return_inverse=True)[1].astype(np.int64)
 
 
-def _known_codes(_view: ShardView) -> dict[str, NDArray[np.int64]]:
+def _code_cache(_view: ShardView) -> dict[str, NDArray[np.int64]]:
     return {}
 
 
 def _codes(view: ShardView, column: str) -> NDArray[np.int64]:
     """Equal codes for equal values of a rollouts column; null is a value of its own, zeros have no sign."""
-    known = view.once(_known_codes)
-    if column not in known:
-        known[column] = np.where(view.rollouts.valid(column), _column_codes(view.rollouts, column), -1)
-    return known[column]
+    codes = view.cached(_code_cache)
+    if column not in codes:
+        codes[column] = np.where(view.rollouts.valid(column), _column_codes(view.rollouts, column), -1)
+    return codes[column]
 
 
 def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Iterator[Check]]:

@@ -109,9 +109,9 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         if name not in view:
             continue
         stream = view.stream(name)
-        known = stream.rollout >= 0
-        orphan = known & (observations.rows_of(stream) < 0)
-        repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & known
+        is_known = stream.rollout >= 0
+        orphan = is_known & (observations.rows_of(stream) < 0)
+        repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & is_known
         yield Check.of_rows(
             name,
             None,
@@ -147,8 +147,8 @@ def action_keys_agree_with_roles(view: ShardView) -> Iterator[Check]:
     bank = view.descriptor.action_bank
     nominal = list(bank.keys).index(bank.nominal.key)
     intervenes = view.role("intervention")
-    known = view.policy >= 0
-    bad = np.flatnonzero(~known | ((view.policy == nominal) == intervenes))
+    is_known = view.policy >= 0
+    bad = np.flatnonzero(~is_known | ((view.policy == nominal) == intervenes))
     yield Check.of_rows(
         "rollouts",
         "action_key",

@@ -18,9 +18,9 @@ def cameras_are_declared(view: ShardView) -> Iterator[Check]:
     """Every image names a camera of the descriptor."""
     if "frames" in view:
         frames = view.stream("frames")
-        codes, words = frames.words("camera")
+        codes, cameras = frames.categories("camera")
         declared = {camera.name for camera in view.descriptor.cameras}
-        unknown = np.array([word not in declared for word in words] + [False])
+        unknown = np.array([camera not in declared for camera in cameras] + [False])
         yield Check.of_rows(
             "frames",
             "camera",
@@ -47,10 +47,10 @@ def images_belong_to_observations(view: ShardView) -> Iterator[Check]:
     """One image per camera and saved observation."""
     if "frames" in view:
         frames = view.stream("frames")
-        known = frames.rollout >= 0
-        orphan = known & (view.observations.find(frames.rollout, frames.tick) < 0)
+        has_rollout = frames.rollout >= 0
+        orphan = has_rollout & (view.observations.find(frames.rollout, frames.tick) < 0)
         camera = np.unique(frames["camera"], return_inverse=True)[1]
-        repeated = frames.repeats_with(camera) & known
+        repeated = frames.repeats_with(camera) & has_rollout
         yield Check.of_rows(
             "frames",
             None,

@@ -86,18 +86,18 @@ def values_lie_in_range(view: Tables) -> Iterator[Check]:
         )
 
 
-def _words_fail(table: TableView, column: Column, accept: Callable[[str], bool]) -> NDArray[np.intp]:
-    codes, words = table.words(column.name)
-    rejected = np.array([not accept(word) for word in words] + [False])
+def _rejected_rows(table: TableView, column: Column, accept: Callable[[str], bool]) -> NDArray[np.intp]:
+    codes, categories = table.categories(column.name)
+    rejected = np.array([not accept(category) for category in categories] + [False])
     return np.flatnonzero(rejected[codes]) if rejected.any() else NONE
 
 
 @rule("BD-VAL-003")
-def words_belong_to_vocabulary(view: Tables) -> Iterator[Check]:
-    """Every word of an enumerated column is one that the column declares."""
+def categories_are_declared(view: Tables) -> Iterator[Check]:
+    """Every category of an enumerated column is one that the column declares."""
     for table, column in _columns(view, lambda c: bool(c.values)):
         vocabulary = set(column.values)
-        bad = _words_fail(table, column, vocabulary.__contains__)
+        bad = _rejected_rows(table, column, vocabulary.__contains__)
         yield Check.of_rows(
             table.name, column.name, len(table), bad, _describe(f"one of {list(column.values)}", table, column)
         )
@@ -113,7 +113,7 @@ def text_matches_pattern(view: Tables) -> Iterator[Check]:
     """Every text of a patterned column matches it from start to end."""
     for table, column in _columns(view, lambda c: c.pattern is not None):
         pattern = _pattern(str(column.pattern))
-        bad = _words_fail(table, column, lambda word, p=pattern: p.fullmatch(word) is not None)  # type: ignore[misc]
+        bad = _rejected_rows(table, column, lambda category, p=pattern: p.fullmatch(category) is not None)  # type: ignore[misc]
         expected = f"text like {PATTERNS[str(column.pattern)]}"
         yield Check.of_rows(table.name, column.name, len(table), bad, _describe(expected, table, column))
 

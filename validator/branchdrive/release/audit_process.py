@@ -24,7 +24,7 @@ from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.process import ONE_THREAD, child_environment, exit_after, python_command
 
-__all__ = ["AuditTask", "KnownParts", "audit_apart", "audit_here"]
+__all__ = ["AuditTask", "KnownParts", "audit_here", "audit_in_own_process"]
 
 
 class KnownParts(Protocol):
@@ -74,7 +74,7 @@ def audit_here(task: AuditTask, parts: KnownParts, progress: Progress | None = N
     )
 
 
-def audit_apart(task: AuditTask, parts: KnownParts, progress: Progress | None = None) -> dict[str, Any]:
+def audit_in_own_process(task: AuditTask, parts: KnownParts, progress: Progress | None = None) -> dict[str, Any]:
     """The audit as JSON, from a process of its own; the process ends when this call does, however it ends.
 
     Raises:
@@ -140,7 +140,7 @@ def _work(connection: Connection) -> None:
     try:
         task = connection.recv()
         try:
-            document = audit_here(task, _AskedParts(connection), lambda *told: connection.send(("progress", *told)))
+            document = audit_here(task, _AskedParts(connection), lambda *step: connection.send(("progress", *step)))
         except (EOFError, ConnectionError):
             raise
         except Exception as error:  # it is the parent's

@@ -23,8 +23,8 @@ from branchdrive.engine.worker import in_process
 from branchdrive.errors import ToolError
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 from branchdrive.leakage.replays import replay_inputs
-from branchdrive.release import apart
-from branchdrive.release.apart import AuditTask, audit_apart, audit_here
+from branchdrive.release import audit_process
+from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
 from branchdrive.release.layers import load_layers
 from branchdrive.release.scan import scan_raw
 
@@ -75,7 +75,7 @@ def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTa
     """A task on the groups of the built release."""
     scan = scan_raw(built, in_process)
     bank = scan.descriptor.action_bank
-    inputs = replay_inputs(scan.extract["replays"], load_layers(built, bank.keys).frames["group_quality"], bank)
+    inputs = replay_inputs(scan.rows["replays"], load_layers(built, bank.keys).frames["group_quality"], bank)
     return lambda classifier: AuditTask(inputs, 3, QUICK, classifier)
 
 
@@ -85,7 +85,7 @@ NOBODY = Unavailable("none in this test")
 def test_it_has_one_thread_whatever_the_environment_says(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.setenv(name, "2")
-    document = audit_apart(task_of(Teller()), Parts())
+    document = audit_in_own_process(task_of(Teller()), Parts())
     trained = [test["training"] for way in document["battery"]["ways"] for test in way["tests"] if test["training"]]
     assert trained == [{"num_epochs": 1, "best_epoch": 1}] * 6
     assert os.environ["OMP_NUM_THREADS"] == "2"
@@ -94,7 +94,7 @@ def test_it_has_one_thread_whatever_the_environment_says(task_of: Any, monkeypat
 def test_it_finds_what_an_audit_here_finds(task_of: Any) -> None:
     told: list[tuple[int, int, str]] = []
     parts, same = Parts(), Parts()
-    document = audit_apart(task_of(NOBODY), parts, lambda *step: told.append(step))
+    document = audit_in_own_process(task_of(NOBODY), parts, lambda *step: told.append(step))
     here = audit_here(task_of(NOBODY), same)
     assert [numbers(document), parts.keys()] == [pytest.approx(numbers(here), rel=1e-6, abs=1e-9), same.keys()]
     assert [step[2] for step in told] == [*parts, "done"]
@@ -112,25 +112,25 @@ def numbers(document: Any) -> list[float]:
 
 def test_a_known_part_is_not_computed(task_of: Any) -> None:
     parts = Parts()
-    document = audit_apart(task_of(NOBODY), parts)
+    document = audit_in_own_process(task_of(NOBODY), parts)
     parts["gate"] = {**parts["gate"], "reason": "known"}
-    again = audit_apart(task_of(NOBODY), parts)
+    again = audit_in_own_process(task_of(NOBODY), parts)
     assert again == {**document, "gate": parts["gate"]}
 
 
 def test_its_death_is_told(task_of: Any) -> None:
     with pytest.raises(ToolError, match="the process of the leakage audit died; give it more memory"):
-        audit_apart(task_of(Killer()), Parts())
+        audit_in_own_process(task_of(Killer()), Parts())
 
 
 def test_its_errors_are_the_callers(task_of: Any) -> None:
     with pytest.raises(ValueError, match="scores have shape"):
-        audit_apart(task_of(Failing()), Parts())
+        audit_in_own_process(task_of(Failing()), Parts())
 
 
 def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[int] = []
-    start = apart.subprocess.Popen
+    start = audit_process.subprocess.Popen
 
     def noted(*arguments: Any, **options: Any) -> Any:
         process = start(*arguments, **options)
@@ -140,9 +140,9 @@ def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.Monk
     def interrupt(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(apart.subprocess, "Popen", noted)
+    monkeypatch.setattr(audit_process.subprocess, "Popen", noted)
     with pytest.raises(KeyboardInterrupt):
-        audit_apart(task_of(NOBODY), Parts(), interrupt)
+        audit_in_own_process(task_of(NOBODY), Parts(), interrupt)
     (pid,) = started
     wait_for(lambda: not session_of(pid), timeout_s=5.0)
 
@@ -161,8 +161,9 @@ def test_it_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     told = tmp_path / "pid"
     script = (
         "from pathlib import Path\n"
-        "from tests.validator.release.test_apart import NOBODY, AuditTask, Endless, Parts, audit_apart\n"
-        f"audit_apart(AuditTask(Endless(Path({str(told)!r})), 3, None, NOBODY), Parts())\n"
+        "from tests.validator.release.test_audit_process import NOBODY, AuditTask, Endless, Parts\n"
+        "from branchdrive.release.audit_process import audit_in_own_process\n"
+        f"audit_in_own_process(AuditTask(Endless(Path({str(told)!r})), 3, None, NOBODY), Parts())\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
     wait_for(lambda: told.exists() and told.read_text() != "")
@@ -178,5 +179,5 @@ def test_it_runs_nothing_of_the_current_folder(task_of: Any, tmp_path: Path, mon
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", ["", ".", "packages", *sys.path])
     monkeypatch.setenv("PYTHONPATH", ":.:packages")
-    assert audit_apart(task_of(NOBODY), Parts())["gate"]
+    assert audit_in_own_process(task_of(NOBODY), Parts())["gate"]
     assert marks(tmp_path / "marks") == []

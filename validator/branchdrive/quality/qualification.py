@@ -27,7 +27,7 @@ from branchdrive.tables.view import StreamView
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
 
-__all__ = ["attempt_quality", "first_attempts", "group_standing", "nominal_replays"]
+__all__ = ["attempt_quality", "first_attempts", "group_quality", "nominal_replays"]
 
 Mask = NDArray[np.bool_]
 
@@ -37,14 +37,14 @@ _STAGE_COLUMNS = {
     "integrity_complete": "integrity",
     "eligible": "eligibility",
 }
-"""Stage of the funnel that each flag of the table `group_quality` tells of."""
+"""Stage of the funnel that each flag of the table `group_quality` stands for."""
 
 
 def attempt_quality(view: ShardView, examination: Examination) -> dict[str, Values]:
     """Quality of every attempt, ``[rollouts]``."""
     failed = [(rule_id, examination.failed[rule_id]) for rule_id in CATALOGUE if rule_id in examination.failed]
-    words = [" ".join(rule_id for rule_id, mask in failed if mask[i]) for i in range(view.num_rollouts)]
-    fails = np.array([bool(word) for word in words], bool)
+    failed_rules = [" ".join(rule_id for rule_id, mask in failed if mask[i]) for i in range(view.num_rollouts)]
+    fails = np.array([bool(rules) for rules in failed_rules], bool)
     branched = view.branched
     windows = {
         "missing_history_controls": _missing(view, "controls", range(-CONTROL_HISTORY_TICKS, 0)),
@@ -58,7 +58,7 @@ def attempt_quality(view: ShardView, examination: Examination) -> dict[str, Valu
         "group_id": view.rollouts["group_id"],
         "compliant": ~fails,
         "fails": fails,
-        "failed_rules": np.ma.masked_array(np.array(words, object), ~fails),
+        "failed_rules": np.ma.masked_array(np.array(failed_rules, object), ~fails),
         "has_branch": branched,
         **{name: np.ma.masked_array(count, ~branched) for name, count in windows.items()},
         **{
@@ -91,13 +91,13 @@ def nominal_replays(view: ShardView, examination: Examination) -> NDArray[np.int
     return np.flatnonzero(view.role("nominal_replay") & examination.complies & own & view.complete)
 
 
-def group_standing(view: ShardView, examination: Examination) -> dict[str, Values]:
-    """Standing of every group ``[groups]``: what one shard can tell of the table `group_quality`."""
+def group_quality(view: ShardView, examination: Examination) -> dict[str, Values]:
+    """Quality of every group ``[groups]``, as far as one shard decides the table `group_quality`."""
     stages = list(STAGES)
     reached = np.array(
-        [len(stages) if s.lost_at is None else stages.index(s.lost_at) for s in examination.standings], np.int64
+        [len(stages) if s.lost_at is None else stages.index(s.lost_at) for s in examination.outcomes], np.int64
     )
-    words = [" ".join(rule for rule in CATALOGUE if rule in s.rules) for s in examination.standings]
+    lost_rules = [" ".join(rule for rule in CATALOGUE if rule in s.rules) for s in examination.outcomes]
     lost = reached < len(stages)
     first = first_attempts(view, examination)
     replays = view.group[nominal_replays(view, examination)]
@@ -106,7 +106,7 @@ def group_standing(view: ShardView, examination: Examination) -> dict[str, Value
         **{column: view.rollouts[column][first] for column in ("scenario_type", "town", "route_id")},
         **{column: reached > stages.index(stage) for column, stage in _STAGE_COLUMNS.items()},
         "lost": lost,
-        "lost_rules": np.ma.masked_array(np.array(words, object), ~lost),
+        "lost_rules": np.ma.masked_array(np.array(lost_rules, object), ~lost),
         "num_nominal_replays": np.bincount(replays, minlength=len(view.group_ids)).astype(np.int32),
     }
 

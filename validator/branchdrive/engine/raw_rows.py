@@ -18,21 +18,21 @@ from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.inputs import inputs_of
 from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
+from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
-from branchdrive.quality.standing import attempt_quality, group_standing
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Frame
 
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
 
-__all__ = ["REPLAYS", "ROUTES", "extract_shard"]
+__all__ = ["REPLAYS", "ROUTES", "raw_rows_of"]
 
 REPLAYS = "replays"
 ROUTES = "routes"
 
 
-def extract_shard(view: ShardView, examination: Examination) -> dict[str, Frame]:
+def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
     """What the shard says, given which of its attempts and groups hold which rules.
 
     Args:
@@ -60,7 +60,7 @@ def extract_shard(view: ShardView, examination: Examination) -> dict[str, Frame]
         "records": records(view, examination),
         "attempts": attempts(view, examination),
         "attempt_quality": attempt_quality(view, examination),
-        "group_quality": group_standing(view, examination),
+        "group_quality": group_quality(view, examination),
         "pairs": paired,
         **inputs_of(view, nominals),
         "candidates": candidate_columns(view, executed, np.repeat(nominals, len(bank.policies))),
