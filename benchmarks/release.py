@@ -1,6 +1,6 @@
 """A release of the preset `benchmark`: collected or given, built stage by stage, validated, its leakage gate checked.
 
-Time and memory are those of processes that do nothing else; validation is held against reading, hashing and
+Time and memory are those of processes that do nothing else; validation is compared with reading, hashing and
 decoding the same files with as many workers.
 """
 
@@ -53,7 +53,7 @@ class ReleaseBench:
         num_groups: Groups to collect instead of the preset's.
         calibration: Least groups and clusters of the calibration partition.
         num_seeds: Seeds of the gate on shuffled rows.
-        repeats: Repeats of validation and of what it is held against.
+        repeats: Repeats of validation and of what it is compared with.
         jobs: Worker processes of every command.
     """
 
@@ -87,7 +87,7 @@ def rows(folder: Path, bench: ReleaseBench) -> Iterator[Row]:
 def _collected(root: Path, bench: ReleaseBench) -> Iterator[Row]:
     if bench.dataset is not None:
         if not bench.dataset.is_dir():
-            raise BranchDriveError(f"{str(bench.dataset)!r} is no folder")
+            raise BranchDriveError(f"{str(bench.dataset)!r} is not a folder")
         shutil.copytree(bench.dataset, root, ignore=shutil.ignore_patterns(*LAYERS))
         return
     groups = ("--groups", str(bench.num_groups)) if bench.num_groups else ()

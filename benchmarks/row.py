@@ -8,7 +8,7 @@ __all__ = ["Row"]
 
 
 class Row(NamedTuple):
-    """What was measured, what came out, and the bar it is held against; empty where there is none."""
+    """What was measured, what came out, and the bar it is compared with; empty where there is none."""
 
     what: str
     measured: str

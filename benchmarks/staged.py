@@ -1,7 +1,7 @@
 """A build with wall time and peak memory of each of its stages, in a process of its own.
 
 ``python -m benchmarks.staged DATASET GROUPS,CLUSTERS JOBS`` builds in place and prints the stages
-as JSON. Memory is read from `/proc`; the peak of the building process begins anew with every stage.
+as JSON. Memory is read from `/proc`; the peak of the building process begins again with every stage.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
 
 
 def test_a_build_that_fails_is_no_measurement(tmp_path: Path) -> None:
-    with pytest.raises(BranchDriveError, match="is no folder"):
+    with pytest.raises(BranchDriveError, match="is not a folder"):
         list(release.rows(tmp_path, ReleaseBench(tmp_path / "none")))
     (tmp_path / "empty").mkdir()
     with pytest.raises(BranchDriveError, match="the build ended with 1"):

@@ -87,4 +87,4 @@ def stored_document(workspace: Workspace, path: str) -> Any | None:
     content = workspace.read(path)
     if content is None:
         return None
-    return workspace.release.parsed(path, content, "delete it and lock anew")
+    return workspace.release.parsed(path, content, "delete it and lock again")

@@ -41,8 +41,8 @@ def fold_tasks(release: Release, protocol: BenchmarkProtocol) -> list[Task]:
     clusters = [str(release.clusters[group]) for group in groups]
     if len(set(clusters)) < NUM_FOLDS:
         raise UsageError(
-            f"{release.root}: {len(set(clusters))} route clusters in training make no {NUM_FOLDS} folds for the guard; "
-            "use `--no-guard`, or a release with more"
+            f"{release.root}: {len(set(clusters))} route clusters in training are too few for the "
+            f"{NUM_FOLDS} folds of the guard; use `--no-guard`, or a release with more"
         )
     number = cluster_folds(clusters, seed=FOLD_SEED)
     folds = [

@@ -124,5 +124,5 @@ def _lists(table: pa.Table, column: str) -> Values:
     if not pa.types.is_list(values.type) or values.null_count:
         raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected lists")
     if not pc.all(pc.equal(pc.list_value_length(values), FUTURE_OBSERVATIONS)).as_py():
-        raise DatasetError(f"column {column!r} holds a list that has not {FUTURE_OBSERVATIONS} values")
+        raise DatasetError(f"column {column!r} holds a list of another length, expected {FUTURE_OBSERVATIONS} values")
     return _numbers(pc.list_flatten(values), column)

@@ -1,6 +1,6 @@
 """How far outcomes move when nominal is repeated: targets of the nominal replays of training groups.
 
-Replays stand in the raw layer alone; which of them comply, the quality layer says. Where no raw layer is at hand,
+Replays stand in the raw layer alone; which of them comply, the quality layer says. Where no raw layer is available,
 or no training group has a replay with a whole window after its branch, the noise is unknown.
 
 Source: this project's choice, see `branchdrive.benchmark.guard.outcome_noise`.

@@ -1,6 +1,6 @@
 """The release that a benchmark is about: what its files are, under their digests.
 
-Only files of derived layers are read, so a detached release serves as well as one in place. They are held against
+Only files of derived layers are read, so a detached release serves as well as one in place. They are compared with
 the manifest first: a lock names digests, and they are to be those of the files that were used.
 """
 
@@ -26,7 +26,7 @@ from branchdrive.tables.arrow import from_arrow
 __all__ = ["Release", "open_release"]
 
 _READ = ("quality", "model", BENCHMARK)
-_REMEDY = "restore it, or run `branchdrive build` to make the derived layers anew"
+_REMEDY = "restore it, or run `branchdrive build` to make the derived layers again"
 
 
 @dataclass(frozen=True)

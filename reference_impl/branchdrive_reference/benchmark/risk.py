@@ -30,4 +30,4 @@ def waiting_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> RiskFit |
     try:
         return RiskFit.model_validate(record.get("risk_fit"))
     except ValidationError:
-        return None  # it is fitted anew
+        return None  # it is fitted again

@@ -43,7 +43,7 @@ def drop_stale(folder: Path, tasks: Sequence[Task]) -> int:
     """Delete what the folder holds of tasks as they were under another configuration or version, or damaged.
 
     Returns:
-        How many models are trained anew because of that.
+        How many models are trained again because of that.
     """
     stale = set()
     for task in tasks:

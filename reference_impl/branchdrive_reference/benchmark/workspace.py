@@ -101,7 +101,7 @@ def open_workspace(release: Release) -> Iterator[Workspace]:
     with lock_area(release.root):
         area = benchmark_area(release.root)
         if area.name.removeprefix("benchmark-") != release.manifest.identity[:16]:
-            raise DatasetError(f"{release.root}: was built anew meanwhile; run the command again")
+            raise DatasetError(f"{release.root}: was built again in the meantime; run the command again")
         make_private(area)
         workspace = Workspace(release, area)
         try:

@@ -73,7 +73,7 @@ def parse_faults(text: str, presets: Mapping[str, Mapping[str, float]]) -> dict[
         Rates by the name of the fault; those that are 0 are left out.
 
     Raises:
-        UsageError: A name is unknown or comes twice, or a rate is no number of 0 to 1.
+        UsageError: A name is unknown or comes twice, or a rate is not a number of 0 to 1.
     """
     if text == "none":
         return {}

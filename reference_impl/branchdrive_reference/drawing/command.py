@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     Raises:
         UsageError: The dataset is not finished or cannot be read, a named group, a wanted type or no group at all
-            can be drawn, or the output is no folder outside the dataset.
+            can be drawn, or the output is not a folder outside the dataset.
         PlatformError: The extra is not installed.
     """
     with extra("sim", "plots", of="`draw`"):

@@ -350,7 +350,7 @@ def _candidate_faults(candidate: Candidate) -> Iterator[str]:
     whose = f"of candidate {candidate.policy.key!r}"
     for name in ("x_m", "y_m", "yaw_rad", "speed_mps"):
         if not _are_numbers(getattr(candidate, name)):
-            yield f"`{name}` {whose} is no number at some tick"
+            yield f"`{name}` {whose} is not a number at some tick"
     if (candidate.separation_m < 0).any() or np.isinf(candidate.separation_m).any():
         yield f"`separation_m` {whose} is no distance at some tick"
 
@@ -358,7 +358,7 @@ def _candidate_faults(candidate: Candidate) -> Iterator[str]:
 def _actor_faults(actor: Actor) -> Iterator[str]:
     for name in ("x_m", "y_m", "yaw_rad", "vel_x_mps", "vel_y_mps"):
         if not _are_numbers(getattr(actor, name)):
-            yield f"`{name}` of actor {actor.actor_id} is no number at some tick"
+            yield f"`{name}` of actor {actor.actor_id} is not a number at some tick"
     if len(actor.x_m) > ACTIVE_TICKS + 1:
         yield f"actor {actor.actor_id} has {len(actor.x_m):,} poses in a future of {ACTIVE_TICKS} ticks"
     for name in ("length_m", "width_m"):

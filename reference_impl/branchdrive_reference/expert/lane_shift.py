@@ -152,7 +152,7 @@ def _keep_obstacle(plan: Records, bodies: Records, feet: Records) -> None:
         plan.end_m = plan.hold_m + length_m
     useful = is_obstacle(bodies[plan.obstacle])
     possible = _is_free(bodies, feet, plan.obstacle, plan.shift_m, plan.end_m)
-    # where a moving obstacle is met depends on the ego's speed, so a shift that has not begun is planned anew
+    # where a moving obstacle is met depends on the ego's speed, so a shift that has not begun is planned again
     outdated = foot.speed_mps > _STANDSTILL_MPS and ego.arc_m < plan.begin_m
     if ego.arc_m > plan.end_m or outdated or not (committed or (useful and possible)):
         plan.shift_m = 0.0

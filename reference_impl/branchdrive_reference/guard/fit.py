@@ -92,7 +92,7 @@ def fit_risk(
     if not violated.any() or violated.all():
         raise UsageError(
             f"{int(violated.sum())} of {violated.size} interventions of {len(separation)} training groups lose "
-            f"more than {tolerance_m:g} m of separation; a risk is learned from some that do and some that do not"
+            f"more than {tolerance_m:g} m of separation; learning a risk needs some that do and some that do not"
         )
     spread_m = seed_spread_m(found, nominal=nominal)
     features = risk_features(found, nominal=nominal, tolerance_m=tolerance_m, spread_m=spread_m)

@@ -114,10 +114,10 @@ def checkpoint_path(folder: Path, model: str, seed: int) -> Path:
     """Where the checkpoint of a model and a seed stands in a folder, and never outside of it.
 
     Raises:
-        UsageError: `model` is no name of a model, which has no separator of paths.
+        UsageError: `model` is not a name of a model, which has no separator of paths.
     """
     if not is_model_name(model):
-        raise UsageError(f"{model!r} is no name of a model; use up to 64 letters, digits, dots, dashes, underscores")
+        raise UsageError(f"{model!r} is not a name of a model; use up to 64 letters, digits, dots, dashes, underscores")
     return folder / f"{model}-seed{seed}.safetensors"
 
 
@@ -157,7 +157,7 @@ def read_checkpoint(path: str | Path, *, sha256: str | None = None) -> Checkpoin
         sha256: Digest that the file must have, as a lock has it.
 
     Raises:
-        DatasetError: It cannot be read, is no checkpoint or another one than the digest says, or does not fit its
+        DatasetError: It cannot be read, is not a checkpoint or another one than the digest says, or does not fit its
             configuration or this version of the code.
     """
     path = Path(path)
@@ -166,7 +166,7 @@ def read_checkpoint(path: str | Path, *, sha256: str | None = None) -> Checkpoin
         raise DatasetError(f"{path}: has the SHA-256 {file.sha256}, expected {sha256}; it was replaced")
     document = file.document
     if set(document) != _FIELDS or document["format"] != FORMAT:
-        raise DatasetError(f"{path}: is no checkpoint of the format {FORMAT!r}")
+        raise DatasetError(f"{path}: is not a checkpoint of the format {FORMAT!r}")
     try:
         configuration = Configuration.from_record(document["configuration"])
         origin = _provenance(document["provenance"], configuration)
@@ -191,7 +191,7 @@ def _provenance(record: Mapping[str, Any], configuration: Configuration) -> Prov
     }
     for name, value in expected.items():
         if record[name] != value:
-            raise DatasetError(f"its `{name}` is {record[name]!r}, expected {value!r}; train it anew")
+            raise DatasetError(f"its `{name}` is {record[name]!r}, expected {value!r}; train it again")
     return found
 
 
@@ -214,4 +214,4 @@ def _check_weights(tensors: Mapping[str, Tensor], configuration: Configuration, 
             found = f"{values.dtype} {list(values.shape)}"
             raise DatasetError(f"its tensor {name!r} is {found}, expected {wanted.dtype} {list(wanted.shape)}")
         if not bool(torch.isfinite(values).all()):
-            raise DatasetError(f"its tensor {name!r} holds a value that is no number")
+            raise DatasetError(f"its tensor {name!r} holds a value that is not a number")

@@ -198,11 +198,13 @@ class Configuration:
         except ValidationError as error:
             first = error.errors(include_url=False, include_context=False)[0]
             place = printable("".join(f"/{part}" for part in first["loc"])[:_MAX_PLACE]) or "/"
-            raise DatasetError(f"no model configuration: {place}: {first['msg']}") from error
+            raise DatasetError(f"not a valid model configuration: {place}: {first['msg']}") from error
         except (TypeError, ValueError) as error:
-            raise DatasetError(f"no model configuration: {str(error).splitlines()[0]}") from error
+            raise DatasetError(f"not a valid model configuration: {str(error).splitlines()[0]}") from error
         if dump_json(found.record) != dump_json(record):
-            raise DatasetError("no model configuration: write no null, and numbers as `64` and `1.0`, as others are")
+            raise DatasetError(
+                "not a valid model configuration: expected no null, and numbers written like `64` or `1.0`"
+            )
         return found
 
     @classmethod

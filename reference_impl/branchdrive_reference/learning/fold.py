@@ -36,13 +36,13 @@ def open_fold(release: ModelLayer | str | Path, fold: Fold) -> ModelLayer:
     """The model layer of a release with the groups of `fold` in the partition `HELD_OUT` instead of ``train``.
 
     Raises:
-        UsageError: A group of the fold is no training group.
+        UsageError: A group of the fold is not a training group.
         DatasetError: As `open_model`.
     """
     layer = release if isinstance(release, ModelLayer) else open_model(release)
     strange = sorted(set(fold.groups) - set(layer.groups("train")))
     if strange:
-        raise UsageError(f"{layer.root}: fold {fold.number} holds out {strange[0]!r}, which is no training group")
+        raise UsageError(f"{layer.root}: fold {fold.number} holds out {strange[0]!r}, which is not a training group")
     return _FoldLayer(layer, fold)
 
 

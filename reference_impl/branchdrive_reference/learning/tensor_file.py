@@ -77,9 +77,9 @@ def read_tensors(path: Path) -> TensorFile:
             "digest": _digest(document, tensors),
         }
     except (LookupError, TypeError, ValueError, RuntimeError, safetensors.SafetensorError) as error:
-        raise DatasetError(f"{path}: no tensors of this project ({_line(error)})") from error
+        raise DatasetError(f"{path}: not a tensor file of BranchDrive ({_line(error)})") from error
     if not is_whole:
-        raise DatasetError(f"{path}: its content is not the one that was written; make it anew")
+        raise DatasetError(f"{path}: its content was changed after it was written; make it again")
     return TensorFile(document, tensors, hashlib.sha256(content).hexdigest())
 
 

@@ -108,8 +108,8 @@ def train_model(
         on_epoch: Called after every epoch; what it raises is passed on once the state is written.
 
     Raises:
-        UsageError: There is no training or validation group, no such device, the seed is none, the loss is no number,
-            or the folder holds a checkpoint of the same name that was trained otherwise.
+        UsageError: There is no training or validation group, no such device, the seed is none, the loss is not a
+            number, or the folder holds a checkpoint of the same name that was trained otherwise.
         DatasetError: The release, or what the folder holds of the training, cannot be read.
     """
     layer = release if isinstance(release, ModelLayer) else open_model(release)
@@ -197,7 +197,7 @@ def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], job:
             val_loss = float(_loss(network, data["val"], config))
         if not (math.isfinite(train_loss) and math.isfinite(val_loss)):
             raise UsageError(
-                f"{job.provenance.model}, seed {seed}: the loss of epoch {state.epoch + 1} is no number; "
+                f"{job.provenance.model}, seed {seed}: the loss of epoch {state.epoch + 1} is not a number; "
                 f"`learning_rate` is {config.learning_rate}, take a smaller one"
             )
         state.curve = Curve((*state.curve.train, train_loss), (*state.curve.val, val_loss))

@@ -78,17 +78,19 @@ def read_state(path: Path, state: TrainingState, provenance: Provenance, environ
     try:
         curve = Curve.from_record(file.document["curve"])
         if file.document != _document(curve, provenance, environment):
-            raise DatasetError("it is of another configuration, release, version or device; delete it to start anew")
+            raise DatasetError(
+                "it belongs to another configuration, release, version or device; delete it to start again"
+            )
         state.network.load_state_dict(_part(file.tensors, "network"))
         state.best = _part(file.tensors, "best")
         if state.best.keys() != state.network.state_dict().keys():
-            raise DatasetError("its best weights are not those of the model; delete it to start anew")
+            raise DatasetError("its best weights do not fit the model; delete it to start again")
         for name, moments in state.optimizer.moments.items():
             found = _part(file.tensors, name)
             for place, moment in enumerate(moments):
                 moment.copy_(found[str(place)])
     except (AttributeError, LookupError, RuntimeError, TypeError, ValueError, DatasetError) as error:
-        raise DatasetError(f"{path}: no state to go on from: {str(error).splitlines()[0]}") from error
+        raise DatasetError(f"{path}: training cannot be resumed from it: {str(error).splitlines()[0]}") from error
     state.curve = curve
 
 

@@ -3,7 +3,7 @@
 All bodies are dynamic, so that momentum is shared at the very first touch; who is driven along a
 track gets its pose and velocity written before every step and is released for good when it is hit.
 Poses and velocities go in and come out in one batch each; pymunk visits dynamic bodies in insertion
-order, which is checked once. The space is built anew for every rollout: a copied one is not exact once
+order, which is checked once. The space is built again for every rollout: a copied one is not exact once
 contacts are cached.
 """
 

@@ -199,7 +199,7 @@ def test_figures_that_cannot_be_drawn_open_nothing(benchmarked: Path) -> None:
 def test_options_go_together(done: Path, tmp_path: Path) -> None:
     file = tmp_path / "mine.parquet"
     for arguments, message in (
-        (["--predictions", file], "go together"),
+        (["--predictions", file], "need each other"),
         (["--output", tmp_path], "goes with `--predictions`"),
         (["--predictions", file, "--name", "M3"], "is a model of the protocol"),
         (["--predictions", file, "--name", "M5"], "is a model of the protocol"),

@@ -67,5 +67,5 @@ def test_a_lock_of_another_release_is_refused(benchmarked: Path, tmp_path: Path)
 
 def test_a_protocol_that_is_none_is_refused(release: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text('{"name": "x"}')
-    with pytest.raises(UsageError, match=r"bad.json: no benchmark protocol"):
+    with pytest.raises(UsageError, match=r"bad.json: not a valid benchmark protocol"):
         invoke("train", release, "--protocol", tmp_path / "bad.json")

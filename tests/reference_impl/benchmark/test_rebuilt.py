@@ -1,4 +1,4 @@
-"""A release that is built anew is another one, and what its benchmark accessed stays on record."""
+"""A release that is built again is another one, and what its benchmark accessed stays on record."""
 
 from __future__ import annotations
 

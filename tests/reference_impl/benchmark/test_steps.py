@@ -99,7 +99,7 @@ def test_what_another_protocol_changes_is_trained_anew(benchmarked: Path, tmp_pa
     document["profiles"][0] |= {"separation": 0.2, "displacement": 0.6, "comfort": 0.2}
     (tmp_path / "other.json").write_text(json.dumps(document))
     said = invoke("train", benchmarked, "--protocol", tmp_path / "other.json")
-    assert "10 folds and the risk of the guard" in said and "; 2 anew, which were of another configuration" in said
+    assert "10 folds and the risk of the guard" in said and "; 2 trained again, because their configuration" in said
     invoke("benchmark", benchmarked, "--no-figures")
     after = contents(benchmarked / "benchmark")
     changed = {path for path in before if path.endswith("safetensors") and before[path] != after[path]}

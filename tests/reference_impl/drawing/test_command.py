@@ -164,7 +164,7 @@ def test_wrong_usage_is_one_line(invented: Path, tmp_path: Path, arguments: list
 def test_an_output_that_is_a_file_is_refused(invented: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     code, _, err = draw(invented, "--output", tmp_path / "file")
-    assert code == 2 and "is no folder" in err
+    assert code == 2 and "is not a folder" in err
     assert (tmp_path / "file").read_text() == "mine"
 
 

@@ -33,7 +33,7 @@ from branchdrive_reference.learning.provenance import Provenance
 from branchdrive_reference.learning.tensor_file import MAX_BYTES, read_tensors, write_tensors
 
 CONFIGURATION = small()
-REFUSED = r"no tensors of this project|not the one that was written"
+REFUSED = r"not a tensor file of BranchDrive|changed after it was written"
 ORIGIN = Provenance("M3", 11, CONFIGURATION.digest, "ab" * 32, "cd" * 32, "ef" * 32, "01" * 32)
 
 
@@ -133,7 +133,7 @@ def test_a_file_that_is_cut_or_too_long_is_refused(path: Path) -> None:
     content = path.read_bytes()
     for changed in (content[:-1], content + b"\0"):
         path.write_bytes(changed)
-        with pytest.raises(DatasetError, match="no tensors of this project"):
+        with pytest.raises(DatasetError, match="not a tensor file of BranchDrive"):
             read_checkpoint(path)
 
 
@@ -157,7 +157,7 @@ def test_a_link_is_not_followed(path: Path) -> None:
         ({"provenance": {**ORIGIN.record, "data_digest": [1]}}, r"`data_digest` is \[1\]"),
         ({"provenance": {"model": "M3"}}, "missing 6 required positional arguments"),
         ({"configuration": small(patience=3).record}, "`config_digest` is "),
-        ({"configuration": {}}, "no model configuration"),
+        ({"configuration": {}}, "not a valid model configuration"),
         ({"curve": {"train": [1.0], "val": []}}, "no pair of equally many losses"),
         ({"num_action_features": 30}, "tensor 'bank.layers.0.weight' is "),
         *(({"num_action_features": size}, "`num_action_features` is ") for size in (2**62, 0, -1, "29", True)),
@@ -189,7 +189,7 @@ def test_the_largest_model_can_be_read_again_while_it_is_trained() -> None:
 
 @pytest.mark.parametrize("name", ["../../x/pwn", "a/b", "/etc/M3", "..", "", "M3\n"])
 def test_no_checkpoint_stands_outside_of_its_folder(tmp_path: Path, name: str) -> None:
-    with pytest.raises(UsageError, match="is no name of a model"):
+    with pytest.raises(UsageError, match="is not a name of a model"):
         checkpoint_path(tmp_path, name, 11)
 
 
@@ -198,7 +198,7 @@ def test_tensors_that_do_not_fit_are_refused(path: Path) -> None:
     for name, values, message in (
         ("decoder.bias", torch.ones(8), r"torch.float32 \[8\], expected torch.float32 \[9\]"),
         ("decoder.bias", good["decoder.bias"].double(), r"torch.float64 \[9\], expected"),
-        ("decoder.bias", torch.full((9,), torch.nan), "holds a value that is no number"),
+        ("decoder.bias", torch.full((9,), torch.nan), "holds a value that is not a number"),
         ("decoder.more", torch.ones(9), "'decoder.more' is missing or too many"),
     ):
         with pytest.raises(DatasetError, match=message):

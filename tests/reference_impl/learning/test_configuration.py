@@ -62,7 +62,7 @@ def test_training_is_that_of_the_paper() -> None:
          "whole number"],
 )  # fmt: skip
 def test_other_records_are_refused(change: dict[str, Any], words: str) -> None:
-    with pytest.raises(DatasetError, match=f"no model configuration: .*{words}"):
+    with pytest.raises(DatasetError, match=f"not a valid model configuration: .*{words}"):
         Configuration.from_record({**M3, **change})
 
 
@@ -98,7 +98,7 @@ def test_values_out_of_range_are_refused_where_they_stand(place: str, value: Any
     for folder in folders:
         part = part[folder]
     part[name] = value
-    with pytest.raises(DatasetError, match=f"no model configuration: /{place.replace('.', '/')}: "):
+    with pytest.raises(DatasetError, match=f"not a valid model configuration: /{place.replace('.', '/')}: "):
         Configuration.from_record(record)
 
 
@@ -115,7 +115,7 @@ def test_ends_of_the_ranges_are_accepted() -> None:
 def test_an_error_of_a_declared_model_names_it() -> None:
     declared = default_protocol().models[3]
     other = declared.model_copy(update={"configuration": {"model": {}}})
-    with pytest.raises(DatasetError, match=r"^model 'M3': no model configuration: /"):
+    with pytest.raises(DatasetError, match=r"^model 'M3': not a valid model configuration: /"):
         Configuration.of(other)
 
 

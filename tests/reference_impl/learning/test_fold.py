@@ -24,7 +24,7 @@ def test_its_groups_are_no_training_groups(release: Path) -> None:
     assert layer.groups("val") == whole.groups("val")
     assert layer.groups() == whole.groups()
     np.testing.assert_array_equal(layer.targets("train").trajectories, whole.targets("train").trajectories[[0, 2]])
-    with pytest.raises(UsageError, match="fold 1 holds out 'g4', which is no training group"):
+    with pytest.raises(UsageError, match="fold 1 holds out 'g4', which is not a training group"):
         open_fold(release, Fold(1, ("g2", "g4")))
 
 

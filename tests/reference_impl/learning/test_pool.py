@@ -37,7 +37,7 @@ def test_models_that_are_there_start_no_process(release: Path, tmp_path: Path, m
 def test_an_error_in_one_process_stops_the_others(release: Path, tmp_path: Path) -> None:
     endless = small("M3", max_epochs=10**7, patience=10**7)
     tasks = [Task(endless, 11), Task(small("M1", learning_rate=1e38, warmup_epochs=1), 11)]
-    with pytest.raises(UsageError, match=r"M1, seed 11: the loss of epoch \d is no number"):
+    with pytest.raises(UsageError, match=r"M1, seed 11: the loss of epoch \d is not a number"):
         train_models(release, tmp_path, tasks, jobs=2)
     assert {path.name for path in tmp_path.iterdir()} <= {"M3-seed11.training"}
 

@@ -146,7 +146,7 @@ def test_a_damaged_state_is_refused(release: Path, tmp_path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[-3] ^= 1
     path.write_bytes(content)
-    with pytest.raises(DatasetError, match="not the one that was written"):
+    with pytest.raises(DatasetError, match="changed after it was written"):
         train_model(release, tmp_path, SMALL["M1"], seed=11)
 
 
@@ -168,7 +168,7 @@ def test_the_provenance_is_that_of_the_release(release: Path, tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", ["M1", "M2", "M3"])
 def test_a_loss_that_is_no_number_ends_a_training(release: Path, tmp_path: Path, name: str) -> None:
-    with pytest.raises(UsageError, match=rf"{name}, seed 11: the loss of epoch \d is no number; `learning_rate` is"):
+    with pytest.raises(UsageError, match=rf"{name}, seed 11: the loss of epoch \d is not a number; `learning_rate` is"):
         train_model(release, tmp_path, small(name, learning_rate=1e38, warmup_epochs=1), seed=11)
 
 

@@ -100,7 +100,7 @@ def test_without_evidence_the_text_says_what_is_unknown(tmp_path: Path) -> None:
         ("dataset/raw", "holds no finished dataset: there is no 'branchdrive.json'"),
         ("dataset/branchdrive.json", "holds no finished dataset: there is no 'branchdrive.json'"),
         ("unsealed", "holds no finished dataset: there is no 'MANIFEST.sha256'"),
-        ("no descriptor", "is no descriptor"),
+        ("no descriptor", "is not a descriptor"),
         ("empty", "holds no branch group"),
         ("damaged", "does not decode"),
     ],

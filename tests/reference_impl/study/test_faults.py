@@ -87,7 +87,7 @@ FAULTS: dict[str, tuple[Mapping[str, Edit], int, int]] = {
     "no evidence at all": ({"evidence": lambda table: table[:0]}, 1, 2),
     "no actors at all": ({"actors": lambda table: table[:0]}, 1, 2),
     "no rollouts in a shard": ({"rollouts": lambda table: table[:0]}, 1, 0),
-    "a place that is no number": (
+    "a place that is not a number": (
         {"observations": replaced("x_m", {BRAKE: float("nan")}, rows_at(BRAKE, BRANCH_TICK + 5))}, 2, 0,
     ),
     "a speed beyond all numbers": ({"observations": replaced("speed_mps", {BRAKE: float("inf")})}, 2, 0),

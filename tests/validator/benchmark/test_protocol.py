@@ -128,7 +128,7 @@ def test_contradictions_are_refused(change: Any, words: str) -> None:
     wrong = document()
     change(wrong)
     assert words in str(protocol_problem(wrong))
-    with pytest.raises(DatasetError, match="no benchmark protocol"):
+    with pytest.raises(DatasetError, match="not a valid benchmark protocol"):
         read_protocol(wrong)
 
 

@@ -57,9 +57,9 @@ def test_a_folder_that_holds_no_dataset_may_be_written_to(tmp_path: Path) -> Non
         ("nowhere/report", False, "nowhere' does not exist"),
         ("d", False, "is a folder; name a file"),
         ("file/report", False, "file' does not exist"),
-        ("file", True, "is no folder"),
-        ("file/new", True, "is no folder"),
-        ("lost", True, "is no folder"),
+        ("file", True, "is not a folder"),
+        ("file/new", True, "is not a folder"),
+        ("lost", True, "is not a folder"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused(dataset: Path, place: str, is_folder: bool, told: str) -> None:

@@ -40,5 +40,5 @@ def test_a_device_and_a_link_are_not_written_over(incomplete: str, tmp_path: Pat
         line = f"{incomplete} --output {place}"
         run = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
         assert run.returncode == 2
-        assert run.stderr.count("\n") == 1 and "is no regular file" in run.stderr
+        assert run.stderr.count("\n") == 1 and "is not a regular file" in run.stderr
     assert (tmp_path / "link").is_symlink()

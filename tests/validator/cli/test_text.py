@@ -149,7 +149,7 @@ def test_waivers_are_printed(tmp_path: Path) -> None:
 def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
     text = shown(validate(valid_root, hash_files=False, ignore=["BD-CTL", "BD-DOC-004"]))
     assert "Funnel: not judged" in text
-    assert "skipped: digests are off - BD-LAY-002" in text
+    assert "skipped: digests were not computed - BD-LAY-002" in text
     assert "skipped: deselected - BD-DOC-004, BD-CTL-001, BD-CTL-002, BD-CTL-003, BD-CTL-004, BD-CTL-005 and" in text
     assert "Verdict: partial - nothing wrong was found, but not everything was judged" in text
 

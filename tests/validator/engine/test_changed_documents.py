@@ -1,7 +1,7 @@
 """Documents of strangers: one that conforms to its schema ends in a verdict, whatever else it says.
 
 Every document of a release is changed at one place: a key or an entry is removed, a value is replaced, a list is
-turned around or lengthened. A change that breaks the schema is the matter of one rule and must be seen as such; any
+turned around or lengthened. A change that breaks the schema is checked by one rule and must be seen as such; any
 other reaches the rules that read the document, the card, the tables and the readers, none of which may fail on it.
 """
 

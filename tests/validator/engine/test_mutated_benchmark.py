@@ -41,7 +41,7 @@ def originals() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A valid release with a benchmark, whose documents are written anew by every case."""
+    """A valid release with a benchmark, whose documents are written again by every case."""
     return BenchmarkDraft().write(tmp_path_factory.mktemp("mutated") / "dataset")
 
 

@@ -40,12 +40,12 @@ def test_entries_become_waivers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"rule": "BD-XXX-999"}, "'BD-XXX-999' is no structure or claim rule"),
-        ({"rule": "BD-CTL-008"}, "'BD-CTL-008' is no structure or claim rule; others need no waiver"),
+        ({"rule": "BD-XXX-999"}, "'BD-XXX-999' is not a structure or claim rule"),
+        ({"rule": "BD-CTL-008"}, "'BD-CTL-008' is not a structure or claim rule; others need no waiver"),
         ({"rule": "everything"}, "/waivers/0/rule: expected pattern"),
         ({"location": ""}, "/waivers/0/location: expected minLength 1"),
         ({"reason": "because"}, "/waivers/0/reason: expected minLength 10"),
-        ({"expires": "2026-02-30"}, "'2026-02-30' is no date"),
+        ({"expires": "2026-02-30"}, "'2026-02-30' is not a date"),
         ({"expires": "soon"}, "/waivers/0/expires: expected pattern"),
         ({"expires": None}, "/waivers/0/expires: expected type 'string', found None"),
         ({"max_count": 0}, "/waivers/0/max_count: expected minimum 1, found 0"),
@@ -90,7 +90,7 @@ def test_rules_that_decide_and_no_others_can_be_waived(rule_id: str, tmp_path: P
     if CATALOGUE[rule_id].decides:
         assert load_waivers(path)[0].rule == rule_id
     else:
-        with pytest.raises(UsageError, match="is no structure or claim rule"):
+        with pytest.raises(UsageError, match="is not a structure or claim rule"):
             load_waivers(path)
 
 

@@ -69,8 +69,8 @@ def test_a_file_that_the_user_names_may_lie_anywhere(root: Path) -> None:
     ("path", "message"),
     [
         ("none", "does not exist"),
-        ("raw", "is no regular file"),
-        ("raw/fifo", "is no regular file"),
+        ("raw", "is not a regular file"),
+        ("raw/fifo", "is not a regular file"),
         ("raw/plain/x", "cannot be opened"),
         ("nul\0", "cannot be opened"),
         ("raw/plain", "more than 6 bytes"),

@@ -320,5 +320,5 @@ def test_a_dataset_without_a_model_layer_names_the_command(tmp_path: Path) -> No
     write_dataset(tmp_path / "dataset", base_tables(), descriptor())
     with pytest.raises(DatasetError, match=r"layers \['raw'\] and no model layer; run `branchdrive build`"):
         open_model(tmp_path / "dataset")
-    with pytest.raises(DatasetError, match="is no folder"):
+    with pytest.raises(DatasetError, match="is not a folder"):
         open_model(tmp_path / "nothing")

@@ -83,7 +83,7 @@ INVALID: dict[str, tuple[Any, str]] = {
     "two lines": ([{**LOST, "title": "a\nb"}], "`title` must be one printable line"),
     "no condition": ([{**LOST, "where": {}}], "at least one column"),
     "no truth value": ([{**LOST, "where": {"eligible": 1}}], "true or false"),
-    "no flag": ([{**LOST, "where": {"town": True}}], "are no flags of `group_quality`"),
+    "no flag": ([{**LOST, "where": {"town": True}}], "are not flags of `group_quality`"),
     "the same name": ([LOST, LOST], "variant 1: the name 'lost' is taken"),
     **{name: ([{**LOST, "name": name}], "is taken") for name in RESERVED},
 }

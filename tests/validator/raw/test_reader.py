@@ -133,9 +133,9 @@ def _second_home(root: Path) -> None:
 
 
 DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "no folder": (lambda root: shutil.rmtree(root), "is no folder"),
+    "no folder": (lambda root: shutil.rmtree(root), "is not a folder"),
     "no descriptor": (lambda root: (root / "branchdrive.json").unlink(), "'branchdrive.json' does not exist"),
-    "descriptor is no JSON": (lambda root: (root / "branchdrive.json").write_text("{"), "is no descriptor"),
+    "descriptor is no JSON": (lambda root: (root / "branchdrive.json").write_text("{"), "is not a descriptor"),
     "descriptor is deep": (lambda root: (root / "branchdrive.json").write_text("[" * 100_000), "nests deeper"),
     "descriptor is wrong": (lambda root: (root / "branchdrive.json").write_text("{}"), "dataset_id: Field required"),
     "descriptor is a link": (lambda root: _link(root / "branchdrive.json"), "without following links"),

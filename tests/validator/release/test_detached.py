@@ -16,7 +16,7 @@ from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.worker import in_process
 
-NAME_RAW = "the raw layer is not at hand; name its dataset with --raw"
+NAME_RAW = "the raw layer is not available; give its dataset with --raw"
 
 
 @pytest.fixture(autouse=True)

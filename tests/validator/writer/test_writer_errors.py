@@ -261,9 +261,9 @@ TABLE: dict[str, tuple[Callable[[Scene], object], type[BranchDriveError], str]] 
     # datasets
     "a second writer": (writer_at("dataset", PLAIN), MISUSED, "another `DatasetWriter` has"),
     "another descriptor": (writer_at("dataset", OTHER), MISUSED, r"\(dataset_id is '.*', not 'other'\)"),
-    "a damaged descriptor": (damaged_descriptor, DatasetError, "is no descriptor"),
+    "a damaged descriptor": (damaged_descriptor, DatasetError, "is not a descriptor"),
     "no descriptor": (writer_at("new", cast(Descriptor, {})), MISUSED, "must be a `Descriptor`, found dict"),
-    "a file for a folder": (writer_at("dataset/branchdrive.json", PLAIN), MISUSED, "is no folder"),
+    "a file for a folder": (writer_at("dataset/branchdrive.json", PLAIN), MISUSED, "is not a folder"),
     "another shard size": (other_shard_size, MISUSED, "has 2 groups per shard, not 3; pass 2"),
     "a foreign folder": (foreign_folder, MISUSED, "not empty and holds no dataset"),
     "no place in a shard": (writer_at("new", PLAIN, groups_per_shard=0), MISUSED, "at least 1, found 0"),

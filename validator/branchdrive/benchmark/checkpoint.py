@@ -117,7 +117,7 @@ def _check_tensors(entries: Mapping[str, Any], num_bytes: int) -> None:
         if len(shape) > _MAX_RANK:
             raise ValueError(f"the tensor {name!r} has {len(shape)} axes; the limit is {_MAX_RANK}")
         if not all(type(number) is int and number >= 0 for number in numbers):
-            raise ValueError(f"the shape or place of the tensor {name!r} is no list of numbers")
+            raise ValueError(f"the shape or place of the tensor {name!r} is not a list of numbers")
         if end - begin != math.prod(shape) * _ITEM_BYTES[kind]:
             raise ValueError(f"the tensor {name!r} does not have the bytes of its shape")
         places.append((begin, end))

@@ -75,7 +75,7 @@ class BenchmarkData:
         """Data of the frames of the tables `TABLES` of a model layer.
 
         Raises:
-            DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is no number.
+            DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is not a number.
         """
         contexts = frames["contexts"]
         rows = zip(

@@ -32,7 +32,7 @@ def prediction_mismatches(
 ) -> Iterator[Mismatch]:
     """What is wrong with the tables `TABLES`; at most one mismatch of a kind for each model, seed and table.
 
-    The location of a mismatch has its table and the key of its row: what is no number has its column too, seeds of a
+    The location of a mismatch has its table and the key of its row: what is not a number has its column too, seeds of a
     model have the model alone, and too many models and seeds have neither; nothing else is examined then.
 
     A partition is predicted where it has any row. With a protocol, its models have their seeds and predict every

@@ -92,7 +92,7 @@ class PredictionSet:
         """Predictions of the tables `TABLES`.
 
         Raises:
-            DatasetError: A bank is not complete, a row is of no group or candidate, or a value is no number.
+            DatasetError: A bank is not complete, a row is of no group or candidate, or a value is not a number.
         """
         for wrong in prediction_mismatches(frames, data):
             raise DatasetError(mismatch_text(wrong))

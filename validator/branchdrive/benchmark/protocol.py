@@ -280,7 +280,7 @@ def read_protocol(document: Any) -> BenchmarkProtocol:
     """
     found = _judged(document)
     if isinstance(found, str):
-        raise DatasetError(f"no benchmark protocol: {found}")
+        raise DatasetError(f"not a valid benchmark protocol: {found}")
     return found
 
 

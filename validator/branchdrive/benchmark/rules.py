@@ -75,7 +75,7 @@ def checkpoints_are_the_locked_ones(view: ReleaseView) -> Iterator[Check]:
     """Every locked checkpoint is there with the digest of the lock, and no other."""
     entries = lock_of(view)["checkpoints"]
     if not view.digests:
-        raise PreconditionError("digests are off")
+        raise PreconditionError("digests were not computed")
     found = layer_files(view)
     mismatches = [
         Mismatch(

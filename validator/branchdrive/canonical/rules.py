@@ -107,7 +107,7 @@ def records_repeat_their_attempt(view: ReleaseView) -> Iterator[Check]:
 def records_state_control_semantics(view: ReleaseView) -> Iterator[Check]:
     """Family, magnitude, duration, rules and recovery of a record are those of the bank's policy.
 
-    A record of another action is one too many, which is not told again where the raw layer is at hand.
+    A record of another action is one too many, which is not reported again where the raw layer is available.
     """
     records, policies = view.frame("records"), policy_columns(view.descriptor.action_bank)
     row_of = {key: row for row, key in enumerate(policies["action_key"].tolist())}
@@ -143,7 +143,7 @@ def attempts_repeat_the_raw_layer(view: ReleaseView) -> Iterator[Check]:
 def dispositions_recompute(view: ReleaseView) -> Iterator[Check]:
     """What became of an attempt that stands for no action follows from its status, its compliance and the choice.
 
-    The choice itself, and that it is listed as such, is the matter of other rules.
+    Other rules check the choice itself, and that it is listed as such.
     """
     expected, found, pairs = view.expected("attempts"), view.frame("attempts"), view.aligned("attempts")
     stands = np.isin(expected["disposition"][pairs.expected], _STANDS) | np.isin(

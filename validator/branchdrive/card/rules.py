@@ -18,10 +18,10 @@ from branchdrive.layers.view import ReleaseView
 
 @rule("BD-REL-001")
 def raw_layer_is_the_named_one(view: ReleaseView) -> Iterator[Check]:
-    """The digest of the raw layer at hand is the one in `source.json`."""
+    """The digest of the given raw layer is the one in `source.json`."""
     document = view.document(SOURCE_FILE)
     if view.raw.digest is None:
-        raise PreconditionError(view.raw.reason or "digests are off")
+        raise PreconditionError(view.raw.reason or "digests were not computed")
     yield document_check(SOURCE_FILE, 1, text_mismatches("/raw_layer", view.raw.digest, document["raw_layer"]))
 
 

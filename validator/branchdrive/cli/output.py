@@ -25,14 +25,14 @@ def check_output(path: Path | None, *, outside: Path | None = None, is_folder: b
         return
     place = _existing_folder(path) if is_folder else path.parent
     if is_folder and not place.is_dir():
-        raise UsageError(f"--output: {str(place)!r} is no folder")
+        raise UsageError(f"--output: {str(place)!r} is not a folder")
     if not place.is_dir():
         raise UsageError(f"--output: folder {str(place)!r} does not exist")
     if not is_folder and path.is_dir():
         raise UsageError(f"--output: {str(path)!r} is a folder; name a file")
     if not is_folder and os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
         raise UsageError(  # a file is replaced by renaming another one over it, which would end a device or a link
-            f"--output: {str(path)!r} is no regular file; name a file, or leave --output out and redirect"
+            f"--output: {str(path)!r} is not a regular file; name a file, or leave --output out and redirect"
         )
     if outside is not None and _is_dataset(outside) and _lies_in(place, outside):
         raise UsageError(

@@ -176,7 +176,7 @@ def _print_waivers(console: Console, report: Report) -> None:
 
 def _print_rules(console: Console, report: Report) -> None:
     console.print()
-    # What fails and decides nothing is noted: it stands under the verdict `valid` and contradicts it not.
+    # A failed rule that decides nothing is counted as noted, since the verdict above may be `valid`.
     counts = Counter("noted" if t.status == "fail" and not t.info.decides else t.status for t in report.tallies)
     parts = [
         (f"{counts[status]} {status}", _STYLE.get(status, ""))

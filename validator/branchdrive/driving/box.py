@@ -128,7 +128,7 @@ _ROUNDING = 1e-9
 
 
 class PairBounds(NamedTuple):
-    """Lower bounds of pairs, each field ``[pairs]``; NaN, which bounds nothing, where an input is no number.
+    """Lower bounds of pairs, each field ``[pairs]``; NaN, which bounds nothing, where an input is not a number.
 
     Attributes:
         gap_m: At most the gap, negative where boxes may overlap.

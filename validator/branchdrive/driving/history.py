@@ -13,7 +13,7 @@ and the recorded values of its other features, the command as a one-hot. The acc
 mean of the two headings, so that a steady circle has none along it. They and the yaw rate are backward
 differences of pose and speed; the first row needs the observation at ``t_b - 80``, which enters nothing
 else. The recorded columns of acceleration and yaw rate are not used: what they average over is the
-simulator's own affair.
+a detail of the simulator.
 
 A control history holds the applied controls of ``t_b - 80 .. t_b - 1``. A row whose tick is not exactly
 the one of its window is refused, so no row of ``t_b`` or after can enter by mistake.

@@ -50,7 +50,7 @@ def route_clusters(towns: Sequence[str], polylines: ArrayLike) -> NDArray[np.int
     Args:
         towns: Town of each route; routes of different towns are never close.
         polylines: Resampled routes ``[routes, points, 2]``, metres in the frame of their town; a route
-            with a coordinate that is no number is close to none.
+            with a coordinate that is not a number is close to none.
 
     Raises:
         ValueError: Towns and polylines differ in number.

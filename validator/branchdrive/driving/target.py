@@ -125,7 +125,7 @@ def scalar_targets(motion: Motion, risk: Risk) -> Targets:
     """The six scalar targets of every rollout.
 
     What follows from motion is there where all that it needs was recorded. A minimum over frames is
-    there where any frame has evidence, and absent where a frame claims evidence that is no number.
+    there where any frame has evidence, and absent where a frame claims evidence that is not a number.
 
     Raises:
         ValueError: A field has another shape than `Motion` and `Risk` say.

@@ -148,7 +148,7 @@ def layers_tasks(
 
 def _raw_rows(source: Survey, shards: Sequence[ShardResult]) -> RawRows:
     if not shards:
-        return RawRows(reason="the raw layer is not at hand; name its dataset with --raw")
+        return RawRows(reason="the raw layer is not available; give its dataset with --raw")
     digest = Manifest.of(source.digests).layers.get(RAW_DIR) if source.is_hashed else None
     reason = next((shard.no_frames for shard in shards if not shard.frames), "")
     if not reason and source.descriptor is None:

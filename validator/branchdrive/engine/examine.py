@@ -29,7 +29,7 @@ VIEW_RULES = rules_of("rows", "rollout", "group")
 """Rules that read the rows of shards, in catalogue order."""
 
 
-@np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
+@np.errstate(all="ignore")  # what overflows or is not a number is found by the rules, not by warnings
 def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[dict[str, Tally], Examination]:
     """Run the selected rules (all by default) on one shard: totals by rule, and what became of its attempts."""
     result, tallies = Examination(), {}

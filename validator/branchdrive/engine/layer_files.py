@@ -180,7 +180,7 @@ def _read_free(task: LayerFilesTask, path: str, files: _Files, result: LayerFile
                 return
             head = stream.read(LENGTH_BYTES)
             if path.endswith(CHECKPOINT_SUFFIX):
-                with suppress(ValueError):  # what is no checkpoint is the matter of a rule
+                with suppress(ValueError):  # a rule checks what is not a checkpoint
                     head += stream.read(header_bytes(head) - LENGTH_BYTES)
                 files.contents[path], files.sizes[path] = head, size
             digest.update(head)

@@ -72,7 +72,7 @@ class LayersTask:
         tables: Tables in the spool.
         documents: Documents in the spool.
         names: Every regular file with a safe path below the root.
-        digests: SHA-256 of the files of the layers; empty where digests are off.
+        digests: SHA-256 of the files of the layers; empty where digests were not computed.
         sizes: Bytes of the checkpoints.
         broken: Tables that fail each rule on structure.
     """
@@ -147,7 +147,7 @@ def _raw_layer(task: LayersTask) -> RawLayer:
     return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)
 
 
-@np.errstate(all="ignore")  # what overflows or is no number is found by the rules, not by warnings
+@np.errstate(all="ignore")  # what overflows or is not a number is found by the rules, not by warnings
 def judge_layers(
     view: ReleaseView, rule_ids: Iterable[str], broken_before: Mapping[str, frozenset[str]] = MappingProxyType({})
 ) -> tuple[dict[str, Tally], dict[str, frozenset[str]]]:

@@ -29,7 +29,7 @@ _CONTEXT_RULES = tuple(rule_id for rule_id in rules_of("group") if rule_id.start
 """Rules on what an intervention shares with its nominal."""
 
 _NEEDS_NOMINAL = frozenset({"BD-KEY-005", "BD-CTL-010", "BD-TRG-002", "BD-GRP-006"})
-"""Rules that cannot be judged where the nominal rollout is not at hand."""
+"""Rules that cannot be judged where the nominal rollout is not available."""
 
 
 def check_rollout_structure(

@@ -89,7 +89,7 @@ def validate(
         raise UsageError(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
-    # Without the rule on digests, a damaged table is the matter of the rule on decoding.
+    # Without the rule on digests, the rule on decoding checks a damaged table.
     survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
     source = _raw_survey(survey, raw)
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
@@ -180,7 +180,7 @@ def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> No
     if failed:
         tally.unjudged = f"precondition {failed[0]} failed"
     elif tally.rule_id == "BD-LAY-002" and not survey.is_hashed:
-        tally.unjudged = "digests are off"
+        tally.unjudged = "digests were not computed"
     else:
         judge(tally, lambda: RULES[tally.rule_id](survey))
 

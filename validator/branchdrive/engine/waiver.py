@@ -78,13 +78,13 @@ def load_waivers(path: Path) -> tuple[Waiver, ...]:
         info = CATALOGUE.get(item["rule"])
         if info is None or not info.decides:
             raise UsageError(
-                f"waivers {str(path)!r}: rule {item['rule']!r} is no structure or claim rule; others need no waiver, "
-                "they never make a dataset invalid"
+                f"waivers {str(path)!r}: rule {item['rule']!r} is not a structure or claim rule; others need no "
+                "waiver, they never make a dataset invalid"
             )
         try:
             expires = date.fromisoformat(item["expires"])
         except ValueError as error:
-            raise UsageError(f"waivers {str(path)!r}: {item['expires']!r} is no date: {error}") from error
+            raise UsageError(f"waivers {str(path)!r}: {item['expires']!r} is not a date: {error}") from error
         waivers.append(Waiver(item["rule"], item["location"], item["reason"], expires, item["max_count"]))
     return tuple(waivers)
 

@@ -46,7 +46,7 @@ class Failed:
 class Executor(Protocol):
     """Runs a picklable function over tasks; yields each task's index with its result, in any order.
 
-    A `PlatformError` of a task ends the run: what the machine lacks is no matter of one task.
+    A `PlatformError` of a task ends the run: what the machine lacks concerns every task.
     """
 
     def __call__(

@@ -59,7 +59,7 @@ def digests_match(survey: Survey) -> Iterator[Check]:
 
 @rule("BD-LAY-003")
 def listed_files_exist(survey: Survey) -> Iterator[Check]:
-    """Every path of the manifest is there, and is no folder; links and devices are BD-LAY-006's."""
+    """Every path of the manifest is there, and is not a folder; links and devices are BD-LAY-006's."""
     listed = survey.manifest.files if survey.manifest else {}
     there = {entry.path for entry in survey.entries if entry.kind != "folder"}
     found = [Mismatch({"file": path}, "the listed file", "no such file") for path in listed if path not in there]

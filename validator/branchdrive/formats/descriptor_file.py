@@ -39,7 +39,7 @@ def read_descriptor(root: Path) -> Descriptor:
         problem = f"{place}: {first['msg']} ({error.error_count()} problems)"
     except ValueError as error:
         problem = str(error)
-    raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is no descriptor: {problem}; run `branchdrive-validate`")
+    raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is not a descriptor: {problem}; run `branchdrive-validate`")
 
 
 def differing_fields(root: Path, descriptor: Descriptor) -> list[str]:

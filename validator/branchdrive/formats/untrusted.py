@@ -78,7 +78,7 @@ def open_file(root: Path, path: str) -> BufferedReader:
         raise DatasetError(f"{root}: {path!r} cannot be opened without following links ({error.strerror})") from error
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise DatasetError(f"{root}: {path!r} is no regular file; put a regular file in its place")
+        raise DatasetError(f"{root}: {path!r} is not a regular file; put a regular file in its place")
     return BufferedReader(_File(descriptor, root / path))
 
 
@@ -111,7 +111,7 @@ def read_named_file(path: Path, max_bytes: int) -> bytes:
         raise DatasetError(f"cannot be opened ({getattr(error, 'strerror', None) or error})") from error
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise DatasetError("is no regular file")
+        raise DatasetError("is not a regular file")
     with os.fdopen(descriptor, "rb") as stream:
         content = stream.read(max_bytes + 1)
     if len(content) > max_bytes:

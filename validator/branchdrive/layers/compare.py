@@ -79,7 +79,7 @@ def rows_are(table: str, expected: Frame, found: Frame, pairs: Alignment) -> Ite
         if i < num_missing:
             return Mismatch(place(table, expected, int(pairs.missing[i])), "a row with this key", "no such row")
         row = int(pairs.extra[i - num_missing])
-        return Mismatch(place(table, found, row), "no row with this key, or one", "a row that nothing explains")
+        return Mismatch(place(table, found, row), "at most one row with this key", "an unexpected row")
 
     yield Check(num_rows(expected) + len(pairs.extra), np.arange(num_missing + len(pairs.extra)), mismatch)
 

@@ -71,7 +71,7 @@ def layer_documents_conform(view: ReleaseView) -> Iterator[Check]:
 
 @rule("BD-LYR-006")
 def layer_keys_are_unique(view: ReleaseView) -> Iterator[Check]:
-    """No two rows of a table have one key; that no part of a key is null is the matter of another rule."""
+    """No two rows of a table have one key; another rule checks that no part of a key is null."""
     for name in view.table_names:
         frame = view.rows(name)
         bad = repeated_rows(frame, LAYER_TABLES[name].key)
@@ -82,7 +82,7 @@ def layer_keys_are_unique(view: ReleaseView) -> Iterator[Check]:
 
 @rule("BD-LYR-007")
 def layer_values_are_as_declared(view: ReleaseView) -> Iterator[Check]:
-    """Numbers are finite and in range, words in the vocabulary, text in its pattern."""
+    """Numbers are finite and in range, categories declared, text in its pattern."""
     for check in (values_are_finite, values_lie_in_range, categories_are_declared, text_matches_pattern):
         yield from check(view)
 

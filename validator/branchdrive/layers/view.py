@@ -31,13 +31,13 @@ T = TypeVar("T")
 
 
 class RawLayer:
-    """The raw layer that a release was derived from, as far as it is at hand.
+    """The raw layer that a release was derived from, as far as it is available.
 
     Attributes:
-        rows: Rows that it gives, by table; ``None`` where it is not at hand.
+        rows: Rows that it gives, by table; ``None`` where it is not available.
         reason: Why it is not.
         digest: Digest of the layer; ``None`` where it was not computed.
-        descriptor: Its dataset's descriptor; ``None`` where it is not at hand.
+        descriptor: Its dataset's descriptor; ``None`` where it is not available.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class ReleaseView:
         raw: The raw layer.
         mismatches: Those that were found while files were read, by rule id.
         files: Paths of all files of the derived layers and of the root.
-        digests: SHA-256 of the files that were read, by path; empty where digests are off.
+        digests: SHA-256 of the files that were read, by path; empty where digests were not computed.
         sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
     """
 
@@ -150,13 +150,13 @@ class ReleaseView:
         """What the raw layer says.
 
         Raises:
-            PreconditionError: It is not at hand, or is another than the release names.
+            PreconditionError: It is not available, or is another than the release names.
         """
         if self.raw.rows is None:
             raise PreconditionError(self.raw.reason)
         named = self.documents.get(SOURCE_FILE, {}).get("raw_layer", self.raw.digest)
         if self.raw.digest not in (None, named):
-            raise PreconditionError("the raw layer at hand is not the one that the release names")
+            raise PreconditionError("the given raw layer is not the one that the release was built from")
         return self.raw.rows
 
     def expected(self, table: str) -> Frame:
@@ -165,7 +165,7 @@ class ReleaseView:
         The model layer holds the groups of its contexts, so its tables are expected for those that raw has.
 
         Raises:
-            PreconditionError: The raw layer, or the contexts, are not at hand.
+            PreconditionError: The raw layer, or the contexts, are not available.
         """
         if table not in self._expected:
             frame = self.raw_rows[table]
@@ -179,7 +179,7 @@ class ReleaseView:
         """Pairs of expected and stored rows of a table.
 
         Raises:
-            PreconditionError: One of both is not at hand.
+            PreconditionError: One of both is not available.
         """
         if table not in self._aligned:
             self._aligned[table] = align(self.expected(table), self.frame(table), LAYER_TABLES[table].key)

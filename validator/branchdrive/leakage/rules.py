@@ -88,7 +88,7 @@ def audit_inputs_recompute(view: ReleaseView) -> Iterator[Check]:
     if (audit := _audit(view)) is not None:
         inputs = view.cached(_recomputed)
         found = input_mismatches(audit, inputs)
-        # Numbers of groups are the matter of another rule.
+        # Another rule checks the numbers of groups.
         yield _found(
             inputs.num_groups, (m for m in found if not str(m.location["pointer"]).startswith("/inputs/num_groups"))
         )

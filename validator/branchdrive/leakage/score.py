@@ -206,7 +206,10 @@ def _status(
     if p_adjusted is None:
         return "not_run", test["reason"]
     if test["score"]["identical"]:
-        return "inconclusive", "Scores are identical within every group, as of a classifier that tells nothing apart."
+        return (
+            "inconclusive",
+            "Scores are identical within every group, like those of a classifier that cannot distinguish actions.",
+        )
     if astray:
         return "inconclusive", f"The control `{astray[0]}` did not come out as it must."
     if least > protocol.alpha:

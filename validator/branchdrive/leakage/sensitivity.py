@@ -6,7 +6,7 @@ A replicate first permutes the rows within groups, so that nothing leaks, and th
 * ``dense``: ``offset * sd * dose_a`` on a drawn quarter of the features, ``dose`` evenly spaced over the actions
   from -1 to 1.
 
-Its statistics are held against the critical values of the one null distribution, which permuting leaves
+Its statistics are compared with the critical values of the one null distribution, which permuting leaves
 as it is, at ``alpha / 4``: the level at which Holm's procedure rejects first, so that the gate fails
 exactly where any statistic is beyond its own.
 

@@ -79,7 +79,7 @@ def pack_arrays(frames: Mapping[str, Frame], groups: Sequence[str], candidates: 
     """Arrays of the tables of a model layer, in the given order of groups and candidates.
 
     Raises:
-        DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is no number.
+        DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is not a number.
     """
     return ModelArrays(
         tuple(groups),
@@ -102,7 +102,7 @@ def pack_history(frame: Frame, table: str, groups: Sequence[str]) -> Array:
 
 
 def pack_surroundings(frame: Frame, groups: Sequence[str]) -> Masked | None:
-    """Surroundings as ``[N, 16, 11]``; ``None`` where the table has no row at all, for want of evidence."""
+    """Surroundings as ``[N, 16, 11]``; ``None`` where the table has no row at all, because evidence is missing."""
     if groups and not num_rows(frame):
         return None
     table = "surroundings"
@@ -128,10 +128,12 @@ def pack_actions(frame: Frame, candidates: Sequence[str]) -> NDArray[np.float32]
         return None
     widths = {len(vector) if there else 0 for vector, there in zip(vectors, available, strict=True)}
     if len(widths) != 1:
-        raise DatasetError(f"table `actions`: encodings have widths {sorted(widths)}; all candidates have one width")
+        raise DatasetError(
+            f"table `actions`: encodings have widths {sorted(widths)}; expected one width for all candidates"
+        )
     matrix = np.stack([np.asarray(vector, np.float64) for vector in vectors])
     for row, _ in np.argwhere(~np.isfinite(matrix))[:1].tolist():
-        raise DatasetError(f"table `actions`: the encoding of {candidates[row]!r} holds a value that is no number")
+        raise DatasetError(f"table `actions`: the encoding of {candidates[row]!r} holds a value that is not a number")
     return matrix.astype(np.float32)
 
 
@@ -177,13 +179,15 @@ def _rows(frame: Frame, table: str, axes: tuple[Sequence[Any], ...]) -> Index:
         codes = np.array([places.get(value, -1) for value in values], np.int64)
         for row in np.flatnonzero(codes < 0)[:1]:
             found = _format_key(frame, key, int(row))
-            raise DatasetError(f"table `{table}`: row of {found}: this `{name}` is none of the {len(labels)} wanted")
+            raise DatasetError(
+                f"table `{table}`: row of {found}: this `{name}` is not one of the {len(labels)} expected"
+            )
         flat = flat * len(labels) + codes
     counts = np.bincount(flat, minlength=int(np.prod(shape)))
     for place in np.flatnonzero(counts != 1)[:1]:
         labels_there = [axis[i] for axis, i in zip(axes, np.unravel_index(place, shape), strict=True)]
         where = ", ".join(f"`{name}` {label!r}" for name, label in zip(key, labels_there, strict=True))
-        raise DatasetError(f"table `{table}`: {counts[place]} rows of {where}; there is exactly one for each key")
+        raise DatasetError(f"table `{table}`: {counts[place]} rows of {where}; expected exactly one for each key")
     rows = np.empty(len(flat), np.int64)
     rows[flat] = np.arange(len(flat))
     return rows.reshape(shape)

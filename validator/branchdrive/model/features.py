@@ -53,7 +53,7 @@ EXPERT_PROFILE = Profile("expert", InputContract.MIXED, MIXED_PROFILE.state[len(
 
 
 def _surroundings() -> Iterator[Feature]:
-    """Evidence columns in their units; a column of categories becomes one feature for each category."""
+    """Evidence columns in their units; a categorical column becomes one feature for each category."""
     table = LAYER_TABLES["surroundings"]
     masks = {column.available.mask for column in table.columns if column.available}
     for column in table.columns:

@@ -121,13 +121,13 @@ def nearest_other(points: ArrayLike, labels: ArrayLike) -> Nearest:
         labels: ``[points]``, integers.
 
     Raises:
-        ValueError: Shapes do not match, or a coordinate is no number or beyond 1e100.
+        ValueError: Shapes do not match, or a coordinate is not a number or beyond 1e100.
     """
     at, label = np.asarray(points, np.float64), np.asarray(labels)
     if at.ndim != 2 or label.shape != at.shape[:1]:
         raise ValueError(f"points of shape {list(at.shape)} and labels of shape {list(label.shape)} do not match")
     if not (np.abs(at) <= _MAX_COORDINATE).all():
-        raise ValueError(f"a coordinate of a point is no number or beyond {_MAX_COORDINATE:g}")
+        raise ValueError(f"a coordinate of a point is not a number or beyond {_MAX_COORDINATE:g}")
     distance, row = np.full(len(at), np.inf), np.full(len(at), -1)
     kept = _representatives(at, label)
     block = max(1, _MAX_CELLS // max(1, len(kept)))

@@ -119,10 +119,12 @@ def scalings_of(document: Mapping[str, Any]) -> Scalings:
         scale = np.array([_number(row, "scale", name, math.nan) for row in rows])
         limit = np.array([_number(row, "limit", name, math.inf) for row in rows])
         if (scale <= 0).any() or (limit <= 0).any():
-            raise DatasetError(f"`normalisation.json`: `{name}`: scales and limits are positive")
+            raise DatasetError(
+                f"`normalisation.json`: `{name}`: scales and limits must be positive; run `branchdrive-validate`"
+            )
         is_known = np.isfinite(offset) & np.isfinite(scale)
         if name != "scalars" and not is_known.all():
-            raise DatasetError(f"`normalisation.json`: `{name}`: offset and scale are null for scalars only")
+            raise DatasetError(f"`normalisation.json`: `{name}`: offset and scale must not be null, except for scalars")
         return Scaling(np.where(is_known, offset, np.nan), np.where(is_known, scale, np.nan), limit, digest)
 
     state, controls, expert = (
@@ -175,13 +177,13 @@ def _by_key(
     """Entries of a list by the values of `fields`, exactly one for each wanted key."""
     entries = document.get(name)
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise DatasetError(f"`normalisation.json`: `{name}` is no list of entries; run `branchdrive-validate`")
+        raise DatasetError(f"`normalisation.json`: `{name}` is not a list of entries; run `branchdrive-validate`")
     keys = [tuple(entry.get(field) for field in fields) for entry in entries]
     found = {repr(key) for key in keys}
     if len(keys) != len(wanted) or found != {repr(key) for key in wanted}:
         lacking = [key for key in wanted if repr(key) not in found]
         missing = f"lacks {', '.join(map(str, lacking[0]))}" if lacking else "repeats an entry or has an unknown one"
-        raise DatasetError(f"`normalisation.json`: `{name}` {missing}; it has one entry for each of {len(wanted)}")
+        raise DatasetError(f"`normalisation.json`: `{name}` {missing}; expected one entry for each of {len(wanted)}")
     return dict(zip(keys, entries, strict=True))
 
 

@@ -56,7 +56,7 @@ def open_model(root: str | Path) -> ModelLayer:
     """
     path = Path(root)
     if not path.is_dir():
-        raise DatasetError(f"{str(root)!r} is no folder; pass the folder that holds `branchdrive.json`")
+        raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
     descriptor = read_descriptor(path)
     if LAYER not in descriptor.layers:
         raise DatasetError(
@@ -212,7 +212,7 @@ class ModelLayer:
         return from_arrow(self._stored(table), table)
 
     def home_of(self) -> dict[str, str]:
-        """Partition of every group, by group id in sorted order, read anew.
+        """Partition of every group, by group id in sorted order, read again.
 
         Raises:
             DatasetError: The table cannot be read, or repeats a group.

@@ -89,7 +89,7 @@ def thresholds_recompute(view: ReleaseView) -> Iterator[Check]:
     except ValueError as error:
         yield document_check(THRESHOLDS, 1, [Mismatch({"pointer": "/"}, "thresholds of training groups", str(error))])
         return
-    expected["split_digest"] = document["split_digest"]  # the matter of the next rule
+    expected["split_digest"] = document["split_digest"]  # the next rule checks it
     yield document_check(THRESHOLDS, len(document["variables"]), document_mismatches(expected, document))
 
 
@@ -106,7 +106,7 @@ def thresholds_carry_the_split(view: ReleaseView) -> Iterator[Check]:
 def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[Check]:
     """A pair passes exactly where every judged variable is within its threshold, exactly.
 
-    Where the raw layer is at hand, what it gives instead of the stored discrepancies decides alike, unless last
+    Where the raw layer is available, what it gives instead of the stored discrepancies decides alike, unless last
     bits decide: a difference within the tolerance turns no pair around.
     """
     pairs = view.frame("pairs")
@@ -125,7 +125,7 @@ def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> 
     """Pairs whose stored discrepancies agree with raw and decide otherwise; they were examined before.
 
     Args:
-        view: The derived layers, with the raw one at hand.
+        view: The derived layers, with the raw layer available.
         stored: Rows of `pairs` with the flags that the stored discrepancies give.
         thresholds: The stored ones.
     """

@@ -126,7 +126,7 @@ def variants_recompute(view: ReleaseView) -> Iterator[Check]:
 def layers_list_the_same(view: ReleaseView) -> Iterator[Check]:
     """Attempts and groups of the quality layer are those of the canonical layer.
 
-    Where the raw layer is at hand, each list is held against it, and what differs from it is not told again.
+    Where the raw layer is available, each list is compared with it, and what differs from it is not reported again.
     """
     for canonical, quality, key in (
         ("attempts", "attempt_quality", "rollout_id"),

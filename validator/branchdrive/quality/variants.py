@@ -99,7 +99,7 @@ def _variant(i: int, entry: Any) -> Variant:
         raise UsageError(f"variant {name!r}: `where` must give true or false for at least one column")
     unknown = sorted(set(where) - set(FLAGS))
     if unknown:
-        raise UsageError(f"variant {name!r}: {unknown} are no flags of `group_quality`; those are {list(FLAGS)}")
+        raise UsageError(f"variant {name!r}: {unknown} are not flags of `group_quality`; those are {list(FLAGS)}")
     return Variant(name, title, MappingProxyType(dict(where)))
 
 

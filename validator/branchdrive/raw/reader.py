@@ -36,7 +36,7 @@ def open_dataset(root: str | Path) -> Dataset:
     """
     path = Path(root)
     if not path.is_dir():
-        raise DatasetError(f"{str(root)!r} is no folder; pass the folder that holds `branchdrive.json`")
+        raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
     return Dataset(path, read_descriptor(path), tuple(find_shards(path)))
 
 

@@ -139,7 +139,7 @@ def _check_own_folder(source: Path, target: Path) -> None:
     if not target.exists():
         return
     if not target.is_dir():
-        raise UsageError(f"{target} is no folder; give a detached release a folder of its own")
+        raise UsageError(f"{target} is not a folder; give a detached release a folder of its own")
     names = {entry.name for entry in target.iterdir()} - {STAGING_DIR}
     if RAW_DIR in names:
         raise UsageError(f"{target} holds a raw layer; give a detached release a folder of its own")
@@ -160,7 +160,7 @@ def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], tar
             f"{target}: the stage {first!r} needs the layer {needed!r}, which is not there; build it first"
         )
     if needed and layers.documents[SOURCE_FILE]["raw_layer"] != scan.digest:
-        raise UsageError(f"{target}: its layers are of another raw layer; begin with the stage 'canonical'")
+        raise UsageError(f"{target}: its layers were built from another raw layer; start with the stage 'canonical'")
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ class _Job:
             layers.drop_after("canonical")
         if layers.contents.keys() & {*LEDGERS} and "quality" not in (*layers.names, *self.stages):
             raise UsageError(
-                f"{self.scan.root}: the ledger of test-set accesses has no layer to lie in; build 'quality' "
+                f"{self.scan.root}: the ledger of test-set accesses belongs to the quality layer; build 'quality' "
                 "together with 'canonical'"
             )
 

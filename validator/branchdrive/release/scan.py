@@ -68,10 +68,10 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
         raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
     for problem in (*_damage(survey), *_breaches(survey, results)):
-        raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and mend the raw layer first")
+        raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and correct the raw layer first")
     lacking = next((shard.no_frames for shard in results if not shard.frames), None)
     if lacking is not None:
-        raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and mend the raw layer first")
+        raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and correct the raw layer first")
     files = _raw_files(survey.digests)
     return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, rows)
 

@@ -13,7 +13,7 @@ The assignment is a pure function of group ids, the clustering, scenario types a
 So no partition of ``P`` exceeds its share by more than ``(P - 1) / P`` of the largest cluster, or falls
 short by more than ``(P - 1)^2 / P`` of it. All comparisons are exact. The order of the rows, the labels
 of the clusters and the names of the types decide nothing; group ids are the identity of a group, and
-renaming them draws anew. Clusters are not taken by size: partitions would differ in the size of their
+renaming them draws again. Clusters are not taken by size: partitions would differ in the size of their
 clusters, and a calibration partition must look like the test partition.
 
 A calibration partition is drawn first, against everything else, by the same three steps with the share

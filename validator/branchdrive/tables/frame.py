@@ -19,7 +19,7 @@ Frame: TypeAlias = Mapping[str, Values]
 Index = NDArray[np.int64]
 
 _MAX_CODE = 2**62
-"""Codes of the columns of a key are joined up to here without being counted anew."""
+"""Codes of the columns of a key are joined up to here without being counted again."""
 
 
 class Alignment(NamedTuple):
@@ -73,7 +73,7 @@ def _joined(parts: Sequence[Values]) -> Values:
 
 
 def sort_rows(frame: Frame, key: Sequence[str], orders: Mapping[str, Sequence[str]] | None = None) -> dict[str, Values]:
-    """Rows in ascending order of their key; a text column in `orders` follows the order of its words there."""
+    """Rows in ascending order of their key; a text column in `orders` follows the order of its categories there."""
     columns = []
     for name in key:
         categories = (orders or {}).get(name)
@@ -128,7 +128,7 @@ def _key_codes(columns: Sequence[Sequence[NDArray[Any]]], lengths: Sequence[int]
 
 
 def _codes(values: NDArray[Any]) -> Index:
-    """Ascending codes of values, from 0 on; null comes before every word."""
+    """Ascending codes of values, from 0 on; null comes before every value."""
     if values.dtype != object:
         return np.unique(values, return_inverse=True)[1].astype(np.int64)
     cells = values.tolist()

@@ -64,7 +64,7 @@ class DatasetWriter:
         if media:
             raise UsageError(f"descriptor claims the media streams {media}, which this writer cannot record; drop them")
         if self.root.exists() and not self.root.is_dir():
-            raise UsageError(f"{self.root}: is no folder; choose another one")
+            raise UsageError(f"{self.root}: is not a folder; choose another one")
         self.root.mkdir(parents=True, exist_ok=True)
         self._check_folder()
         self._stage = Stage(self.root, descriptor)

@@ -65,9 +65,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: The release or the predictions cannot be read.
     """
     if (args.predictions is None) != (args.name is None):
-        raise UsageError("`--predictions` and `--name` go together")
+        raise UsageError("`--predictions` and `--name` need each other; give both or neither")
     if args.predictions is None and args.output is not None:
-        raise UsageError("`--output` goes with `--predictions`; results of the release are published in it")
+        raise UsageError("`--output` needs `--predictions`; without it, results are published in the release")
     if not args.no_figures and (args.predictions is None or args.output is not None):
         need_plots()
     if args.predictions is None:

@@ -72,5 +72,9 @@ def sentence(found: Trained) -> str:
     text = f"{num_trained} of {found.num_models} models and seeds trained in {found.models_s:.1f} s"
     there = ", the others were there" if found.num_there else ""
     guard = f"; {found.num_folds} folds and the risk of the guard in {found.guard_s:.1f} s" if found.num_folds else ""
-    anew = f"; {found.num_anew} anew, which were of another configuration or version" if found.num_anew else ""
-    return f"{text}{there}{guard}{anew}\n"
+    again = (
+        f"; {found.num_anew} trained again, because their configuration or version was another"
+        if found.num_anew
+        else ""
+    )
+    return f"{text}{there}{guard}{again}\n"

@@ -1,4 +1,4 @@
-"""Outcomes and predictions: masks hide what is absent, and what is no number is refused."""
+"""Outcomes and predictions: masks hide what is absent, and what is not a number is refused."""
 
 from __future__ import annotations
 

@@ -266,6 +266,6 @@ def release_draft() -> ReleaseDraft:
 
 
 def detached_draft(*, with_raw: bool) -> ReleaseDraft:
-    """The release without its raw layer, which is a dataset beside it or not at hand."""
+    """The release without its raw layer, which is a dataset beside it or not available."""
     raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()) if with_raw else None
     return ReleaseDraft([*BUILT], raw)

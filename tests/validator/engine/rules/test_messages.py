@@ -30,7 +30,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-VAL-003", "unknown_source", "one of ['online_expert', 'intervention']", "'autopilot'"),
         (
             "BD-VAL-005", "route_with_fewer_x_than_y",
-            "2 .. 10000 vertices, neighbours apart", "80 x and 81 y values",
+            "2 .. 10000 vertices, no two neighbours equal", "80 x and 81 y values",
         ),
         ("BD-NUL-002", "value_missing_under_its_mask", "a value (`separation_available` is on)", "null"),
         ("BD-NUL-002", "zero_stands_for_absence", "null (`nearest_pedestrian_available` is off)", "0.0"),
@@ -95,7 +95,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-LYR-009", "contexts_in_reverse", "rows in the order of their key", "14 rows elsewhere"),
         ("BD-CAN-002", "copy_chosen_in_place_of_the_first", "'g2.brake_0.50.a1'", "'g2.brake_0.50.a2'"),
         ("BD-CAN-008", "attempt_left_unexplained", "a row with this key", "no such row"),
-        ("BD-CAN-008", "attempt_that_raw_does_not_have", "no row with this key, or one", "a row that nothing explains"),
+        ("BD-CAN-008", "attempt_that_raw_does_not_have", "at most one row with this key", "an unexpected row"),
         ("BD-CAN-011", "two_attempts_selected", "neither selected nor kept", "selected"),
         ("BD-QUA-006", "incomplete_bank_called_complete", "False", "True"),
         ("BD-QUA-007", "group_with_another_reason", "'BD-BNK-001'", "'BD-BNK-002'"),

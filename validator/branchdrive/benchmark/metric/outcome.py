@@ -89,7 +89,7 @@ class Predictions:
         """Predictions ``[N, A, 6]`` and ``[N, A, 10, 5]``.
 
         Raises:
-            ValueError: Shapes do not match, or a value is no number.
+            ValueError: Shapes do not match, or a value is not a number.
         """
         values, paths = np.asarray(scalars, np.float64), np.asarray(trajectories, np.float64)
         _check_shapes(values, paths)

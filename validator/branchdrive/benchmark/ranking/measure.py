@@ -87,7 +87,7 @@ def measures(selector: Selector, utilities: Array, *, nominal: int) -> Measures:
     """Measures of `selector` on groups with executed `utilities` ``[groups, candidates]``.
 
     Raises:
-        ValueError: Shapes differ, or a utility is no number; such a group is not ranked.
+        ValueError: Shapes differ, or a utility is not a number; such a group is not ranked.
     """
     if not selector.scores.shape == selector.shares.shape == utilities.shape:
         raise ValueError(
@@ -95,7 +95,7 @@ def measures(selector: Selector, utilities: Array, *, nominal: int) -> Measures:
             f"{list(utilities.shape)} do not match: [groups, candidates]"
         )
     if not np.isfinite(utilities).all():
-        raise ValueError("a utility is no number; leave its group out of the ranking")
+        raise ValueError("a utility is not a number; leave its group out of the ranking")
     best, worst = utilities.max(axis=1), utilities.min(axis=1)
     value = (selector.shares * utilities).sum(axis=1)
     ranged = best - worst > RANGE

@@ -243,7 +243,7 @@ def non_worsening(separation_m: Array, shares: Array, reference: int) -> Gate:
         reference: The candidate that ActionPrior takes.
 
     Raises:
-        ValueError: There is no group, or a separation is no number.
+        ValueError: There is no group, or a separation is not a number.
     """
     if not separation_m.size or not np.isfinite(separation_m).all():
         raise ValueError("the gate needs groups in which every candidate has a separation")

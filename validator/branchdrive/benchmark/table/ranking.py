@@ -65,8 +65,9 @@ def _profile_table(profile: Document) -> Table:
     ]
     fixed = "there is no fixed brake" if profile["fixed_brake"] is None else f"fixed brake `{profile['fixed_brake']}`"
     note = (
-        f"N = {profile['num_ranked']} groups; {profile['num_without_separation']} left for want of a separation, "
-        f"{profile['num_without_other']} for want of another target; {profile['num_without_range']} without any range. "
+        f"N = {profile['num_ranked']} groups; {profile['num_without_separation']} were left out because a separation "
+        f"is missing, {profile['num_without_other']} because another target is missing; all utilities are equal in "
+        f"{profile['num_without_range']}. "
         f"ActionPrior takes `{profile['action_prior']}`, {fixed}. The interval of the non-worsening gate resamples "
         "route clusters."
     )

@@ -1,6 +1,6 @@
 """Regions of the chapters that are written by machine, by name.
 
-Conditions of availability in words. Source: spec/06-masks.md#conditions.
+Conditions of availability as prose. Source: spec/06-masks.md#conditions.
 
 Markdown of the generated regions: tables, names, ranges.
 """

@@ -135,7 +135,10 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
         "route_x_m",
         len(xs),
         bad,
-        lambda row: (f"2 .. {limit} vertices, neighbours apart", f"{len(xs[row])} x and {len(ys[row])} y values"),
+        lambda row: (
+            f"2 .. {limit} vertices, no two neighbours equal",
+            f"{len(xs[row])} x and {len(ys[row])} y values",
+        ),
     )
 
 
