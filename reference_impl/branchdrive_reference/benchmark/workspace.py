@@ -95,7 +95,7 @@ def open_workspace(release: Release) -> Iterator[Workspace]:
     """The working area of the benchmark of a release.
 
     Raises:
-        UsageError: Another build or benchmark is at work there, or a link leads out of it.
+        UsageError: Another build or benchmark is running there, or a link leads out of it.
         DatasetError: The release has changed meanwhile.
     """
     with lock_area(release.root):

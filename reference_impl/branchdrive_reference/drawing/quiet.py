@@ -1,4 +1,4 @@
-"""Drawing without remarks of the plotting library: what is wrong with a group is said once, in words."""
+"""Drawing without remarks of the plotting library: what is wrong with a group is said once, as text."""
 
 from __future__ import annotations
 

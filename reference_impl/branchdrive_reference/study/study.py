@@ -126,7 +126,7 @@ class Study:
         dataset_version: Of the descriptor.
         population: What was collected.
         profile: Profile of the ranking.
-        not_monitored: Results that some canonical nominal does not monitor, in words.
+        not_monitored: Results that some canonical nominal does not monitor, as text.
         has_evidence: Whether the dataset claims risk evidence: without it nothing is known of collisions and ranks.
         scenarios: One row for each scenario type.
         overall: All scenario types together.

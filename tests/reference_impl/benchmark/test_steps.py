@@ -122,6 +122,6 @@ def test_a_ranking_lock_of_another_form_is_named(benchmarked: Path) -> None:
 def test_two_commands_do_not_work_at_once(release: Path, small_protocol: Path) -> None:
     from branchdrive.release.publish import lock_area
 
-    with lock_area(release), pytest.raises(UsageError, match="a build or a benchmark is at work there"):
+    with lock_area(release), pytest.raises(UsageError, match="a build or a benchmark is running there"):
         invoke("train", release, "--protocol", small_protocol)
     assert is_clean(release)

@@ -169,7 +169,7 @@ def test_parts_of_an_audit_with_another_seed_are_not_taken(
 
 def test_two_builds_at_once_are_refused(built: Path, dataset: Path) -> None:
     with staging(dataset):
-        with pytest.raises(UsageError, match="a build or a benchmark is at work there; wait until it has finished"):
+        with pytest.raises(UsageError, match="a build or a benchmark is running there; wait until it has finished"):
             build(dataset)
         assert (dataset / STAGING_DIR).is_dir()
     build(dataset)

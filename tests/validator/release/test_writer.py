@@ -25,7 +25,7 @@ from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.writer import DatasetWriter
 
-AT_WORK = "a collection, a build or a benchmark is at work there; wait until it has finished"
+AT_WORK = "a collection, a build or a benchmark is running there; wait until it has finished"
 
 
 @pytest.fixture

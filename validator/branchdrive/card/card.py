@@ -255,7 +255,7 @@ def _variants(variants: Document) -> list[str]:
         "",
         f"The frozen population has {counted(variants['frozen']['num_groups'], 'group')}, digest "
         f"`{variants['frozen']['digest']}`.",
-        "The following are other populations: report results on them apart, and never pool them with it.",
+        "The following are other populations: report results on them separately, and never pool them with it.",
         "",
         *grid([*_texts("Name", "Title", "Flags"), Column("Groups")], rows),
     ]
@@ -317,7 +317,7 @@ def _validation(descriptor: Descriptor) -> list[str]:
     ]
     if "raw" not in descriptor.layers:
         lines.append(
-            "`RAW` is the dataset that holds the raw layer; without it, derived tables are judged by each other."
+            "`RAW` is the dataset that holds the raw layer; without it, tables are only compared with each other."
         )
     return lines
 

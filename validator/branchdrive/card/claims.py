@@ -78,7 +78,7 @@ EXCLUDED_CLAIMS = (
     ),
     (
         "No leakage found is not no leakage.",
-        "The audit tells what its tests could have found, at the effect stated above.",
+        "The audit says which differences its tests could have found, at the effect stated above.",
     ),
     (
         "A test partition serves once.",

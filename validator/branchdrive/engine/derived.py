@@ -112,7 +112,7 @@ def _unjudged(rules: Sequence[str], *, is_killed: bool) -> dict[str, Tally]:
 def layers_tasks(
     task: LayerFilesTask, files: LayerFiles, source: Survey, shards: Sequence[ShardResult], selected: frozenset[str]
 ) -> Iterator[LayersTask]:
-    """Tasks on the whole, the longest first, and then one for each shard and one for the rows of nobody."""
+    """Tasks on the whole, the longest first, and then one for each shard and one for the rows of no shard."""
     wanted = selected | {POPULATION_RULE}
     whole = [r for r in rules_of("layers", "layer_rows") if r in wanted and r not in STRUCTURE_RULES]
     rows = [rule_id for rule_id in whole if CATALOGUE[rule_id].scope == "layer_rows"]
@@ -143,7 +143,7 @@ def layers_tasks(
         identities = frozenset((*shard.rollout_ids, *shard.group_ids))
         yield replace(every, rules=tuple(rows), part="shard", identities=identities, raw=own)
     of_all_shards = frozenset(identity for shard in shards for identity in (*shard.rollout_ids, *shard.group_ids))
-    yield replace(every, rules=tuple(rows), part="nobody", identities=of_all_shards)
+    yield replace(every, rules=tuple(rows), part="no_shard", identities=of_all_shards)
 
 
 def _raw_rows(source: Survey, shards: Sequence[ShardResult]) -> RawRows:

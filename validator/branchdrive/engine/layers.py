@@ -1,7 +1,7 @@
 """Rules on the derived layers: on the layers as a whole, or on the rows of one shard's groups.
 
 Rules of the scope `layer_rows` compare stored rows with what raw rows of the same groups give, so they are judged
-shard by shard, on the stored rows of its attempts and groups, and once more on the stored rows of nobody; totals
+shard by shard, on the stored rows of its attempts and groups, and once more on the stored rows of no shard; totals
 add up. Rules of the scope `layers` need all rows. Source: spec/07-rules.md#order.
 """
 
@@ -64,8 +64,8 @@ class LayersTask:
 
     Attributes:
         rules: The rules, in order of the catalogue.
-        part: All rows; those of the attempts and groups of one shard; or those of nobody.
-        identities: Identities of the attempts and groups of the shard, or of all shards for the rows of nobody.
+        part: All rows; those of the attempts and groups of one shard; or those of no shard.
+        identities: Identities of the attempts and groups of the shard, or of all shards for the rows of no shard.
         raw: Rows of the raw layer: of the shard, or of all shards.
         spool: Where tables, documents and rows are.
         descriptor: The dataset's descriptor.
@@ -78,7 +78,7 @@ class LayersTask:
     """
 
     rules: tuple[str, ...]
-    part: Literal["all", "shard", "nobody"]
+    part: Literal["all", "shard", "no_shard"]
     identities: frozenset[str]
     raw: RawRows
     spool: Spool
@@ -141,7 +141,7 @@ def _raw_layer(task: LayersTask) -> RawLayer:
     if raw.reason:
         return RawLayer(None, raw.reason, digest=raw.digest, descriptor=raw.descriptor)
     rows: Mapping[str, Frame] = SpooledFrames(task.spool, raw.shards, raw.names)
-    if task.part == "nobody":
+    if task.part == "no_shard":
         none = np.zeros(0, np.int64)
         rows = {name: take(frame, none) for name, frame in SpooledFrames(task.spool, raw.shards[:1], raw.names).items()}
     return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)

@@ -62,7 +62,11 @@ def listed_files_exist(survey: Survey) -> Iterator[Check]:
     """Every path of the manifest is there, and is not a folder; links and devices are BD-LAY-006's."""
     listed = survey.manifest.files if survey.manifest else {}
     there = {entry.path for entry in survey.entries if entry.kind != "folder"}
-    found = [Mismatch({"file": path}, "the listed file", "no such file") for path in listed if path not in there]
+    found = [
+        Mismatch({"file": path}, "a file that the manifest lists", "no such file")
+        for path in listed
+        if path not in there
+    ]
     yield Check.of(len(listed), tuple(found))
 
 
@@ -178,7 +182,7 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
     if survey.descriptor is not None:
         unclaimed = {RAW_DIR, *LAYERS} - set(survey.descriptor.layers)
         found += [
-            Mismatch({"file": e.path}, "what claimed layers have", "what no claim covers")
+            Mismatch({"file": e.path}, "a file of a claimed layer", "a file that no claim covers")
             for e in plain
             if e.path in unclaimed
         ]

@@ -1,4 +1,4 @@
-"""Errors of the file system: path, cause and how to go on in words, and whether the machine or a path is to blame."""
+"""Errors of the file system: path, cause and how to go on as text, and whether the machine or a path is to blame."""
 
 from __future__ import annotations
 

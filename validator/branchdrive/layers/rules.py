@@ -76,7 +76,7 @@ def layer_keys_are_unique(view: ReleaseView) -> Iterator[Check]:
         frame = view.rows(name)
         bad = repeated_rows(frame, LAYER_TABLES[name].key)
         yield Check.of_rows(
-            name, None, len(view.tables[name]), bad, lambda _: ("a key of its own", "the key of another row")
+            name, None, len(view.tables[name]), bad, lambda _: ("a unique key", "the key of another row")
         )
 
 
@@ -95,7 +95,7 @@ def layer_nulls_follow_masks(view: ReleaseView) -> Iterator[Check]:
 
 
 def _elsewhere(num_rows: int, _row: int) -> tuple[str, str]:
-    return "rows in the order of their key", f"{num_rows} rows elsewhere"
+    return "rows in the order of their key", f"{num_rows} rows out of order"
 
 
 @rule("BD-LYR-009")

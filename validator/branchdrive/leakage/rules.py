@@ -189,7 +189,7 @@ def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[Check]:
 def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history is an affine function of a target of one action."""
     variables, names, targets = view.cached(_history_variables)
-    yield _target_check("values of its own", names, affine_targets(variables, *targets))
+    yield _target_check("no affine function of a target", names, affine_targets(variables, *targets))
 
 
 @rule("BD-LKG-011")

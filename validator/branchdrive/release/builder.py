@@ -91,7 +91,7 @@ def build_release(
 
     Raises:
         UsageError: A stage is unknown or lacks the one before it, the folders do not go together, or a collection
-            or another build is at work in the folder.
+            or another build is running in the folder.
         DatasetError: The raw layer is damaged, breaks the format, has too few groups or was changed meanwhile, or
             the bank has an encoding of its own.
     """

@@ -46,7 +46,7 @@ def lock_area(target: Path) -> Iterator[Path]:
     """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
 
     Raises:
-        UsageError: Somebody else is at work there, a collection has stopped in the middle, or a link leads out.
+        UsageError: Another command is running there, a collection has stopped in the middle, or a link leads out.
     """
     _refuse_links(target)
     area = target / STAGING_DIR
@@ -71,7 +71,7 @@ def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
         create: Whether it may be missing.
 
     Raises:
-        UsageError: A collection or another build is at work there, a collection has stopped in the middle, a link
+        UsageError: A collection or another build is running there, a collection has stopped in the middle, a link
             leads out of the folder, or it is missing and may not be.
     """
     is_new = not target.exists()
@@ -108,7 +108,7 @@ def _sole_writer(target: Path, area: Path) -> Iterator[None]:
     except FileNotFoundError:  # whoever had the area clears it away at this moment
         is_taken = False
     if not is_taken:
-        raise UsageError(f"{target}: a collection, a build or a benchmark is at work there; wait until it has finished")
+        raise UsageError(f"{target}: a collection, a build or a benchmark is running there; wait until it has finished")
     try:
         others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, _WORK})
         others = [name for name in others if not name.startswith(_BENCHMARK)]

@@ -18,7 +18,7 @@ class Column(NamedTuple):
 
     Attributes:
         title: Its heading, with the unit after a comma.
-        is_text: Whether cells are words, which stand on the left and may be folded; numbers stand on the right.
+        is_text: Whether cells are text, which stand on the left and may be folded; numbers stand on the right.
         is_name: Whether the column tells what a row is about: terminals repeat it beside every part of a wide table,
             and leave a cell blank that says the same as the one above, but for that of the last such column.
         is_code: Whether cells are identifiers.

@@ -35,7 +35,7 @@ def add_protocol(parser: argparse.ArgumentParser) -> None:
     """Another protocol than the default one."""
     parser.add_argument(
         "--protocol", metavar="FILE", type=Path,
-        help="benchmark protocol as JSON (default: the one at work here, else that of this version)",
+        help="benchmark protocol as JSON (default: the one in use in the release, else that of this version)",
     )  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def at_work(
     A request to terminate interrupts as the keyboard does, and the same command goes on later.
 
     Raises:
-        UsageError: Another command is at work there.
+        UsageError: Another command is running there.
         DatasetError: The release cannot be read.
     """
     from branchdrive_reference.benchmark.document import choose_protocol

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     Raises:
         PlatformError: The extra is not installed.
-        UsageError: No model is called so, or another command is at work on the release.
+        UsageError: No model is called so, or another command is running on the release.
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("train")

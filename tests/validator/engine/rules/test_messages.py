@@ -19,7 +19,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
 @pytest.mark.parametrize(
     ("rule", "name", "expected", "found"),
     [
-        ("BD-LAY-003", "table_removed", "the listed file", "no such file"),
+        ("BD-LAY-003", "table_removed", "a file that the manifest lists", "no such file"),
         ("BD-LAY-006", "link_in_place_of_a_table", "a regular file or folder", "a symbolic link"),
         ("BD-LAY-006", "pipe_in_place_of_a_table", "a regular file or folder", "a special file"),
         ("BD-LAY-007", "path_too_long", "a path within the limits", "is longer than 240 bytes"),
@@ -38,7 +38,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-KEY-003", "group_repeated_in_another_shard", "one shard", "raw/shard-00000, raw/shard-00001"),
         ("BD-KEY-006", "evidence_twice", "one row per key and observation", "a second row"),
         ("BD-KEY-006", "evidence_between_observations", "one row per key and observation", "no observation"),
-        ("BD-KEY-007", "control_row_lost", "the 200 rows that are there", "201"),
+        ("BD-KEY-007", "control_row_lost", "200, the number of rows", "201"),
         ("BD-KEY-008", "replay_of_an_intervention", "'nominal'", "'brake_0.30'"),
         ("BD-KEY-008", "intervention_under_the_nominal_key", "an intervening policy of the bank", "'nominal'"),
         ("BD-STA-001", "retry_that_ended_early", "status complete", "'partial': 'the ego was stuck'"),
@@ -91,8 +91,8 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ),
         ("BD-GRP-004", "one_action_branched_a_frame_later", "100 as in the nominal", "105"),
         ("BD-LYR-003", "privileged_column_among_sensor_histories", "no undeclared column", "double"),
-        ("BD-LYR-006", "group_listed_in_two_partitions", "a key of its own", "the key of another row"),
-        ("BD-LYR-009", "contexts_in_reverse", "rows in the order of their key", "14 rows elsewhere"),
+        ("BD-LYR-006", "group_listed_in_two_partitions", "a unique key", "the key of another row"),
+        ("BD-LYR-009", "contexts_in_reverse", "rows in the order of their key", "14 rows out of order"),
         ("BD-CAN-002", "copy_chosen_in_place_of_the_first", "'g2.brake_0.50.a1'", "'g2.brake_0.50.a2'"),
         ("BD-CAN-008", "attempt_left_unexplained", "a row with this key", "no such row"),
         ("BD-CAN-008", "attempt_that_raw_does_not_have", "at most one row with this key", "an unexpected row"),

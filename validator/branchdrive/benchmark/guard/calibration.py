@@ -14,7 +14,7 @@ independent clusters all that is kept has a rate of at most alpha, but for calib
 Source: Angelopoulos et al. 2022, arXiv 2208.02814, theorem 1; Angelopoulos et al. 2021, arXiv 2110.01052, its
 fixed sequence.
 
-What the guards promise, and what they do not: texts that a report prints word for word where they are claimed.
+What the guards promise, and what they do not: texts that a report prints verbatim where they are claimed.
 
 The numbers are those of `calibration.ALPHA`, `calibration.DELTA` and `path.TOLERANCE_M`; with others, or where
 `calibration.Calibration.refusal` says why nothing was judged, the texts do not hold.

@@ -122,7 +122,7 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
 
 
 def _miscounted(rows: NDArray[np.int64], recorded: NDArray[np.int64], row: int) -> tuple[str, str]:
-    return f"the {rows[row]} rows that are there", quote(recorded[row])
+    return f"{rows[row]}, the number of rows", quote(recorded[row])
 
 
 @rule("BD-KEY-007")
