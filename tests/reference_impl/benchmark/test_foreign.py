@@ -121,7 +121,7 @@ def _more(group: str) -> Callable[[Columns], None]:
         (_repeat, "expected one row of this candidate, found several rows"),
         (_set("min_ttc_s", float("nan")), "expected a finite `min_ttc_s`, found nan"),
         (_set("x_m", [float("inf")] * 10), "expected a finite `x_m`, found inf"),
-        (_set("x_m", [0.0] * 9), "column 'x_m' holds a list that has not 10 values"),
+        (_set("x_m", [0.0] * 9), "column 'x_m' holds a list of another length, expected 10 values"),
         (_set("action_key", "fly"), "expected a candidate and step of the bank"),
         (_set("group_id", "nobody"), "expected a group of the model layer"),
         (_more("train00"), "expected a group outside of 'train'"),
@@ -200,7 +200,7 @@ def test_options_go_together(done: Path, tmp_path: Path) -> None:
     file = tmp_path / "mine.parquet"
     for arguments, message in (
         (["--predictions", file], "need each other"),
-        (["--output", tmp_path], "goes with `--predictions`"),
+        (["--output", tmp_path], "needs `--predictions`"),
         (["--predictions", file, "--name", "M3"], "is a model of the protocol"),
         (["--predictions", file, "--name", "M5"], "is a model of the protocol"),
         (["--predictions", file, "--name", "Mine", "--output", done / "x"], "lies inside the dataset"),

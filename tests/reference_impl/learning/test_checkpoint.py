@@ -149,8 +149,8 @@ def test_a_link_is_not_followed(path: Path) -> None:
 @pytest.mark.parametrize(
     ("document", "message"),
     [
-        ({"format": "branchdrive-checkpoint-0"}, "no checkpoint of the format"),
-        ({"more": 1}, "no checkpoint of the format"),
+        ({"format": "branchdrive-checkpoint-0"}, "is not a checkpoint of the format"),
+        ({"more": 1}, "is not a checkpoint of the format"),
         ({"provenance": {**ORIGIN.record, "code_version": "0.0.1"}}, "`code_version` is '0.0.1', expected "),
         ({"provenance": {**ORIGIN.record, "model": "M1"}}, "`model` is 'M1', expected 'M3'"),
         ({"provenance": {**ORIGIN.record, "seed": "11"}}, "`seed` is '11'"),

@@ -125,12 +125,17 @@ def test_a_repeated_row_is_refused_by_its_key(table: str) -> None:
 @pytest.mark.parametrize(
     ("table", "column", "value", "message"),
     [
-        ("state", "group_id", "g9", "row of `group_id` 'g9', `offset_ticks` -75: this `group_id` is none of the 5"),
-        ("past_controls", "offset_ticks", 0, "`offset_ticks` 0: this `offset_ticks` is none of the 80 wanted"),
-        ("surroundings", "offset_ticks", -74, "`offset_ticks` -74: this `offset_ticks` is none of the 16 wanted"),
-        ("actions", "action_key", "hover", "row of `action_key` 'hover': this `action_key` is none of the 13 wanted"),
-        ("scalars", "action_key", "hover", "`action_key` 'hover': this `action_key` is none of the 13 wanted"),
-        ("trajectories", "step", 11, "`step` 11: this `step` is none of the 10 wanted"),
+        ("state", "group_id", "g9", "row of `group_id` 'g9', `offset_ticks` -75: this `group_id` is not one of the 5"),
+        ("past_controls", "offset_ticks", 0, "`offset_ticks` 0: this `offset_ticks` is not one of the 80 expected"),
+        ("surroundings", "offset_ticks", -74, "`offset_ticks` -74: this `offset_ticks` is not one of the 16 expected"),
+        (
+            "actions",
+            "action_key",
+            "hover",
+            "row of `action_key` 'hover': this `action_key` is not one of the 13 expected",
+        ),
+        ("scalars", "action_key", "hover", "`action_key` 'hover': this `action_key` is not one of the 13 expected"),
+        ("trajectories", "step", 11, "`step` 11: this `step` is not one of the 10 expected"),
     ],
 )
 def test_an_unknown_key_is_refused(table: str, column: str, value: Any, message: str) -> None:

@@ -133,13 +133,21 @@ def test_entries_are_found_by_their_names() -> None:
 @pytest.mark.parametrize(
     ("name", "entries", "message"),
     [
-        ("state", DOCUMENT["state"][1:], "`state` lacks rel_x_m; it has one entry for each of 21"),
+        ("state", DOCUMENT["state"][1:], "`state` lacks rel_x_m; expected one entry for each of 21"),
         ("state", [*DOCUMENT["state"], DOCUMENT["state"][0]], "`state` repeats an entry or has an unknown one"),
         ("trajectories", DOCUMENT["trajectories"][:-1], "`trajectories` lacks 10, speed_mps"),
         ("expert", None, "`expert` is not a list of entries"),
-        ("past_controls", [{**e, "scale": 0.0} for e in DOCUMENT["past_controls"]], "scales and limits are positive"),
+        (
+            "past_controls",
+            [{**e, "scale": 0.0} for e in DOCUMENT["past_controls"]],
+            "scales and limits must be positive",
+        ),
         ("past_controls", [{**e, "scale": "1"} for e in DOCUMENT["past_controls"]], "`scale` is '1', not a number"),
-        ("state", [{**e, "offset": None} for e in DOCUMENT["state"]], "offset and scale are null for scalars only"),
+        (
+            "state",
+            [{**e, "offset": None} for e in DOCUMENT["state"]],
+            "offset and scale must not be null, except for scalars",
+        ),
     ],
 )
 def test_a_document_that_holds_no_scalings_is_refused(name: str, entries: Any, message: str) -> None:

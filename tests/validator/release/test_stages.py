@@ -90,7 +90,9 @@ def test_layers_of_another_raw_layer_are_refused(raw: Path, release: Path, tmp_p
     seal_dataset(release)
     before = contents(release)
     for stage in STAGES[1:]:
-        with pytest.raises(UsageError, match="its layers are of another raw layer; begin with the stage 'canonical'"):
+        with pytest.raises(
+            UsageError, match="its layers were built from another raw layer; start with the stage 'canonical'"
+        ):
             build(release, stages=[stage])
     assert contents(release) == before
     with pytest.raises(UsageError, match="build 'quality' together with 'canonical'"):
@@ -105,7 +107,7 @@ def test_layers_of_another_raw_layer_in_a_detached_release_are_refused(raw: Path
     release, other = tmp_path / "release", another_raw_layer(raw, tmp_path / "other")
     build(raw, output=release)
     before = contents(release)
-    with pytest.raises(UsageError, match="its layers are of another raw layer"):
+    with pytest.raises(UsageError, match="its layers were built from another raw layer"):
         build(other, output=release, stages=["model"])
     assert contents(release) == before
 

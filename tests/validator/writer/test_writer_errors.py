@@ -228,7 +228,7 @@ TABLE: dict[str, tuple[Callable[[Scene], object], type[BranchDriveError], str]] 
     # finished rollouts
     "not finite": (append_and_finish(expert_steer=np.full(4, np.nan)), REFUSED, "finite.*expert_steer"),
     "out of range": (append_and_finish(expert_steer=np.full(4, 2.0)), REFUSED, "range.*expert_steer"),
-    "not in the vocabulary": (append_and_finish(source=["human"] * 4), REFUSED, "vocabulary.*human"),
+    "not in the vocabulary": (append_and_finish(source=["human"] * 4), REFUSED, "declared categories.*human"),
     "null without availability": (append_and_finish(applied_steer=None), REFUSED, "hold no null"),
     "a key twice": (actor_twice, REFUSED, "unique"),
     "unknown field": (lambda s: s.finish(colour="red"), REFUSED, r"unknown columns \['colour'\]"),
