@@ -23,7 +23,7 @@ from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, Scale, fit_scale, utility
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.release.builder import build_release
-from branchdrive_reference.benchmark.selector import (
+from branchdrive_reference.benchmark.onnx_export import (
     INPUTS,
     OUTPUT,
     TOLERANCE,

@@ -20,7 +20,7 @@ from branchdrive.contract.layer import table_path
 from branchdrive.formats.parquet import encode_table
 from branchdrive.model.arrays import ModelArrays, pack_arrays
 from branchdrive.model.features import HISTORIES, features_document
-from branchdrive.model.normalisation import normalisation_document
+from branchdrive.model.normalisation_document import normalisation_document
 from branchdrive.quality.variants import Variant, variants_document
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import Values, num_rows, take

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.build import seed
+from branchdrive.cli.main import EXIT_INTERRUPTED
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
@@ -27,7 +28,6 @@ __all__ = ["SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "collect a dataset in the reference world"
 
-EXIT_INTERRUPTED = 130
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0
 _MAX_LISTED = 10

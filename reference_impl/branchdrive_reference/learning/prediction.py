@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
-from branchdrive.model.normalisation import Scalings
+from branchdrive.model.normalisation_document import Scalings
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 from branchdrive_reference.learning.execution import deterministic, open_device

@@ -22,7 +22,7 @@ from torch.nn import functional
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import Profile, Scale, utility
 from branchdrive.errors import UsageError
-from branchdrive.model.normalisation import Scalings
+from branchdrive.model.normalisation_document import Scalings
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.network import (

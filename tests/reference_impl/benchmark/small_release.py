@@ -18,7 +18,7 @@ from branchdrive.driving.target import TARGETS
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.model.arrays import pack_arrays
 from branchdrive.model.features import target_mask
-from branchdrive.model.normalisation import normalisation_document
+from branchdrive.model.normalisation_document import normalisation_document
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
 
 __all__ = [

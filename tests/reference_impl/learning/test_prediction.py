@@ -12,7 +12,7 @@ from tests.model_release import ASSIGNMENT, CANDIDATES, make_arrays, make_frames
 from tests.reference_impl.learning.small_models import MEAN, SMALL, make_release
 
 from branchdrive import UsageError, open_model
-from branchdrive.model.normalisation import normalisation_document
+from branchdrive.model.normalisation_document import normalisation_document
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path
 from branchdrive_reference.learning.groups import BranchGroupDataset
 from branchdrive_reference.learning.prediction import predict

@@ -40,7 +40,7 @@ from branchdrive.contract.columns import LAYER_TABLES, table_schema
 from branchdrive.contract.layer import LAYERS
 from branchdrive.formats.parquet import encode_table
 from branchdrive.model.features import features_document
-from branchdrive.model.normalisation import normalisation_document, scalings_of
+from branchdrive.model.normalisation_document import normalisation_document, scalings_of
 from branchdrive.quality.variants import Variant
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import take

@@ -15,10 +15,9 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.layers.view import ReleaseView
+from branchdrive.raw.rules.nulls import masks_agree_with_values, required_columns_hold_no_null
 from branchdrive.raw.rules.values import (
     categories_are_declared,
-    masks_agree_with_values,
-    required_columns_hold_no_null,
     text_matches_pattern,
     values_are_finite,
     values_lie_in_range,

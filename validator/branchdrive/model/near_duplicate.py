@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from branchdrive.contract.comparison import TOLERANCE
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import HistoryInput
-from branchdrive.driving.normalisation import fit_controls, fit_state, training
 from branchdrive.model.arrays import pack_history
+from branchdrive.model.normalisation import fit_controls, fit_state, training
 from branchdrive.statistics.split import TRAINING
 from branchdrive.tables.frame import Frame, of_groups
 

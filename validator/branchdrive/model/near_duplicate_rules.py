@@ -24,7 +24,7 @@ def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
     """Core-valid groups outside of training that all but repeat a context of another partition are marked."""
     groups, frames = view.frame("group_quality"), view.raw_rows
     complete = set(frames["routes"]["group_id"].tolist())
-    judged = np.asarray(groups["core_valid"], bool)
+    judged = np.array(groups["core_valid"], bool)
     if not set(groups["group_id"][judged].tolist()) <= complete & assignment_of(groups).keys():
         judged &= np.array([g in complete and g in assignment_of(groups) for g in groups["group_id"].tolist()])
     expected, doubtful = duplicate_flags(

@@ -1,196 +1,177 @@
-"""The document `normalisation.json`: scalings fitted on the training groups of a model layer.
+"""Normalisation of histories, targets and trajectories, fitted on the training groups of one split.
 
-It is built from packed arrays and the whole assignment of the split, whose digest it holds, by the functions of
-`branchdrive.driving.normalisation`. Groups are taken in sorted order, so that the order of the arrays changes
-no bit. What the privileged expert computes is scaled as state is: target speed standardised, flags as they are.
-A number is written with the digits that give it back exactly; unknown and unlimited are null.
+Every scaling is affine, ``z = (value - offset) / scale``, then limited where a limit is declared::
 
-Source: paper III-E and IV (training statistics only); spec/12-model.md#normalisation.
+    state       mean and sd over (training groups x 16) per feature, limited to +-8; one-hots and flags as they are
+    controls    mean and sd over (training groups x 80) per control, limited to +-8
+    targets     median and interquartile range (linear quantiles) of the available values, per target
+    trajectory  mean and sd per step and component; sin and cos as they are
+
+Standard deviations are of the population and at least 1e-3, interquartile ranges at least 1e-6. What is
+left as it is has offset 0 and scale 1 and passes unchanged, to the bit. A scaling holds the digest of the
+split it was fitted on, and it can be fitted in no other way than through the training rows of that split.
+Sums run in the order of the rows: with the groups in sorted order the statistics are reproducible to the bit.
+
+Source: paper III-E and IV (training statistics only); floors and limits are this project's choice.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.contract.comparison import TOLERANCE, document_mismatches
-from branchdrive.contract.mismatch import Mismatch
-from branchdrive.contract.timing import FUTURE_OBSERVATIONS
-from branchdrive.driving.feature import SENSOR_PROFILE
+from branchdrive.driving.feature import Feature, Profile
 from branchdrive.driving.history import HistoryInput
-from branchdrive.driving.normalisation import Scaling, fit_controls, fit_state, fit_targets, fit_trajectory, training
-from branchdrive.driving.target import TARGETS, TRAJECTORY, Targets, Trajectory
-from branchdrive.errors import DatasetError
-from branchdrive.model.arrays import ModelArrays
-from branchdrive.model.features import EXPERT_PROFILE, HISTORIES
-from branchdrive.statistics.split import TRAINING
+from branchdrive.driving.target import TRAJECTORY, Targets, Trajectory
+from branchdrive.statistics.split import TRAINING, split_digest
 
-__all__ = ["Scalings", "normalisation_document", "normalisation_mismatches", "scalings_of"]
+__all__ = [
+    "Scaling",
+    "Training",
+    "fit_controls",
+    "fit_state",
+    "fit_targets",
+    "fit_trajectory",
+    "training",
+]
 
 Array = NDArray[np.float64]
 
-_SCALED = ("state", "past_controls", "expert")
-_SCALARS = tuple(target.name for target in TARGETS)
+SD_FLOOR = 1e-3
+IQR_FLOOR = 1e-6
+HISTORY_LIMIT = 8.0
 
 
-class Scalings(NamedTuple):
-    """Scalings of a model layer.
+class Training(NamedTuple):
+    """Training rows of one split: `rows` ``[groups]``, and the digest of the split."""
+
+    rows: NDArray[np.bool_]
+    split_digest: str
+
+
+class Scaling(NamedTuple):
+    """An affine scaling; the three arrays have the shape of the trailing axes that they apply to.
 
     Attributes:
-        state: ``[21]``.
-        controls: ``[3]``.
-        expert: ``[4]``.
-        scalars: ``[6]``; NaN for a target without an available training value.
-        trajectories: ``[10, 5]``.
+        offset: In the units of the values.
+        scale: In the units of the values, positive.
+        limit: Largest magnitude of a normalised value, ``inf`` where there is none.
+        split_digest: Digest of the split whose training partition it was fitted on.
     """
 
-    state: Scaling
-    controls: Scaling
-    expert: Scaling
-    scalars: Scaling
-    trajectories: Scaling
+    offset: Array
+    scale: Array
+    limit: Array
+    split_digest: str
+
+    def apply(self, values: ArrayLike) -> Array:
+        """Normalised values, of the same shape; NaN stays NaN."""
+        return np.asarray(np.clip((self._checked(values) - self.offset) / self.scale, -self.limit, self.limit))
+
+    def invert(self, normalised: ArrayLike) -> Array:
+        """Values in their units, of the same shape; what the limit cut off does not come back."""
+        return np.asarray(self._checked(normalised) * self.scale + self.offset)
+
+    def _checked(self, values: ArrayLike) -> Array:
+        array = np.asarray(values, np.float64)
+        if array.shape[array.ndim - self.offset.ndim :] != self.offset.shape:
+            raise ValueError(f"values have shape {list(array.shape)}, the last axes not {list(self.offset.shape)}")
+        return array
 
 
-def normalisation_document(arrays: ModelArrays, assignment: Mapping[str, str]) -> dict[str, Any]:
-    """The document of arrays and the partition of every group of the split, by group id.
+def training(group_ids: Sequence[str], assignment: Mapping[str, str]) -> Training:
+    """Training rows among `group_ids` ``[groups]``, which may be a part of the split.
 
     Raises:
-        ValueError: A group of the arrays is in no partition, or none is in training.
+        ValueError: A group is in no partition, or no group is in training.
     """
-    order = np.argsort(np.array(arrays.groups, object), kind="stable")
-    fitted_on = training([arrays.groups[i] for i in order], assignment)
-    histories = {
-        "state": fit_state(_history(arrays.state[order]), SENSOR_PROFILE, fitted_on),
-        "past_controls": fit_controls(_history(arrays.controls[order]), SENSOR_PROFILE, fitted_on),
-        "expert": fit_state(_history(arrays.expert[order]), EXPERT_PROFILE, fitted_on),
-    }
-    targets, paths = arrays.scalars, arrays.trajectories
-    scalars = fit_targets(Targets(targets.values[order], targets.available[order]), fitted_on)
-    trajectories = fit_trajectory(Trajectory(paths.values[order], paths.available[order]), fitted_on)
-    return {
-        "split_digest": fitted_on.split_digest,
-        "partition": TRAINING,
-        "num_groups": int(fitted_on.rows.sum()),
-        **{
-            name: [
-                {"feature": feature, "offset": offset, "scale": scale, "limit": _or_null(limit)}
-                for feature, offset, scale, limit in zip(
-                    _names(name),
-                    scaling.offset.tolist(),
-                    scaling.scale.tolist(),
-                    scaling.limit.tolist(),
-                    strict=True,
-                )
-            ]
-            for name, scaling in histories.items()
-        },
-        "scalars": [
-            {"feature": feature, "offset": _or_null(offset), "scale": _or_null(scale)}
-            for feature, offset, scale in zip(_SCALARS, scalars.offset.tolist(), scalars.scale.tolist(), strict=True)
-        ],
-        "trajectories": [
-            {
-                "step": step,
-                "component": component,
-                "offset": float(trajectories.offset[step - 1, place]),
-                "scale": float(trajectories.scale[step - 1, place]),
-            }
-            for step, place, component in _trajectory_places()
-        ],
-    }
+    missing = [group_id for group_id in group_ids if group_id not in assignment]
+    rows = np.array([assignment.get(group_id) == TRAINING for group_id in group_ids], np.bool_)
+    if missing or not rows.any():
+        found = f"group {missing[0]!r} is in no partition" if missing else "no group is in training"
+        raise ValueError(f"{found}, of {len(group_ids)} groups and an assignment of {len(assignment)}")
+    return Training(rows, split_digest(assignment))
 
 
-def scalings_of(document: Mapping[str, Any]) -> Scalings:
-    """The scalings that a document holds, to the bit those that it was built from.
+def fit_state(history: HistoryInput, profile: Profile, fitted_on: Training) -> Scaling:
+    """Scaling ``[features]`` of a state history ``[groups, 16, features]``.
 
     Raises:
-        DatasetError: An entry is missing, repeated, unknown, or no scaling.
+        ValueError: Shapes do not match, or no training row is available.
     """
-    digest = str(document.get("split_digest"))
+    return _fit_history(history, profile.state, fitted_on)
 
-    def scaling(name: str, wanted: Sequence[tuple[Any, ...]], fields: tuple[str, ...]) -> Scaling:
-        entries = _by_key(document, name, wanted, fields)
-        rows = [entries[key] for key in wanted]
-        offset = np.array([_number(row, "offset", name, math.nan) for row in rows])
-        scale = np.array([_number(row, "scale", name, math.nan) for row in rows])
-        limit = np.array([_number(row, "limit", name, math.inf) for row in rows])
-        if (scale <= 0).any() or (limit <= 0).any():
-            raise DatasetError(
-                f"`normalisation.json`: `{name}`: scales and limits must be positive; run `branchdrive-validate`"
-            )
-        is_known = np.isfinite(offset) & np.isfinite(scale)
-        if name != "scalars" and not is_known.all():
-            raise DatasetError(f"`normalisation.json`: `{name}`: offset and scale must not be null, except for scalars")
-        return Scaling(np.where(is_known, offset, np.nan), np.where(is_known, scale, np.nan), limit, digest)
 
-    state, controls, expert = (
-        scaling(name, [(feature,) for feature in _names(name)], ("feature",)) for name in _SCALED
+def fit_controls(history: HistoryInput, profile: Profile, fitted_on: Training) -> Scaling:
+    """Scaling ``[controls]`` of a control history ``[groups, 80, controls]``.
+
+    Raises:
+        ValueError: Shapes do not match, or no training row is available.
+    """
+    return _fit_history(history, profile.controls, fitted_on)
+
+
+def fit_targets(targets: Targets, fitted_on: Training) -> Scaling:
+    """Scaling ``[6]`` of scalar targets ``[groups, candidates, 6]``.
+
+    A target without any available training value has NaN for offset and scale.
+
+    Raises:
+        ValueError: Shapes do not match.
+    """
+    values = _training_rows(np.where(targets.available, targets.values, np.nan), fitted_on, 3)
+    quantiles = np.full((values.shape[2], 3), np.nan)
+    for column, row in enumerate(quantiles):
+        there = values[..., column][np.isfinite(values[..., column])]
+        if there.size:
+            row[:] = np.quantile(there, [0.25, 0.5, 0.75])
+    low, middle, high = quantiles.T
+    return Scaling(middle, np.maximum(high - low, IQR_FLOOR), np.full(len(middle), np.inf), fitted_on.split_digest)
+
+
+def fit_trajectory(trajectory: Trajectory, fitted_on: Training) -> Scaling:
+    """Scaling ``[10, 5]`` of trajectories ``[groups, candidates, 10, 5]``.
+
+    Raises:
+        ValueError: Shapes do not match, or a step is available in no training row.
+    """
+    values = _training_rows(np.where(trajectory.available[..., None], trajectory.values, np.nan), fitted_on, 4)
+    kept = np.array([name in ("sin_yaw", "cos_yaw") for name in TRAJECTORY])
+    mean, sd = _moments(values.reshape(-1, *values.shape[2:]))
+    kept = np.broadcast_to(kept, mean.shape)
+    return _standard(mean, sd, kept, np.inf, fitted_on)
+
+
+def _fit_history(history: HistoryInput, features: Sequence[Feature], fitted_on: Training) -> Scaling:
+    values = _training_rows(np.where(history.available[..., None], history.values, np.nan), fitted_on, 3)
+    if values.shape[2] != len(features):
+        raise ValueError(f"a history of {values.shape[2]} features does not match a profile of {len(features)}")
+    mean, sd = _moments(values.reshape(-1, values.shape[2]))
+    kept = np.array([not feature.normalised for feature in features])
+    return _standard(mean, sd, kept, HISTORY_LIMIT, fitted_on)
+
+
+def _training_rows(values: Array, fitted_on: Training, num_axes: int) -> Array:
+    if values.ndim != num_axes or len(values) != len(fitted_on.rows):
+        raise ValueError(f"values of shape {list(values.shape)} do not match {len(fitted_on.rows)} groups")
+    return np.asarray(values[fitted_on.rows])
+
+
+def _moments(values: Array) -> tuple[Array, Array]:
+    """Mean and population standard deviation over the first axis, absent rows left out."""
+    if not np.isfinite(values).any(axis=0).all():
+        raise ValueError("no training row is available to fit a scaling on")
+    mean = np.nanmean(values, axis=0)
+    return mean, np.sqrt(np.nanmean(np.square(values - mean), axis=0))
+
+
+def _standard(mean: Array, sd: Array, kept: NDArray[np.bool_], limit: float, fitted_on: Training) -> Scaling:
+    return Scaling(
+        np.where(kept, 0.0, mean),
+        np.where(kept, 1.0, np.maximum(sd, SD_FLOOR)),
+        np.where(kept, np.inf, limit),
+        fitted_on.split_digest,
     )
-    scalars = scaling("scalars", [(name,) for name in _SCALARS], ("feature",))
-    places = [(step, component) for step, _, component in _trajectory_places()]
-    flat = scaling("trajectories", places, ("step", "component"))
-    shape = (FUTURE_OBSERVATIONS, len(TRAJECTORY))
-    offset, scale, limit = (part.reshape(shape) for part in (flat.offset, flat.scale, flat.limit))
-    return Scalings(state, controls, expert, scalars, Scaling(offset, scale, limit, digest))
-
-
-def normalisation_mismatches(
-    document: Mapping[str, Any], arrays: ModelArrays, assignment: Mapping[str, str]
-) -> Iterator[Mismatch]:
-    """Where `document` is not the one that follows from the arrays and the split, numbers within `TOLERANCE`."""
-    try:
-        expected = normalisation_document(arrays, assignment)
-    except ValueError as error:
-        yield Mismatch({"pointer": "/"}, "a scaling fitted on training groups", str(error))
-        return
-    yield from document_mismatches(expected, document, tolerance=TOLERANCE)
-
-
-def _names(table: str) -> tuple[str, ...]:
-    return tuple(feature.name for feature in HISTORIES[table].features)
-
-
-def _history(values: Array) -> HistoryInput:
-    return HistoryInput(values, np.asarray(np.isfinite(values).all(axis=2)))
-
-
-def _trajectory_places() -> list[tuple[int, int, str]]:
-    """Step, place of the component and its name, step by step."""
-    return [
-        (step, place, component)
-        for step in range(1, FUTURE_OBSERVATIONS + 1)
-        for place, component in enumerate(TRAJECTORY)
-    ]
-
-
-def _or_null(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _by_key(
-    document: Mapping[str, Any], name: str, wanted: Sequence[tuple[Any, ...]], fields: tuple[str, ...]
-) -> dict[tuple[Any, ...], Mapping[str, Any]]:
-    """Entries of a list by the values of `fields`, exactly one for each wanted key."""
-    entries = document.get(name)
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise DatasetError(f"`normalisation.json`: `{name}` is not a list of entries; run `branchdrive-validate`")
-    keys = [tuple(entry.get(field) for field in fields) for entry in entries]
-    found = {repr(key) for key in keys}
-    if len(keys) != len(wanted) or found != {repr(key) for key in wanted}:
-        lacking = [key for key in wanted if repr(key) not in found]
-        missing = f"lacks {', '.join(map(str, lacking[0]))}" if lacking else "repeats an entry or has an unknown one"
-        raise DatasetError(f"`normalisation.json`: `{name}` {missing}; expected one entry for each of {len(wanted)}")
-    return dict(zip(keys, entries, strict=True))
-
-
-def _number(entry: Mapping[str, Any], field: str, name: str, unknown: float) -> float:
-    value = entry.get(field)
-    if value is None:
-        return unknown
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise DatasetError(f"`normalisation.json`: `{name}`: `{field}` is {str(value)[:40]!r}, not a number")
-    return float(value)

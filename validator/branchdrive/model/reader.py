@@ -30,7 +30,7 @@ from branchdrive.formats.untrusted import read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
 from branchdrive.model.features import admit_column, feature_mismatches
-from branchdrive.model.normalisation import Scalings, scalings_of
+from branchdrive.model.normalisation_document import Scalings, scalings_of
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Values

@@ -30,7 +30,7 @@ from branchdrive.layers.compare import (
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.arrays import ModelArrays, pack_arrays
 from branchdrive.model.features import HISTORIES, feature_mismatches, target_mask
-from branchdrive.model.normalisation import normalisation_mismatches
+from branchdrive.model.normalisation_document import normalisation_mismatches
 from branchdrive.model.rows import action_rows, context_rows
 from branchdrive.quality.partition import assignment_of
 from branchdrive.quality.split_rules import SPLIT

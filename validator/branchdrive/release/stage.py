@@ -19,7 +19,7 @@ from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import pack_arrays
 from branchdrive.model.features import features_document
 from branchdrive.model.near_duplicate import near_duplicate_flags
-from branchdrive.model.normalisation import normalisation_document
+from branchdrive.model.normalisation_document import normalisation_document
 from branchdrive.model.rows import action_rows, context_rows
 from branchdrive.quality.fidelity import (
     retention_document,

@@ -38,9 +38,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.contract.layout import BENCHMARK, LOCK_FILE
     from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol
+    from branchdrive_reference.benchmark.onnx_export import check_equal, export_selector
     from branchdrive_reference.benchmark.published import benchmark_data
     from branchdrive_reference.benchmark.release import open_release
-    from branchdrive_reference.benchmark.selector import check_equal, export_selector
     from branchdrive_reference.learning.checkpoint import read_checkpoint
 
     release = open_release(args.release)

@@ -10,8 +10,8 @@ from scipy.stats import iqr
 from tests.validator.statistics.samples import outcomes
 
 from branchdrive.benchmark.metric.scale import target_scale
-from branchdrive.driving.normalisation import Training, fit_targets
 from branchdrive.driving.target import Targets
+from branchdrive.model.normalisation import Training, fit_targets
 
 
 def test_scales_are_those_of_scipy_on_available_values() -> None:

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.driving.normalisation import IQR_FLOOR
 from branchdrive.driving.target import TARGETS
+from branchdrive.model.normalisation import IQR_FLOOR
 
 __all__ = ["Scale", "target_scale"]
 

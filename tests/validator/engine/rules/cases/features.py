@@ -10,7 +10,7 @@ from tests.validator.engine.rules.release import SPLIT, ReleaseDraft
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.model.arrays import ModelArrays, pack_arrays
 from branchdrive.model.near_duplicate import duplicates_among
-from branchdrive.model.normalisation import normalisation_document
+from branchdrive.model.normalisation_document import normalisation_document
 from branchdrive.quality.partition import assignment_of
 
 FEATURES, NORMALISATION = "model/features.json", "model/normalisation.json"

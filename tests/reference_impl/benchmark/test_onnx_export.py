@@ -10,7 +10,7 @@ from tests.reference_impl.benchmark.small_release import invoke
 
 from branchdrive import BranchDriveError, UsageError, open_model
 from branchdrive.formats.manifest import Manifest, build_manifest
-from branchdrive_reference.benchmark.selector import TOLERANCE, check_equal
+from branchdrive_reference.benchmark.onnx_export import TOLERANCE, check_equal
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 
 

@@ -1,0 +1,95 @@
+"""Null rules: a value is absent exactly where its availability says so. Source: spec/06-masks.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import Availability, Column, declared_table
+from branchdrive.contract.mismatch import Check
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.driving.risk import MIN_CLOSING_MPS, RANGE_M
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import Tables, TableView
+
+IMPOSSIBLE_TTC_S = RANGE_M / MIN_CLOSING_MPS
+"""500 s, all the range at the slowest closing speed: no time to collision can lie beyond."""
+
+Mask = NDArray[np.bool_]
+
+NONE = np.zeros(0, np.intp)
+"""No row."""
+
+
+def _nullable(view: Tables, accept: Callable[[Availability], bool]) -> Iterator[tuple[TableView, Column, Availability]]:
+    for name in view.table_names:
+        for column in declared_table(name).columns:
+            if column.available is not None and accept(column.available):
+                yield view[name], column, column.available
+
+
+def _presence(table: TableView, column: Column, expected: Mask, because: str) -> Check:
+    present = table.valid(column.name)
+
+    def describe(row: int) -> tuple[str, str]:
+        demand = "a value" if expected[row] else "null"
+        found = quote(table[column.name][row]) if present[row] else "null"
+        return f"{demand} ({because} is {'on' if expected[row] else 'off'})", found
+
+    return Check.of_rows(table.name, column.name, len(table), np.flatnonzero(present != expected), describe)
+
+
+@rule("BD-NUL-001")
+def required_columns_hold_no_null(view: Tables) -> Iterator[Check]:
+    """A column without availability has a value in every row."""
+    for name in view.table_names:
+        table = view[name]
+        for column in declared_table(name).columns:
+            if not column.nullable:
+                bad = np.flatnonzero(~table.valid(column.name)) if table.num_nulls(column.name) else NONE
+                yield Check.of_rows(name, column.name, len(table), bad, lambda _: ("a value", "null"))
+
+
+@rule("BD-NUL-002")
+def masks_agree_with_values(view: Tables) -> Iterator[Check]:
+    """A masked column is null exactly where its mask is off."""
+    for table, column, available in _nullable(view, lambda a: a.mask is not None):
+        yield _presence(table, column, table[str(available.mask)].astype(bool), f"`{available.mask}`")
+
+
+@rule("BD-NUL-003")
+def policy_columns_follow_active(view: ShardView) -> Iterator[Check]:
+    """Intended and stored nominal commands are there exactly at active ticks."""
+    for table, column, _ in _nullable(view, lambda a: a.when == "active"):
+        yield _presence(table, column, table["active"].astype(bool), "`active`")
+
+
+@rule("BD-NUL-004")
+def rollout_columns_follow_conditions(view: ShardView) -> Iterator[Check]:
+    """Conditional columns of an attempt are there exactly where their condition holds."""
+    table = view.rollouts
+    conditions = {
+        "branched": view.branched,
+        "not_complete": ~view.complete,
+        "not_nominal": ~view.role("nominal"),
+    }
+    for _, column, available in _nullable(view, lambda a: a.when in conditions):
+        yield _presence(table, column, conditions[str(available.when)], f"condition `{available.when}`")
+    for _, column, available in _nullable(view, lambda a: a.when == "valued"):
+        carries = table.equals(str(available.rule), "absolute") | table.equals(str(available.rule), "floor")
+        yield _presence(table, column, carries, f"a valued `{available.rule}`")
+
+
+@rule("BD-NUL-005")
+def absent_ttc_is_null(view: ShardView) -> Iterator[Check]:
+    """No time to collision above what range and closing cut-off allow: such values are sentinels."""
+    if "evidence" in view:
+        table = view["evidence"]
+        ttc = table["ttc_s"]
+        bad = np.flatnonzero(table.valid("ttc_s") & np.isfinite(ttc) & (ttc > IMPOSSIBLE_TTC_S))
+        yield Check.of_rows(
+            "evidence", "ttc_s", len(table), bad, lambda row: ("null, or at most 500 s", quote(ttc[row]))
+        )
