@@ -17,10 +17,10 @@ from tests.model_release import ASSIGNMENT, CANDIDATES, GROUPS, make_arrays, mak
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import HistoryInput
-from branchdrive.model.normalisation import fit_state, fit_targets, fit_trajectory, training
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import ModelArrays, pack_arrays
+from branchdrive.model.normalisation import fit_state, fit_targets, fit_trajectory, training
 from branchdrive.model.normalisation_document import normalisation_document, normalisation_mismatches, scalings_of
 from branchdrive.statistics.split import split_digest
 

@@ -130,9 +130,11 @@ class ReleaseView:
         return self.rows(table)
 
     def rows(self, table: str) -> Frame:
-        """Rows of a decoded table, whatever rules say about them."""
+        """Rows of a decoded table, whatever rules say about them; rules share them, so they cannot be changed."""
         if table not in self._frames:
-            self._frames[table] = from_arrow(self.tables[table], table)
+            frame = self._frames[table] = from_arrow(self.tables[table], table)
+            for values in frame.values():
+                values.flags.writeable = False
         return self._frames[table]
 
     def document(self, path: str) -> Any:
