@@ -135,6 +135,8 @@ class ReleaseView:
             frame = self._frames[table] = from_arrow(self.tables[table], table)
             for values in frame.values():
                 values.flags.writeable = False
+                if np.ma.isMaskedArray(values):
+                    np.ma.getmask(values).flags.writeable = False
         return self._frames[table]
 
     def document(self, path: str) -> Any:
