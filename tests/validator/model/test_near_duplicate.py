@@ -191,7 +191,7 @@ def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match="do not match"):
         nearest_other(np.zeros((2, 3)), [0])
     for value in (np.nan, np.inf, 1e101):
-        with pytest.raises(ValueError, match=r"no number or beyond 1e\+100"):
+        with pytest.raises(ValueError, match=r"not a number or beyond 1e\+100"):
             nearest_other([[0.0, value]], [0])
     with pytest.raises(ValueError, match="histories of shapes"):
         history_vectors(np.zeros((2, 16, 21)), np.zeros((3, 80, 3)))

@@ -14,7 +14,7 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import check_against_manifest
-from branchdrive.release.publish import benchmark_area, held, publish_layer
+from branchdrive.release.publish import benchmark_area, lock_area, publish_layer
 
 FILES = {"benchmark/TABLES.md": b"tables\n", "benchmark/figures/one.svg": b"<svg/>\n"}
 
@@ -22,16 +22,16 @@ FILES = {"benchmark/TABLES.md": b"tables\n", "benchmark/figures/one.svg": b"<svg
 def test_a_layer_is_added_replaced_and_dropped(release: Path) -> None:
     before = contents(release)
     identity = check_against_manifest(release).identity
-    with held(release):
+    with lock_area(release):
         publish_layer(release, "benchmark", FILES)
     assert check_against_manifest(release).identity == identity
     assert read_descriptor(release).layers[-1] == "benchmark"
-    with held(release):
+    with lock_area(release):
         publish_layer(release, "benchmark", {"benchmark/TABLES.md": b"others\n"})
     assert sorted(path for path in contents(release) if path.startswith("benchmark/")) == ["benchmark/TABLES.md"]
-    with held(release):
+    with lock_area(release):
         publish_layer(release, "benchmark", {})
-    with held(release):
+    with lock_area(release):
         pass  # what publication left goes
     assert contents(release) == before
 
@@ -42,7 +42,7 @@ def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:
     (area / "checkpoint").write_bytes(b"weights")
     build(release)
     assert (area / "checkpoint").read_bytes() == b"weights"
-    with held(release):
+    with lock_area(release):
         assert area.is_dir()
     build(release, seed=SEED + 1)
     assert not area.parent.exists()
@@ -59,7 +59,7 @@ def benchmarked(release: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     small = {**module.LAYERS, "benchmark": replace(whole, documents=documents, tables={})}
     monkeypatch.setattr(module, "LAYERS", small)
     monkeypatch.setattr(other, "LAYERS", small)
-    with held(release):
+    with lock_area(release):
         protocol = {"benchmark/protocol.json": dump_json(default_protocol().document)}
         publish_layer(release, "benchmark", {**FILES, **protocol, BENCHMARK_LEDGER_FILE: dump_json({"entries": []})})
     return release
