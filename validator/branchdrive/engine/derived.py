@@ -23,10 +23,13 @@ from branchdrive.engine.worker import Executor, Failed
 from branchdrive.files.survey import Survey
 from branchdrive.formats.manifest import Manifest
 
-__all__ = ["Derived", "judge_derived", "layer_files_task", "layers_tasks", "needs_raw"]
+__all__ = ["MAX_GROUPS_AT_ONCE", "Derived", "judge_derived", "layer_files_task", "layers_tasks", "needs_raw"]
 
 _DECODING = "BD-LYR-002"
 """The rule that tables of derived layers decode within the limits."""
+
+MAX_GROUPS_AT_ONCE = 32
+"""Groups of the raw layer up to which its derived layers are judged in one task."""
 
 _LONG = ("BD-LKG", "BD-BMK")
 """Areas whose rules take long enough for a task of their own."""
@@ -112,13 +115,14 @@ def _unjudged(rules: Sequence[str], *, is_killed: bool) -> dict[str, Tally]:
 def layers_tasks(
     task: LayerFilesTask, files: LayerFiles, source: Survey, shards: Sequence[ShardResult], selected: frozenset[str]
 ) -> Iterator[LayersTask]:
-    """Tasks on the whole, the longest first, and then one for each shard and one for the rows of no shard."""
+    """Tasks on the whole, the longest first, and then one for each shard and one for the rows of no shard.
+
+    A raw layer of a few groups is one task: what starting more of them takes would be most of their time.
+    """
     wanted = selected | {POPULATION_RULE}
     whole = [r for r in rules_of("layers", "layer_rows") if r in wanted and r not in STRUCTURE_RULES]
     rows = [rule_id for rule_id in whole if CATALOGUE[rule_id].scope == "layer_rows"]
     raw = _raw_rows(source, shards)
-    if raw.shards:
-        whole = [rule_id for rule_id in whole if rule_id not in rows]
     every = LayersTask(
         (),
         "all",
@@ -133,6 +137,11 @@ def layers_tasks(
         files.sizes,
         files.broken,
     )
+    if shards and sum(len(shard.group_ids) for shard in shards) <= MAX_GROUPS_AT_ONCE:
+        yield replace(every, rules=tuple(whole))
+        return
+    if raw.shards:
+        whole = [rule_id for rule_id in whole if rule_id not in rows]
     for area in _LONG:
         yield replace(every, rules=tuple(r for r in whole if r.startswith(area)))
     yield replace(every, rules=tuple(r for r in whole if not r.startswith(_LONG)))
