@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.risk import risk_evidence
 from branchdrive_reference.expert.control import Cause
 from branchdrive_reference.geometry.polyline import Array

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.driving.box import cos_sin, wrap_rad
+from branchdrive.driving.angle import cos_sin, wrap_rad
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from branchdrive.contract.columns import TABLES
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW, HistoryInput, control_history, state_history
 from branchdrive.errors import UsageError

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import beta
 
-from branchdrive.statistics.holm import beta_cdf, beta_quantile
+from branchdrive.statistics.binomial import beta_cdf, beta_quantile
 
 PARAMETERS = st.floats(0.05, 2000)
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from branchdrive.statistics.holm import binomial_cdf, exact_fraction
+from branchdrive.statistics.binomial import binomial_cdf, exact_fraction
 
 
 def test_no_success_in_n_trials() -> None:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OBSERVATIONS
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 
 __all__ = [
     "CORE",

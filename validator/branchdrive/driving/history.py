@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.feature import Feature, Profile
 from branchdrive.driving.target import STEP_S
 from branchdrive.errors import UsageError

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_TICKS, TICK_S
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 
 __all__ = [
     "STEP_S",

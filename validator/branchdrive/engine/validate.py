@@ -76,7 +76,7 @@ def validate(
         waivers: Accepted failures.
         require_groups: Groups that must qualify for exit code 0.
         executor: How shards are run; `branchdrive.engine.worker.isolated` bounds memory.
-        progress: Told after every shard.
+        progress: Called after every shard.
         today: The date against which waivers expire; the current date by default.
 
     Raises:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.driving.box import cos_sin
+from branchdrive.driving.angle import cos_sin
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceTask, Unavailable, fit_logistic, log_probability
 from branchdrive.leakage.inputs import ReplayInputs, pooled_controls
 from branchdrive.leakage.protocol import CLIP_SD, CONTROLS, SEQUENCE_TESTS, TESTS, ParityProtocol

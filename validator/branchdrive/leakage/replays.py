@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
-from branchdrive.driving.box import cos_sin, wrap_rad
+from branchdrive.driving.angle import cos_sin, wrap_rad
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW
 from branchdrive.driving.target import STEP_S
 from branchdrive.leakage.inputs import ReplayInputs

@@ -44,7 +44,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.driving.box import cos_sin
+from branchdrive.driving.angle import cos_sin
 from branchdrive.leakage.table import Table, step_limit
 from branchdrive.statistics.stream import WORDS_PER_NORMAL, normals, words
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import FUTURE_OFFSETS
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.target import TARGETS, TRAJECTORY, Motion, Risk, Targets, scalar_targets, trajectory
 from branchdrive.model.features import target_mask
 from branchdrive.raw.shard_view import ShardView

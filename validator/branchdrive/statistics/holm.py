@@ -4,37 +4,14 @@ With ``p_(1) <= .. <= p_(m)``, the adjusted ``p_(i)`` is ``max_{j <= i} min(1, (
 where it is at most ``alpha`` keeps the family-wise error at ``alpha`` under any dependence.
 
 Source: Holm 1979.
-
-Lower tail of the binomial law, exact.
-
-::
-
-    P(X <= k) = sum_{i <= k} C(n, i) p^i (1 - p)^(n - i),      X ~ Bin(n, p)
-
-The sum is taken in integers with ``p`` as the decimal fraction it is written as, and rounded once.
-
-The beta law with real parameters: distribution function and quantiles, to nine digits for parameters to 10,000.
-
-With ``I`` the regularised incomplete beta function, by Lentz's continued fraction::
-
-    P(X <= x) = I_x(a, b) = x^a (1 - x)^b / (a B(a, b)) * 1 / (1 + d_1 / (1 + d_2 / (1 + ...)))
-    d_2m   = m (b - m) x / ((a + 2m - 1) (a + 2m))
-    d_2m+1 = -(a + m) (a + b + m) x / ((a + 2m) (a + 2m + 1))
-
-and ``I_x(a, b) = 1 - I_(1-x)(b, a)`` where ``x`` is above the mean. Quantiles are found by bisection.
-
-Source: Lentz 1976; Press et al. 2007, section 6.4.
 """
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["beta_cdf", "beta_quantile", "binomial_cdf", "exact_fraction", "holm"]
+__all__ = ["holm"]
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
@@ -50,88 +27,3 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     adjusted = np.empty_like(p)
     adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
     return adjusted
-
-
-def binomial_cdf(successes: int, trials: int, probability: float) -> float:
-    """``P(X <= successes)``, correctly rounded.
-
-    Raises:
-        ValueError: `trials` is negative or `probability` not in ``[0, 1]``.
-    """
-    if trials < 0 or not 0 <= probability <= 1:
-        raise ValueError(f"no binomial law of {trials} trials with probability {probability!r}")
-    p = exact_fraction(probability)
-    hit, miss = p.numerator, p.denominator - p.numerator
-    if successes < 0 or not miss:
-        return float(0 <= trials <= successes)
-    ways = term = miss**trials
-    for i in range(min(successes, trials)):
-        term = term * (trials - i) * hit // ((i + 1) * miss)  # without remainder: a binomial term is an integer
-        ways += term
-    return float(Fraction(ways, p.denominator**trials))
-
-
-def exact_fraction(number: float) -> Fraction:
-    """The decimal fraction that `number` is written as: 0.05 is 1/20."""
-    return Fraction(repr(float(number)))
-
-
-_TINY = 1e-300
-_PRECISION = 1e-15
-_MAX_TERMS = 100_000
-_HALVINGS = 200
-
-
-def beta_cdf(x: float, a: float, b: float) -> float:
-    """``P(X <= x)`` for ``X ~ Beta(a, b)``.
-
-    Raises:
-        ValueError: `x` is not in ``[0, 1]``, `a` or `b` is not positive, or they are too large for the fraction.
-    """
-    if not (0 <= x <= 1 and 0 < a < math.inf and 0 < b < math.inf):
-        raise ValueError(f"no beta law of {a!r} and {b!r} at {x!r}")
-    if x in (0, 1):
-        return float(x)
-    if x * (a + b + 2) > a + 1:
-        return 1 - beta_cdf(1 - x, b, a)
-    logarithm = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
-    return math.exp(logarithm) / (a * _fraction(x, a, b))
-
-
-def beta_quantile(probability: float, a: float, b: float) -> float:
-    """The ``x`` at which `beta_cdf` is `probability`.
-
-    Raises:
-        ValueError: `probability` is not in ``(0, 1)``, or as `beta_cdf`.
-    """
-    if not 0 < probability < 1:
-        raise ValueError(f"probability {probability!r} is not in (0, 1)")
-    low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        if not low < middle < high:
-            break
-        low, high = (middle, high) if beta_cdf(middle, a, b) < probability else (low, middle)
-    return high
-
-
-def _fraction(x: float, a: float, b: float) -> float:
-    """``1 + d_1 / (1 + d_2 / ...)``."""
-    value, above, below = 1.0, 1.0, 0.0
-    for k in range(1, _MAX_TERMS):
-        m = k // 2
-        if k % 2:
-            d = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1))
-        else:
-            d = m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m))
-        below = 1 / _nonzero(1 + d * below)
-        above = _nonzero(1 + d / above)
-        step = above * below
-        value *= step
-        if abs(step - 1) < _PRECISION:
-            return value
-    raise ValueError(f"no beta law of {a!r} and {b!r}: the fraction does not settle")
-
-
-def _nonzero(number: float) -> float:
-    return number if abs(number) > _TINY else _TINY

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.guard.path import envelope
-from branchdrive.statistics.holm import binomial_cdf, exact_fraction
+from branchdrive.statistics.binomial import binomial_cdf, exact_fraction
 from branchdrive.statistics.stream import words
 
 __all__ = [

@@ -61,8 +61,8 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.guard.path import TOLERANCE_M, violations
 from branchdrive.driving.utility import RANGE
+from branchdrive.statistics.binomial import beta_quantile
 from branchdrive.statistics.bootstrap import NUM_RESAMPLES, resampled_counts
-from branchdrive.statistics.holm import beta_quantile
 from branchdrive.statistics.rounding import slack, sums
 
 __all__ = ["RATES", "Figure", "Terms", "cluster_weights", "figures", "rate_interval", "terms"]

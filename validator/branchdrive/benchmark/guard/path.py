@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.ranking.measure import choose
 from branchdrive.driving.utility import TIE
-from branchdrive.statistics.holm import exact_fraction
+from branchdrive.statistics.binomial import exact_fraction
 
 __all__ = [
     "COVERAGE",

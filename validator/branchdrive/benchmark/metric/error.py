@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
-from branchdrive.driving.box import wrap_rad
+from branchdrive.driving.angle import wrap_rad
 
 __all__ = ["PATH_ERRORS", "GroupErrors", "group_errors", "group_mean"]
 

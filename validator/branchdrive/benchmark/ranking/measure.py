@@ -5,7 +5,7 @@ With executed utilities ``u``, shares ``w`` of a selector, and best and worst of
     value = sum_a w_a u_a        difference = value - u_nominal        top 1 = sum of w_a where u_a >= best - TIE
     regret = (best - value) / (best - worst)                           0 where best - worst <= RANGE
 
-Concordance and NDCG are in `order`. Rows of a learned selector are means of its per-seed measures.
+Rows of a learned selector are means of its per-seed measures.
 
 Source: paper VI-D, table of offline policy evaluation.
 
