@@ -27,6 +27,7 @@ from tests.validator.engine.rules.cases import (
     nulls,
     quality,
     release,
+    responses,
     split,
     tables,
     targets,
@@ -42,8 +43,8 @@ __all__ = [
 
 AREAS = (
     layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
-    layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
-    benchmark_results,
+    layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, responses,
+    benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

@@ -13,6 +13,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
+from branchdrive.cli.response import print_response
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import location_text
@@ -74,6 +75,8 @@ def _print_report(console: Console, report: Report) -> None:
     _print_head(console, report)
     _print_findings(console, report)
     _print_funnel(console, report)
+    if report.response is not None:
+        print_response(console, report.response)
     if report.population is not None:
         console.print()
         print_population(console, report.population)
@@ -204,6 +207,11 @@ def _print_verdict(console: Console, report: Report) -> None:
         found = report.num_qualified or 0
         required = report.options.require_groups
         console.print(Text(f"{found} of {required} required branch groups qualify", style="bold red"))
+    if report.options.is_strict and report.noted:
+        failed = ", ".join(tally.rule_id for tally in report.noted)
+        console.print(
+            Text(f"--strict refuses what these diagnostics and recommendations found: {failed}", style="bold red")
+        )
 
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:

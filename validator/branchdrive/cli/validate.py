@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
     parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
     parser.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
+    parser.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
@@ -64,6 +65,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             hash_files=not args.no_hash,
             waivers=waivers,
             require_groups=args.require_groups,
+            strict=args.strict,
             executor=isolated(args.jobs),
             progress=progress,
         )

@@ -7,6 +7,7 @@ from typing import Any
 
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.engine.finding import Finding
+from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import EXIT_CODES, Verdict
 from branchdrive.engine.waiver import WaiverOutcome
@@ -44,6 +45,7 @@ class RunOptions:
     ignored: tuple[str, ...]
     hashed: bool
     require_groups: int | None
+    is_strict: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class Report:
         verdict: What the rules together mean.
         tallies: One per rule of the catalogue, in catalogue order.
         funnel: ``None`` where rules that it needs were deselected or no shard could be judged.
+        response: What interventions did; ``None`` where the funnel is.
         population: The stored population of a release by partition; ``None`` without one that recomputes.
         errors: Failures of the tool itself.
     """
@@ -63,6 +66,7 @@ class Report:
     options: RunOptions
     tallies: tuple[Tally, ...]
     funnel: Funnel | None
+    response: ResponseSummary | None
     population: dict[str, Any] | None
     waivers: tuple[WaiverOutcome, ...]
     errors: tuple[str, ...]
@@ -80,6 +84,15 @@ class Report:
         return required is not None and (self.num_qualified or 0) < required
 
     @property
+    def noted(self) -> tuple[Tally, ...]:
+        """Rules that fail and decide nothing about a verdict: diagnostics and recommendations."""
+        return tuple(
+            tally
+            for tally in self.tallies
+            if tally.status == "fail" and not tally.info.decides and tally.info.kind != "qualification"
+        )
+
+    @property
     def num_qualified(self) -> int | None:
         """Groups that qualify: of the frozen population of a release, else by the funnel; ``None`` if not judged."""
         if self.population is not None:
@@ -88,9 +101,10 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """Exit code of the command line: the verdict's, or 1 where too few groups qualify."""
+        """Exit code of the command line: the verdict's, or 1 where too few groups qualify or `--strict` forbids."""
         code = EXIT_CODES[self.verdict]
-        return 1 if self.lacks_groups and code != EXIT_CODES["error"] else code
+        is_refused = self.lacks_groups or (self.options.is_strict and bool(self.noted))
+        return 1 if is_refused and code != EXIT_CODES["error"] else code
 
     def to_json(self) -> dict[str, Any]:
         """The report as `schemas/v0.1/report.schema.json` has it."""
@@ -105,6 +119,7 @@ class Report:
                 "ignored": list(self.options.ignored),
                 "hashed": self.options.hashed,
                 "require_groups": self.options.require_groups,
+                "strict": self.options.is_strict,
             },
             "rules": [
                 {
@@ -123,6 +138,7 @@ class Report:
             ],
             "findings": [finding.to_json() for finding in self.findings],
             "funnel": None if self.funnel is None else self.funnel.to_json(),
+            "response": None if self.response is None else self.response.to_json(),
             "population": self.population,
             "waivers": [outcome.to_json() for outcome in self.waivers],
             "errors": list(self.errors),

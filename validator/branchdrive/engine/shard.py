@@ -25,6 +25,7 @@ from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.untrusted import open_file
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
+from branchdrive.raw.response import observed_extremes, responses, tracks
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.schema import metadata_mismatches, type_mismatches
 
@@ -176,6 +177,8 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     tallies, examination = examine(view, None if task.spool else task.selected)
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
+    result.responses, result.tracks = responses(view, examination.selection), tracks(view)
+    result.extremes = observed_extremes(view)
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]

@@ -21,6 +21,7 @@ from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
 from branchdrive.engine.reading import Progress, read_dataset
 from branchdrive.engine.report import DatasetFacts, Report, RunOptions
+from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.shard import ShardResult
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
@@ -61,6 +62,7 @@ def validate(
     hash_files: bool = True,
     waivers: Sequence[Waiver] = (),
     require_groups: int | None = None,
+    strict: bool = False,
     executor: Executor = in_process,
     progress: Progress | None = None,
     today: date | None = None,
@@ -75,6 +77,7 @@ def validate(
         hash_files: Whether to compare digests; without them the verdict is at best partial.
         waivers: Accepted failures.
         require_groups: Groups that must qualify for exit code 0.
+        strict: Whether exit code 0 takes that no diagnostic and no recommendation fails.
         executor: How shards are run; `branchdrive.engine.worker.isolated` bounds memory.
         progress: Called after every shard.
         today: The date against which waivers expire; the current date by default.
@@ -114,9 +117,10 @@ def validate(
     return Report(
         decide(tallies.values(), errors),
         _facts(survey, source),
-        RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups),
+        RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups, strict),
         tuple(tallies.values()),
         funnel if is_judged else None,
+        ResponseSummary.of(results, source.descriptor.action_bank.keys) if is_judged and source.descriptor else None,
         derived.population,
         tuple(outcomes),
         tuple(errors + rule_errors),

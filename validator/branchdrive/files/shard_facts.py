@@ -1,10 +1,11 @@
-"""What the files of a shard say of themselves, whatever rules find in their rows."""
+"""What the files and rows of a shard say of themselves, for the rules on the whole dataset."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.driving.response import Responses
 
 __all__ = ["ShardFacts"]
 
@@ -26,6 +27,9 @@ class ShardFacts:
         rows: Rows of each table.
         rollout_ids: Identities of the attempts.
         group_ids: Identities of the groups.
+        responses: What its interventions do, where its rows could be judged.
+        tracks: What the ego did in the attempts of each group, as digests.
+        extremes: Smallest and largest value of every column of numbers of the observations.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
     """
@@ -42,5 +46,8 @@ class ShardFacts:
     rows: dict[str, int] = field(default_factory=dict)
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
+    responses: Responses = field(default_factory=Responses.none)
+    tracks: dict[str, frozenset[int]] = field(default_factory=dict)
+    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)

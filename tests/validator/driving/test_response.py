@@ -1,0 +1,47 @@
+"""Effects of interventions, against analytic cases."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from branchdrive.driving.response import BEFORE_BRANCH, NO_RESPONSE, Responses, first_response, lateral_effect_m
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, math.pi / 2, -2.5, math.pi])
+def test_lateral_effect_is_the_offset_across_the_nominal_heading(yaw_rad: float) -> None:
+    ahead_m, left_m = 7.0, 2.5
+    x = 3.0 + ahead_m * math.cos(yaw_rad) - left_m * math.sin(yaw_rad)
+    y = -4.0 + ahead_m * math.sin(yaw_rad) + left_m * math.cos(yaw_rad)
+    found = lateral_effect_m(*(np.array([value]) for value in (x, y, 3.0, -4.0, yaw_rad)))
+    assert found == pytest.approx([left_m])
+
+
+def test_first_response_is_counted_from_the_branch() -> None:
+    differs = np.zeros((4, 3 + 11), bool)
+    differs[1, 3:] = True  # at t_b
+    differs[2, 5:] = True  # at t_b + 10
+    differs[3, 2:] = True  # before the branch
+    assert first_response(differs, 3).tolist() == [NO_RESPONSE, 0, 2, BEFORE_BRANCH]
+
+
+def responses(steer: list[float], drive: list[float], lateral_m: list[float], speed_mps: list[float]) -> Responses:
+    index = np.zeros(len(steer), np.int64)
+    values = (np.array(column) for column in (steer, drive, lateral_m, speed_mps))
+    return Responses(index, *values, index, np.ones(len(steer), bool))
+
+
+def test_agreement_counts_one_command_at_a_time_and_no_small_effect() -> None:
+    right = responses([0.1, 0.1, -0.1, 0.1, 0.1, 0.03], [0, 0, 0, 0.5, 0, 0], [-1, 1, 1, -1, -0.05, -1], [0] * 6)
+    assert right.steering.tolist() == [1, -1, 1, 0, 0, 0]
+    faster = responses([0, 0, 0, 0.2], [0.5, -0.5, 0.5, 0.5], [0] * 4, [2, -2, -2, 2])
+    assert faster.driving.tolist() == [1, 1, -1, 0]
+
+
+def test_responses_of_shards_add_up() -> None:
+    one, two = responses([0.1], [0.0], [-1.0], [0.0]), responses([0.2, 0.3], [0.0, 0.0], [-2.0, -3.0], [0.0, 0.0])
+    every = Responses.of_all([one, Responses.none(), two])
+    assert every.steer.tolist() == [0.1, 0.2, 0.3]
+    assert len(Responses.of_all([]).policy) == 0

@@ -1,0 +1,64 @@
+"""What a report says of interventions: means, intervals, constant columns, and what `strict` makes of diagnostics."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.mutation import MUTANTS, new_draft
+from tests.validator.engine.rules.case import judged_folder
+
+from branchdrive.cli.text import render_report
+from branchdrive.engine.response_summary import Effect, ResponseSummary
+from branchdrive.files.shard_facts import ShardFacts
+
+
+def test_interval_is_the_normal_one() -> None:
+    values = np.array([1.0, 2.5, -0.5, 4.0, 3.0])
+    effect = Effect.of(values)
+    wanted = stats.norm.interval(0.95, values.mean(), stats.sem(values))
+    assert effect.mean == pytest.approx(values.mean())
+    assert effect.interval == pytest.approx(wanted)
+    assert Effect.of(values[:1]) == Effect(1.0, None)
+
+
+def test_constant_columns_are_those_of_all_shards() -> None:
+    shards = [
+        ShardFacts("a", extremes={"x_m": (0.0, 2.0), "limit": (8.0, 8.0), "other": (1.0, 1.0)}),
+        ShardFacts("b", extremes={"x_m": (1.0, 1.0), "limit": (8.0, 8.0), "other": (2.0, 2.0)}),
+    ]
+    summary = ResponseSummary.of(shards, ())
+    assert summary.constant == {"limit": 8.0}
+    assert ResponseSummary.of([], ()).to_json() == {"actions": [], "constant": {}}
+
+
+def test_actions_are_compared_with_the_nominal_of_their_group(tmp_path: Path) -> None:
+    report = judged_folder(new_draft("bare").write(tmp_path / "dataset"))
+    assert report.response is not None
+    effects = {action.action_key: action for action in report.response.actions}
+    assert len(effects) == 12
+    assert {action.num_groups for action in effects.values()} == {3}
+    assert effects["steer_left_0.15"].lateral_m.mean > 0.1 > -0.1 > effects["steer_right_0.15"].lateral_m.mean
+    assert effects["accelerate_0.80"].speed_mps.mean > 0.1 > -0.1 > effects["brake_1.00"].speed_mps.mean
+    assert report.response.constant == {"speed_limit_mps": 13.5}
+    text = render_report(report, io.StringIO())
+    assert "Action response" in text
+    assert "The same in every observation: speed_limit_mps 13.5" in text
+
+
+def test_strict_refuses_what_diagnostics_found(tmp_path: Path) -> None:
+    (late,) = (mutant for mutant in MUTANTS if mutant.rule == "BD-RSP-004")
+    draft = new_draft(late.base)
+    late.edit(draft)
+    root = draft.write(tmp_path / "late")
+    assert judged_folder(root).exit_code == 0
+    strict = judged_folder(root, strict=True)
+    assert (strict.verdict, strict.exit_code) == ("valid", 1)
+    assert [tally.rule_id for tally in strict.noted] == ["BD-RSP-004"]
+    assert "--strict refuses what these diagnostics and recommendations found: BD-RSP-004" in render_report(
+        strict, io.StringIO()
+    )
+    assert judged_folder(new_draft("bare").write(tmp_path / "good"), strict=True).exit_code == 0

@@ -1,0 +1,111 @@
+"""What executed interventions do: effects on the vehicle against the nominal rollout of the group.
+
+At ``t_b + 50``, with the pose ``(x, y, psi)`` and speed ``v`` of an intervention and those of its nominal ``0``::
+
+    lateral effect    -sin(psi_0) (x - x_0) + cos(psi_0) (y - y_0)      positive to the left
+    speed effect      v - v_0
+
+Commands are compared over the active ticks: the mean of the applied steering minus the nominal's, positive to the
+right, and the same for throttle minus brake. Source: spec/07-rules.md#response.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "BEFORE_BRANCH", "MIN_EFFECT_M", "MIN_EFFECT_MPS", "NO_RESPONSE", "Responses", "first_response", "lateral_effect_m",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MIN_COMMAND = 0.04
+"""Mean difference of commands below which nothing is expected: the smallest steering of the bank `bd13` is 0.05."""
+
+MIN_EFFECT_M = 0.1
+MIN_EFFECT_MPS = 0.1
+"""Effects below these have no sign; replays of one rollout differ by about as much where a simulator has noise."""
+
+BEFORE_BRANCH = -1
+"""`Responses.first` of a rollout that differs from its nominal before the branch already."""
+
+NO_RESPONSE = 11
+"""`Responses.first` of a rollout that equals its nominal up to ``t_b + 50``."""
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Interventions against their nominal rollouts, each field ``[interventions]``.
+
+    Attributes:
+        policy: Index into the bank.
+        steer: Mean applied steering minus the nominal's, positive to the right.
+        drive: Mean applied throttle minus brake, minus the nominal's.
+        lateral_m: Lateral effect, positive to the left.
+        speed_mps: Speed effect.
+        first: The first observation that differs from the nominal's: 0 is that of ``t_b``, ``j`` that of ``t_b + 5 j``;
+            `BEFORE_BRANCH`, or `NO_RESPONSE`.
+        moves: Whether the nominal vehicle moves between ``t_b`` and ``t_b + 50``.
+    """
+
+    policy: Index
+    steer: Array
+    drive: Array
+    lateral_m: Array
+    speed_mps: Array
+    first: Index
+    moves: NDArray[np.bool_]
+
+    @classmethod
+    def none(cls) -> Responses:
+        """No intervention."""
+        index, value = np.zeros(0, np.int64), np.zeros(0)
+        return cls(index, value, value, value, value, index, np.zeros(0, bool))
+
+    @classmethod
+    def of_all(cls, parts: Iterable[Responses]) -> Responses:
+        """The interventions of several shards."""
+        every = [cls.none(), *parts]
+        return cls(*(np.concatenate([getattr(part, field.name) for part in every]) for field in fields(cls)))
+
+    @property
+    def is_commanded(self) -> NDArray[np.bool_]:
+        """Interventions whose commands differ from the nominal's, of a vehicle that moves."""
+        return self.moves & (np.maximum(np.abs(self.steer), np.abs(self.drive)) >= MIN_COMMAND)
+
+    @property
+    def steering(self) -> Array:
+        """Agreement of steering and lateral effect: 1, -1, or 0 where either is small or the drive differs too."""
+        return _agreement(-self.steer, self.drive, self.lateral_m, MIN_EFFECT_M)
+
+    @property
+    def driving(self) -> Array:
+        """Agreement of throttle minus brake and speed effect: 1, -1, or 0 where either is small or it steers too."""
+        return _agreement(self.drive, self.steer, self.speed_mps, MIN_EFFECT_MPS)
+
+
+def _agreement(command: Array, other: Array, effect: Array, min_effect: float) -> Array:
+    counts = (np.abs(command) >= MIN_COMMAND) & (np.abs(other) < MIN_COMMAND) & (np.abs(effect) >= min_effect)
+    return np.where(counts, np.sign(command) * np.sign(effect), 0.0)
+
+
+def lateral_effect_m(x_m: Array, y_m: Array, nominal_x_m: Array, nominal_y_m: Array, nominal_yaw_rad: Array) -> Array:
+    """Offset from the nominal pose across the nominal heading, metres, positive to the left."""
+    return np.cos(nominal_yaw_rad) * (y_m - nominal_y_m) - np.sin(nominal_yaw_rad) * (x_m - nominal_x_m)
+
+
+def first_response(differs: NDArray[np.bool_], num_before: int) -> Index:
+    """`Responses.first` from where a rollout differs from its nominal.
+
+    Args:
+        differs: Observations that differ ``[interventions, num_before + 11]``: before the branch, then from ``t_b`` on.
+        num_before: Observations before the branch.
+    """
+    after = differs[:, num_before:]
+    first = np.where(after.any(axis=1), after.argmax(axis=1), NO_RESPONSE)
+    return np.where(differs[:, :num_before].any(axis=1), BEFORE_BRANCH, first).astype(np.int64)

@@ -1,0 +1,89 @@
+"""What the vehicle of a shard's attempts did: responses of interventions, and tracks that tell copies.
+
+Source: spec/07-rules.md#response.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
+from branchdrive.driving.response import Responses, first_response, lateral_effect_m
+from branchdrive.raw.selection import Selection
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import take_float, window_rows
+
+__all__ = ["observed_extremes", "responses", "tracks"]
+
+Index = NDArray[np.int64]
+
+_STATE = ("x_m", "y_m", "yaw_rad", "speed_mps")
+_COMMAND = ("applied_steer", "applied_throttle", "applied_brake")
+_OFFSETS = (PREDECESSOR_OFFSET, *HISTORY_OFFSETS, *FUTURE_OFFSETS)
+_NUM_BEFORE = len(HISTORY_OFFSETS)  # the predecessor and the history but for t_b
+_MOVING_MPS = 0.5
+
+
+def responses(view: ShardView, selection: Selection) -> Responses:
+    """Chosen interventions of the shard against the chosen nominal of their group.
+
+    Left out are those without every observation from ``t_b - 80`` to ``t_b + 50`` or without every active control.
+    """
+    group, policy = np.nonzero(selection.chosen >= 0)
+    own, nominal = selection.chosen[group, policy], selection.nominal[group]
+    same_branch = view.branched[own] & (view.branch_tick[own] == view.branch_tick[nominal])
+    kept = (nominal >= 0) & (policy != view.descriptor.action_bank.nominal_index) & same_branch
+    own, nominal, policy = own[kept], nominal[kept], policy[kept]
+    state, reference = (_values(view, "observations", rollouts, _STATE, _OFFSETS) for rollouts in (own, nominal))
+    ticks = range(ACTIVE_TICKS)
+    command, wanted = (_values(view, "controls", rollouts, _COMMAND, ticks) for rollouts in (own, nominal))
+    kept = ~np.isnan(state - reference).any(axis=(0, 2)) & ~np.isnan(command - wanted).any(axis=(0, 2))
+    state, reference, command, wanted = (values[:, kept] for values in (state, reference, command, wanted))
+    steer, throttle, brake = (command - wanted).mean(axis=2)
+    (x, y, _, speed), (x_0, y_0, yaw_0, speed_0) = state[:, :, -1], reference[:, :, -1]
+    return Responses(
+        policy=policy[kept],
+        steer=steer,
+        drive=throttle - brake,
+        lateral_m=lateral_effect_m(x, y, x_0, y_0, yaw_0),
+        speed_mps=speed - speed_0,
+        first=first_response((state != reference).any(axis=0), _NUM_BEFORE),
+        moves=np.asarray((np.abs(reference[3, :, _NUM_BEFORE:]) > _MOVING_MPS).all(axis=1)),
+    )
+
+
+def _values(
+    view: ShardView, table: str, rollouts: Index, columns: tuple[str, ...], offsets: range | tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Values at offsets from ``t_b``, ``[columns, rollouts, offsets]``, NaN where there is no row."""
+    stream = view.stream(table)
+    rows = window_rows(view, stream, rollouts, offsets)
+    values = np.stack([take_float(stream, column, rows) for column in columns]) if len(stream) else None
+    return np.full((len(columns), *rows.shape), np.nan) if values is None else np.where(rows >= 0, values, np.nan)
+
+
+def tracks(view: ShardView) -> dict[str, frozenset[int]]:
+    """What the ego did in the attempts of each group: 64 bits of the SHA-256 of its ticks, poses and speeds.
+
+    Attempts that are too short for a history are left out: standing at the start is no copy.
+    """
+    stream = view.observations
+    columns = [stream.tick.astype(np.float64), *(stream[name].astype(np.float64) for name in _STATE)]
+    track = np.ascontiguousarray(np.stack(columns, axis=1))
+    found: dict[str, set[int]] = {group_id: set() for group_id in view.group_ids}
+    for i, (start, stop) in enumerate(zip(stream.start.tolist(), stream.stop.tolist(), strict=True)):
+        if stop - start > len(HISTORY_OFFSETS):
+            digest = hashlib.sha256(track[start:stop].data).digest()[:8]
+            found[view.group_ids[view.group[i]]].add(int.from_bytes(digest, "little"))
+    return {group_id: frozenset(digests) for group_id, digests in found.items()}
+
+
+def observed_extremes(view: ShardView) -> dict[str, tuple[float, float]]:
+    """Smallest and largest value of every column of numbers of the observations."""
+    numbers = [column.name for column in TABLES["observations"].columns if column.type.startswith("float")]
+    bounds = {name: view.observations.extremes(name) for name in numbers}
+    return {name: (float(least), float(most)) for name, (least, most) in bounds.items()}
