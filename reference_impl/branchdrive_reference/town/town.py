@@ -18,13 +18,10 @@ from branchdrive_reference.town.network import RoadNetwork, build_network
 __all__ = ["INTERURBAN_TOWN_NAME", "TOWN_NAMES", "URBAN_TOWN_NAME", "interurban_town", "town", "urban_town"]
 
 URBAN_TOWN_NAME = "Reference01"
-
 INTERURBAN_TOWN_NAME = "Reference02"
 
 _SIGNAL, _STOP, _YIELD = Control.SIGNAL, Control.STOP, Control.YIELD
-
 _RURAL = RoadClass.RURAL
-
 
 URBAN_JUNCTIONS = {
     "a1": Crossroads(0.0, 0.0, _YIELD, frozenset({"b1", "a2"})),

@@ -31,6 +31,8 @@ from branchdrive.formats.manifest import SAFE_PATH, Manifest
 
 TABLE_FILES = {table.file_name for table in TABLES.values()}
 
+_DESCRIPTOR: Location = {"file": DESCRIPTOR_FILE}
+
 
 @rule("BD-LAY-001")
 def manifest_is_well_formed(survey: Survey) -> Iterator[Check]:
@@ -203,9 +205,6 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                         Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
                     )
     yield Check.of(len(plain), tuple(found))
-
-
-_DESCRIPTOR: Location = {"file": DESCRIPTOR_FILE}
 
 
 @rule("BD-DOC-001")
