@@ -34,12 +34,11 @@ from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.file_error import machine_faults
 from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
 from branchdrive.formats.untrusted import open_file, read_file
 
-__all__ = ["Entry", "Survey", "take_survey"]
+__all__ = ["Entry", "ShardFacts", "Survey", "take_survey"]
 
 
 @dataclass(frozen=True)
@@ -49,6 +48,43 @@ class Entry:
     path: str
     kind: Literal["file", "folder", "link", "special", "unreadable"]
     size: int
+
+
+@dataclass
+class ShardFacts:
+    """Facts of one shard that rules on the whole dataset judge; mismatches of files are by path.
+
+    Attributes:
+        folder: The shard's folder, relative to the root.
+        num_tables: Tables that were looked for.
+        digests: SHA-256 of every file that was read.
+        unreadable: Why files could not be read.
+        undecodable: Why tables do not decode.
+        over_limit: How files exceed the limits.
+        type_mismatches: Columns that are missing, undeclared or of another type.
+        metadata_mismatches: Columns whose unit, frame, shape or track is not recorded as declared.
+        present: Tables that are there.
+        rows: Rows of each table.
+        rollout_ids: Identities of the attempts.
+        group_ids: Identities of the groups.
+        num_images: Images that were looked at.
+        media_mismatches: What is wrong with them.
+    """
+
+    folder: str
+    num_tables: int = 0
+    digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    undecodable: dict[str, str] = field(default_factory=dict)
+    over_limit: dict[str, str] = field(default_factory=dict)
+    type_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
+    metadata_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
+    present: tuple[str, ...] = ()
+    rows: dict[str, int] = field(default_factory=dict)
+    rollout_ids: list[str] = field(default_factory=list)
+    group_ids: list[str] = field(default_factory=list)
+    num_images: int = 0
+    media_mismatches: list[Mismatch] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
