@@ -15,8 +15,7 @@ from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.document import read_protocol_file
 from branchdrive_reference.benchmark.fold import fold_tasks
-from branchdrive_reference.benchmark.published import benchmark_data, published_predictions
-from branchdrive_reference.benchmark.release import open_release
+from branchdrive_reference.benchmark.release import benchmark_data, open_release, published_predictions
 
 __all__ = ["rows"]
 

@@ -53,7 +53,7 @@ class ValidationTiming:
 
 def _floor(folder: Path) -> int:
     num_rows = 0
-    for path in sorted(folder.iterdir()):
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         content = path.read_bytes()
         hashlib.sha256(content).hexdigest()
         if path.suffix == ".parquet":

@@ -13,15 +13,21 @@ from branchdrive_reference.collect.fault import DESCRIPTIONS
 from branchdrive_reference.collect.plan import FAULT_PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
 from branchdrive_reference.simulation import replay_noise
-from branchdrive_reference.town import interurban_town, urban_town
 from branchdrive_reference.town.lane import LANE_WIDTH_M, RoadClass
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.registry import TOWN_NAMES, town
 from branchdrive_reference.town.signal import CYCLE_TICKS, ENVIRONMENTS, Light, light_of
+from branchdrive_reference.town.town import (
+    INTERURBAN_ROADS,
+    INTERURBAN_TOWN_NAME,
+    TOWN_NAMES,
+    URBAN_ROADS,
+    URBAN_TOWN_NAME,
+    town,
+)
 
 PAGE = (ROOT / "docs" / "reference-world.md").read_text(encoding="utf-8")
 ABILITIES = {"overtaking", "merging", "emergency braking", "giving way", "traffic signs"}
-ROADS = {urban_town.URBAN_TOWN_NAME: urban_town.ROADS, interurban_town.INTERURBAN_TOWN_NAME: interurban_town.ROADS}
+ROADS = {URBAN_TOWN_NAME: URBAN_ROADS, INTERURBAN_TOWN_NAME: INTERURBAN_ROADS}
 
 
 def table(header: str) -> list[list[str]]:

@@ -1,11 +1,17 @@
-"""Documents of a benchmark at work: the one that waits in the working area, else the published one."""
+"""Documents of a benchmark at work: the one that waits in the working area, else the published one.
+
+The learned risk of the guard waits there too, until the ranking lock holds it.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
+from pydantic import ValidationError
+
+from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, protocol_digest, read_protocol
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import PROTOCOL_FILE
 from branchdrive.contract.limits import spec_limits
@@ -15,7 +21,18 @@ from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.configuration import Configuration
 
-__all__ = ["choose_protocol", "published_protocol", "read_protocol_file", "stored_document"]
+__all__ = [
+    "RISK",
+    "choose_protocol",
+    "keep_risk",
+    "published_protocol",
+    "read_protocol_file",
+    "stored_document",
+    "waiting_risk",
+]
+
+RISK = "benchmark/risk.json"
+"""Where the risk waits until the ranking lock holds it; it is no file of the release."""
 
 
 def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> BenchmarkProtocol:
@@ -88,3 +105,20 @@ def stored_document(workspace: Workspace, path: str) -> Any | None:
     if content is None:
         return None
     return workspace.release.parsed(path, content, "delete it and lock again")
+
+
+def keep_risk(workspace: Workspace, protocol: BenchmarkProtocol, risk: RiskFit) -> None:
+    """Let a risk that was fitted under this protocol wait."""
+    record = {"protocol_digest": protocol_digest(protocol), "risk_fit": risk.model_dump(mode="json")}
+    workspace.keep(RISK, dump_json(record))
+
+
+def waiting_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> RiskFit | None:
+    """The risk that waits for a ranking lock under this protocol; ``None`` if there is none."""
+    record = stored_document(workspace, RISK)
+    if not isinstance(record, dict) or record.get("protocol_digest") != protocol_digest(protocol):
+        return None
+    try:
+        return RiskFit.model_validate(record.get("risk_fit"))
+    except ValidationError:
+        return None  # it is fitted again

@@ -41,12 +41,10 @@ from branchdrive.contract.layout import (
     RESULTS_FILE,
 )
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
-from branchdrive_reference.benchmark.document import stored_document
+from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risk
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
-from branchdrive_reference.benchmark.published import benchmark_data, published_predictions
-from branchdrive_reference.benchmark.release import Release
-from branchdrive_reference.benchmark.risk import RISK, waiting_risk
+from branchdrive_reference.benchmark.release import Release, benchmark_data, published_predictions
 from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "render_files"]

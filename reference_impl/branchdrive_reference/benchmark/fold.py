@@ -14,12 +14,12 @@ from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
+from branchdrive_reference.benchmark.document import keep_risk
 from branchdrive_reference.benchmark.release import Release
-from branchdrive_reference.benchmark.risk import keep_risk
 from branchdrive_reference.benchmark.training import model_tasks
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.guard.fold import NUM_FOLDS, cluster_folds
-from branchdrive_reference.learning.fold import HELD_OUT, Fold, open_fold
+from branchdrive_reference.learning.held_out import HELD_OUT, Fold, open_fold
 from branchdrive_reference.learning.pool import Task
 from branchdrive_reference.learning.prediction import predict
 

@@ -18,7 +18,7 @@ from branchdrive.formats.parquet import encode_table
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import sort_rows
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
-from branchdrive_reference.benchmark.published import benchmark_data
+from branchdrive_reference.benchmark.release import benchmark_data
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.prediction import predict
 

@@ -1,4 +1,4 @@
-"""The release that a benchmark is about: what its files are, under their digests.
+"""The release that a benchmark is about: its files under their digests, its data, and the predictions published there.
 
 Only files of derived layers are read, so a detached release serves as well as one in place. They are compared with
 the manifest first: a lock names digests, and they are to be those of the files that were used.
@@ -12,18 +12,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from branchdrive.benchmark.data import TABLES as DATA_TABLES
+from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
+from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
-from branchdrive.errors import DatasetError
+from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.manifest import Manifest, parse_manifest
 from branchdrive.formats.table_file import read_table
 from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.tables.arrow import from_arrow
 
-__all__ = ["Release", "open_release"]
+__all__ = ["Release", "benchmark_data", "open_release", "published_predictions"]
 
 _READ = ("quality", "model", BENCHMARK)
 _REMEDY = "restore it, or run `branchdrive build` to make the derived layers again"
@@ -120,3 +126,28 @@ def open_release(root: str | Path) -> Release:
             if found != digest:
                 raise DatasetError(f"{root}: {name!r} is not the file that {MANIFEST_FILE} lists; {_REMEDY}")
     return Release(path, layer, manifest)
+
+
+def benchmark_data(release: Release) -> BenchmarkData:
+    """What the benchmark of a release is judged on.
+
+    Raises:
+        DatasetError: A table cannot be read or packed.
+    """
+    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in DATA_TABLES}
+    return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
+
+
+def published_predictions(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> PredictionSet:
+    """Predictions of the published benchmark layer.
+
+    Raises:
+        UsageError: None is published.
+        DatasetError: They cannot be read, or are not those that the protocol asks for.
+    """
+    if not release.has_benchmark:
+        raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
+    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in TABLES}
+    for wrong in prediction_mismatches(frames, data, protocol):
+        raise DatasetError(f"{release.root}: {mismatch_text(wrong)}; run `branchdrive predict` again")
+    return PredictionSet.from_frames(frames, data)

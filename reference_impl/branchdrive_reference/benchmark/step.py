@@ -1,27 +1,40 @@
-"""The steps of a benchmark that need its models: train, lock, predict. Each goes on where it was interrupted."""
+"""The steps of a benchmark that need its models: train, lock, predict. Each goes on where it was interrupted.
+
+The lock fixes all that could be chosen before outcomes of the test partition are looked at.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from branchdrive.benchmark.lock import lock_digest
+from branchdrive.benchmark.lock import LockedCheckpoint, lock_digest, lock_document
 from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.cli.progress import Update
+from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
+from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
+from branchdrive_reference.benchmark.document import waiting_risk
 from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
-from branchdrive_reference.benchmark.lock import changed_checkpoints_of
-from branchdrive_reference.benchmark.locking import make_lock
+from branchdrive_reference.benchmark.lock import changed_checkpoints_of, lock_facts
 from branchdrive_reference.benchmark.prediction import predict_all
-from branchdrive_reference.benchmark.published import benchmark_data
-from branchdrive_reference.benchmark.risk import waiting_risk
+from branchdrive_reference.benchmark.release import Release, benchmark_data
 from branchdrive_reference.benchmark.training import drop_stale, model_tasks, train
 from branchdrive_reference.benchmark.workspace import Workspace
+from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
+from branchdrive_reference.learning.configuration import MODEL_VERSION
+from branchdrive_reference.learning.pool import Task
+from branchdrive_reference.learning.prediction import check_release
+from branchdrive_reference.learning.provenance import provenance
+from branchdrive_reference.learning.training import training_data
 
-__all__ = ["Progress", "Trained", "lock_step", "predict_step", "train_step"]
+__all__ = ["Progress", "Trained", "lock_step", "make_lock", "predict_step", "train_step"]
+
+PACKAGE = "branchdrive-reference"
 
 Progress = Callable[[str], AbstractContextManager[Update]]
 """Opens a bar with a title."""
@@ -98,6 +111,46 @@ def lock_step(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     """Lock the trained checkpoints; see `make_lock`."""
     workspace.restore()
     return make_lock(workspace, protocol)
+
+
+def make_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, Any]:
+    """Lock the checkpoints of all declared models; the same lock where everything is as it was.
+
+    Raises:
+        UsageError: A checkpoint is missing, or was trained on another configuration, release or version.
+        DatasetError: A checkpoint cannot be read.
+    """
+    release, locked = workspace.release, []
+    for task in model_tasks(protocol):
+        path = task.path(workspace.checkpoints)
+        if not path.is_file():
+            raise UsageError(f"{release.root}: {task.name} has no checkpoint; run `branchdrive train` first")
+        checkpoint = read_checkpoint(path)
+        _check_provenance(checkpoint, task, release)
+        origin = checkpoint.provenance
+        locked.append(
+            LockedCheckpoint(
+                origin.model, origin.seed, f"checkpoints/{path.name}", checkpoint.sha256, origin.training_groups_digest
+            )
+        )
+    code = f"{version('branchdrive')}+models.{MODEL_VERSION}"
+    document = lock_document(protocol, lock_facts(release, protocol), locked, package=PACKAGE, version=code)
+    if workspace.read(LOCK_FILE) != dump_json(document):
+        workspace.keep(LOCK_FILE, dump_json(document))
+    return document
+
+
+def _check_provenance(checkpoint: Checkpoint, task: Task, release: Release) -> None:
+    """Hold the whole provenance against that of the task on this release."""
+    check_release(checkpoint, release.layer)
+    data = training_data(release.layer, task.configuration)
+    expected = provenance(release.layer, task.configuration, task.seed, data).record
+    for name, found in checkpoint.provenance.record.items():
+        if found != expected[name]:
+            raise UsageError(
+                f"{release.root}: {task.name} has a checkpoint with the `{name}` {found!r}, expected "
+                f"{expected[name]!r}; delete it and run `branchdrive train` again"
+            )
 
 
 def predict_step(workspace: Workspace, protocol: BenchmarkProtocol, *, device: str, progress: Progress) -> Workspace:

@@ -25,7 +25,7 @@ def model_tasks(protocol: BenchmarkProtocol, models: Sequence[str] | None = None
 
     Raises:
         UsageError: No model is called so.
-        DatasetError: A model's configuration is none of this software.
+        DatasetError: A model's configuration is not one that this software can train.
     """
     declared = [model.id for model in protocol.models]
     unknown = [name for name in models or () if name not in declared]

@@ -59,10 +59,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         from branchdrive_reference.drawing.picture import save
     from branchdrive_reference.drawing.choice import named_groups, wanted_groups
     from branchdrive_reference.drawing.gallery import Gallery, named_pictures
-    from branchdrive_reference.drawing.quiet import quiet
     from branchdrive_reference.drawing.scene import require_actors
-    from branchdrive_reference.study.finished import open_finished
+    from branchdrive_reference.plotting import quiet
     from branchdrive_reference.study.label import sentence
+    from branchdrive_reference.study.survey import open_finished
 
     check_output(args.output, outside=args.dataset, is_folder=True)
     lines: list[str] = []

@@ -17,7 +17,7 @@ from branchdrive_reference.drawing.view import Layer, View
 from branchdrive_reference.geometry.polyline import Polyline
 from branchdrive_reference.town.lane import Lane, LaneSide, RoadClass, Turn
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.registry import TOWN_NAMES, town
+from branchdrive_reference.town.town import TOWN_NAMES, town
 
 __all__ = ["draw_roads", "lanes_in_view", "town_map"]
 

@@ -5,7 +5,7 @@ With standardised features ``f`` of an intervention, ``d`` its executed separati
     logistic   min mean log(1 + exp(z)) - [d < -eps - 1e-9] z + r |w|^2          z = w f + b
     severity   min mean huber_1(v f + c - min(max(-d - eps, 0), 3)) + r |v|^2
 
-both under the signs that `risk_features.FEATURES` demands of the weights. Out of fold, because residuals of
+both under the signs that `FEATURES` of the risk demand of the weights. Out of fold, because residuals of
 groups that a predictor was fitted on are too small.
 
 Source: this project's choice.

@@ -212,7 +212,7 @@ class Configuration:
         """The configuration of a model of a protocol.
 
         Raises:
-            DatasetError: It is none of this software.
+            DatasetError: This software has no such configuration.
         """
         try:
             return cls.from_record(declared.configuration)

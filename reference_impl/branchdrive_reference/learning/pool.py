@@ -25,7 +25,7 @@ from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.workers import WorkerError, started_workers
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
-from branchdrive_reference.learning.fold import Fold, open_fold
+from branchdrive_reference.learning.held_out import Fold, open_fold
 from branchdrive_reference.learning.training import EpochReport, train_model
 
 __all__ = ["Task", "train_models"]

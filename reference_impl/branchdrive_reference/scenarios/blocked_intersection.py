@@ -6,12 +6,11 @@ import math
 
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
-from branchdrive_reference.scenarios.sizes import BOX_TRUCK, CAR, VAN
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.route import Place, Route
-from branchdrive_reference.world.body import Body
+from branchdrive_reference.world.body import BOX_TRUCK, CAR, VAN, Body
 
 __all__ = ["BlockedIntersection"]
 

@@ -7,14 +7,13 @@ import math
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.population import PARKED_OFFSET_M
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
-from branchdrive_reference.scenarios.sizes import BOX_TRUCK, CAR, VAN, VEHICLES
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide
 from branchdrive_reference.town.route import START_M, Place, Route
 from branchdrive_reference.town.track import EGO_TRACK, Role
-from branchdrive_reference.world.body import EGO, Body, Kind
+from branchdrive_reference.world.body import BOX_TRUCK, CAR, EGO, VAN, VEHICLES, Body, Kind
 
 __all__ = ["HighwayCutIn", "ParkingCutIn", "StaticCutIn"]
 

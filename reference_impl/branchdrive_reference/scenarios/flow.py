@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import Scene
-from branchdrive_reference.scenarios.sizes import VEHICLES
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks
-from branchdrive_reference.world.body import Body
+from branchdrive_reference.world.body import VEHICLES, Body
 
 __all__ = ["arrive_with_ego", "flow", "rival_tracks", "side_tracks"]
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Scene
-from branchdrive_reference.scenarios.sizes import BICYCLE
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.standing_obstacle import StandingObstacle, obstacle_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import LaneSide
 from branchdrive_reference.town.route import Place, Route, obstacle_sight_m
 from branchdrive_reference.town.track import EGO_TRACK
-from branchdrive_reference.world.body import EGO, Body, Kind
+from branchdrive_reference.world.body import BICYCLE, EGO, Body, Kind
 
 __all__ = ["HazardAtSideLane", "HazardAtSideLaneTwoWays"]
 

@@ -1,9 +1,9 @@
-"""Turns across or into a flow that has priority: the expert waits for a gap."""
+"""Ways through a junction on which the expert waits: for a gap in a flow, for green, or at a stop sign."""
 
 from __future__ import annotations
 
 from branchdrive_reference.noise import Purpose
-from branchdrive_reference.scenarios.flow import flow, rival_tracks
+from branchdrive_reference.scenarios.flow import flow, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene, green_on_arrival
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import brake_trigger
@@ -13,13 +13,24 @@ from branchdrive_reference.town.route import Place, Route
 from branchdrive_reference.town.track import EGO_TRACK, route_tracks
 from branchdrive_reference.world.body import Body
 
-__all__ = ["NonSignalizedJunctionLeftTurn", "NonSignalizedJunctionRightTurn", "SignalizedJunctionLeftTurn"]
+__all__ = [
+    "NonSignalizedJunctionLeftTurn",
+    "NonSignalizedJunctionRightTurn",
+    "SignalizedJunctionLeftTurn",
+    "VanillaNonSignalizedTurnEncounterStopsign",
+    "VanillaSignalizedTurnEncounterRedLight",
+]
 
 _ACTIVE_M = 55.0
 _FLOW = (4, 7)
 _HEADWAY_S = (1.7, 2.8)
 _EARLY_S = (-4.0, -1.5)
 """When the first vehicle is in the ego's way, after the ego would be at the line."""
+
+_LINE_ACTIVE_M = 60.0
+_GREEN_AFTER_S = (6.0, 10.0)
+_LINE_HEADWAY_S = (1.8, 3.0)
+_LINE_COUNT = 4
 
 
 class JunctionTurn(Scenario):
@@ -79,3 +90,58 @@ class NonSignalizedJunctionRightTurn(JunctionTurn):
     name = "NonSignalizedJunctionRightTurn"
     trigger = brake_trigger("non-signalized-right-onset 1")
     turn, signalized = Turn.RIGHT, False
+
+
+class EncounterSign(Scenario):
+    """What these scenarios share: from one side a flow passes while the ego has to wait."""
+
+    ambient = Ambient(ahead=False, crossing=False)
+
+    def rivals(self, stage: Stage) -> list[int]:
+        """Tracks on which the flow may come."""
+        return rival_tracks(stage, ego_yields=True)
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """The flow, if there is a side from which it can come."""
+        rivals = self.rivals(stage)
+        if not rivals:
+            return []
+        track = stage.pick(rivals, Purpose.SCENARIO_SIDE)
+        first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(-2.5, -0.5, Purpose.SCENARIO_TIMING)
+        return flow(stage, track, stage.meeting_m(track)[1], first_s, _LINE_COUNT, _LINE_HEADWAY_S)
+
+    def update(self, scene: Scene, _tick: int) -> bool:
+        """Active from some way before the line."""
+        return scene.way_to_m(scene.stage.site_m) < _LINE_ACTIVE_M
+
+
+class VanillaSignalizedTurnEncounterRedLight(EncounterSign):
+    """The light is red when the ego comes, after Bench2Drive's type of this name."""
+
+    name = "VanillaSignalizedTurnEncounterRedLight"
+    trigger = brake_trigger("red-light-onset 1")
+
+    def fits(self, route: Route, crossroads: Crossroads | None) -> bool:
+        """Any way through a junction with signals."""
+        return route.place is Place.JUNCTION and crossroads is not None and crossroads.control is Control.SIGNAL
+
+    def rivals(self, stage: Stage) -> list[int]:
+        """The sides, which have green."""
+        return side_tracks(stage.tables)
+
+    def signal_offset(self, stage: Stage) -> int:
+        """Green begins some time after the ego would be at the line."""
+        return green_on_arrival(stage, -stage.draw(*_GREEN_AFTER_S, Purpose.SIGNAL_OFFSET))
+
+
+class VanillaNonSignalizedTurnEncounterStopsign(EncounterSign):
+    """The ego comes to a stop sign, after Bench2Drive's type of this name."""
+
+    name = "VanillaNonSignalizedTurnEncounterStopsign"
+    trigger = brake_trigger("stop-sign-onset 1")
+
+    def fits(self, route: Route, crossroads: Crossroads | None) -> bool:
+        """Any way through a junction with stop signs, from an approach that has one."""
+        if route.place is not Place.JUNCTION or crossroads is None or crossroads.control is not Control.STOP:
+            return False
+        return route.chain[0].way[0] not in crossroads.major

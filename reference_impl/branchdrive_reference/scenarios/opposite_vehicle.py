@@ -7,14 +7,13 @@ import math
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import arrive_with_ego, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
-from branchdrive_reference.scenarios.sizes import CAR, VAN
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.route import Place, Route
 from branchdrive_reference.town.track import EGO_TRACK, route_tracks
-from branchdrive_reference.world.body import Body, Heed
+from branchdrive_reference.world.body import CAR, VAN, Body, Heed
 
 __all__ = ["OppositeVehicleRunningRedLight", "OppositeVehicleTakingPriority"]
 

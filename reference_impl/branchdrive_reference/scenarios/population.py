@@ -13,12 +13,11 @@ from dataclasses import replace
 from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.scenario import Ambient
-from branchdrive_reference.scenarios.sizes import BICYCLE, BIN, PEDESTRIAN, POST, VEHICLES
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.lane import LANE_WIDTH_M, PARKING_WIDTH_M, LaneSide
 from branchdrive_reference.town.route import START_M, Place
 from branchdrive_reference.town.track import EGO_TRACK, Role
-from branchdrive_reference.world.body import Behaviour, Body, Kind
+from branchdrive_reference.world.body import BICYCLE, BIN, PEDESTRIAN, POST, VEHICLES, Behaviour, Body, Kind
 
 __all__ = ["PARKED_OFFSET_M", "ambient_vehicle", "populate"]
 

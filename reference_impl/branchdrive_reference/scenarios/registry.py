@@ -5,36 +5,44 @@ from __future__ import annotations
 from functools import cache
 from types import MappingProxyType
 
-from branchdrive_reference.scenarios.accident import Accident, AccidentTwoWays
 from branchdrive_reference.scenarios.blocked_intersection import BlockedIntersection
-from branchdrive_reference.scenarios.construction_obstacle import ConstructionObstacle, ConstructionObstacleTwoWays
-from branchdrive_reference.scenarios.crossing_bicycle_flow import CrossingBicycleFlow
-from branchdrive_reference.scenarios.cut_in import HighwayCutIn, ParkingCutIn, StaticCutIn
-from branchdrive_reference.scenarios.dynamic_object_crossing import DynamicObjectCrossing
-from branchdrive_reference.scenarios.encounter_sign import (
-    VanillaNonSignalizedTurnEncounterStopsign,
-    VanillaSignalizedTurnEncounterRedLight,
+from branchdrive_reference.scenarios.crossing import (
+    DynamicObjectCrossing,
+    ParkingCrossingPedestrian,
+    PedestrianCrossing,
 )
+from branchdrive_reference.scenarios.cut_in import HighwayCutIn, ParkingCutIn, StaticCutIn
 from branchdrive_reference.scenarios.hard_brake_route import HardBrakeRoute
 from branchdrive_reference.scenarios.hazard_at_side_lane import HazardAtSideLane, HazardAtSideLaneTwoWays
 from branchdrive_reference.scenarios.junction_turn import (
     NonSignalizedJunctionLeftTurn,
     NonSignalizedJunctionRightTurn,
     SignalizedJunctionLeftTurn,
+    VanillaNonSignalizedTurnEncounterStopsign,
+    VanillaSignalizedTurnEncounterRedLight,
 )
 from branchdrive_reference.scenarios.merge import EnterActorFlow, MergerIntoSlowTraffic
 from branchdrive_reference.scenarios.opposite_vehicle import (
     OppositeVehicleRunningRedLight,
     OppositeVehicleTakingPriority,
 )
-from branchdrive_reference.scenarios.parked_obstacle import ParkedObstacle, ParkedObstacleTwoWays
-from branchdrive_reference.scenarios.parking_crossing_pedestrian import ParkingCrossingPedestrian
-from branchdrive_reference.scenarios.pedestrian_crossing import PedestrianCrossing
 from branchdrive_reference.scenarios.scenario import Scenario
-from branchdrive_reference.scenarios.vehicle_turning_route import VehicleTurningRoute, VehicleTurningRoutePedestrian
+from branchdrive_reference.scenarios.standing_obstacle import (
+    Accident,
+    AccidentTwoWays,
+    ConstructionObstacle,
+    ConstructionObstacleTwoWays,
+    ParkedObstacle,
+    ParkedObstacleTwoWays,
+)
+from branchdrive_reference.scenarios.vehicle_turning_route import (
+    CrossingBicycleFlow,
+    VehicleTurningRoute,
+    VehicleTurningRoutePedestrian,
+)
 from branchdrive_reference.scenarios.yield_to_emergency_vehicle import YieldToEmergencyVehicle
-from branchdrive_reference.town.registry import TOWN_NAMES, town
 from branchdrive_reference.town.route import Route, town_routes
+from branchdrive_reference.town.town import TOWN_NAMES, town
 
 __all__ = ["SCENARIOS", "scenario_routes"]
 

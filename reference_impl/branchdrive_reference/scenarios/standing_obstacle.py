@@ -5,15 +5,32 @@ On roads with several lanes it uses the next lane of its own direction, on two-w
 
 from __future__ import annotations
 
+from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import Scenario, Scene
+from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import Signal, Trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import LaneSide
 from branchdrive_reference.town.route import Place, Route, obstacle_sight_m
+from branchdrive_reference.world.body import BARRIER, CAR, COMPACT, CONE, CONTAINER, VAN, Body, Kind
 
-__all__ = ["StandingObstacle", "obstacle_trigger"]
+__all__ = [
+    "Accident",
+    "AccidentTwoWays",
+    "ConstructionObstacle",
+    "ConstructionObstacleTwoWays",
+    "ParkedObstacle",
+    "ParkedObstacleTwoWays",
+    "StandingObstacle",
+    "obstacle_trigger",
+]
 
 _SIGHT_MARGIN_M = 10.0
+
+_CRASH_GAPS_M = (0.0, 9.5, 15.5)
+_CONE_SPACING_M = 5.0
+_CONE_OFFSET_M = 1.25
+_OBSTACLES = ((Kind.VEHICLE, CAR), (Kind.VEHICLE, VAN), (Kind.STATIC, CONTAINER))
 
 
 def obstacle_trigger(definition: str) -> Trigger:
@@ -38,3 +55,79 @@ class StandingObstacle(Scenario):
         """Nothing moves."""
         sight_m = obstacle_sight_m(float(scene.bodies["speed_mps"][0])) + _SIGHT_MARGIN_M
         return scene.way_to_m(scene.stage.site_m) < sight_m
+
+
+class Accident(StandingObstacle):
+    """Two crashed vehicles and one that came to help; passed on another lane of the ego's direction."""
+
+    name = "Accident"
+    trigger = obstacle_trigger("accident-onset 1")
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """The helper first, then the two that crashed, askew."""
+        sizes, turns_rad = (VAN, CAR, COMPACT), (0.0, 0.25, -0.45)
+        return [
+            stage.standing(
+                Kind.VEHICLE, size, stage.site_m + gap_m, stage.draw(-0.6, 0.0, Purpose.SCENARIO_PLACE, index),
+                turn_rad=turn_rad * stage.draw(0.6, 1.2, Purpose.SCENARIO_ANGLE, index),
+            )
+            for index, (size, gap_m, turn_rad) in enumerate(zip(sizes, _CRASH_GAPS_M, turns_rad, strict=True))
+        ]  # fmt: skip
+
+
+class AccidentTwoWays(Accident):
+    """Passed on the oncoming lane."""
+
+    name = "AccidentTwoWays"
+    two_ways = True
+    trigger = obstacle_trigger("accident-two-ways-onset 1")
+
+
+class ConstructionObstacle(StandingObstacle):
+    """A barrier, cones and a container; passed on another lane of the ego's direction."""
+
+    name = "ConstructionObstacle"
+    trigger = obstacle_trigger("construction-obstacle-onset 1")
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """The barrier across the lane, the container behind it, and a line of cones beside it."""
+        site_m, offset_m = stage.site_m, stage.draw(-0.5, -0.2, Purpose.SCENARIO_PLACE)
+        cones = stage.count((2, 4), Purpose.SCENARIO_COUNT)
+        return [
+            stage.standing(Kind.STATIC, BARRIER, site_m, offset_m),
+            stage.standing(Kind.STATIC, CONTAINER, site_m + 6.0, offset_m),
+            *(
+                stage.standing(Kind.STATIC, CONE, site_m + 2.5 + _CONE_SPACING_M * index, offset_m + _CONE_OFFSET_M)
+                for index in range(cones)
+            ),
+        ]
+
+
+class ConstructionObstacleTwoWays(ConstructionObstacle):
+    """Passed on the oncoming lane."""
+
+    name = "ConstructionObstacleTwoWays"
+    two_ways = True
+    trigger = obstacle_trigger("construction-obstacle-two-ways-onset 1")
+
+
+class ParkedObstacle(StandingObstacle):
+    """A vehicle or container; passed on another lane of the ego's direction."""
+
+    name = "ParkedObstacle"
+    trigger = obstacle_trigger("parked-obstacle-onset 1")
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """The obstacle, a little to the right of the lane's centre and slightly askew."""
+        kind, size = stage.pick(_OBSTACLES, Purpose.SCENARIO_BODY)
+        offset_m = stage.draw(-0.7, -0.1, Purpose.SCENARIO_PLACE)
+        turn_rad = stage.draw(-0.06, 0.06, Purpose.SCENARIO_ANGLE)
+        return [stage.standing(kind, size, stage.site_m, offset_m, turn_rad=turn_rad)]
+
+
+class ParkedObstacleTwoWays(ParkedObstacle):
+    """Passed on the oncoming lane."""
+
+    name = "ParkedObstacleTwoWays"
+    two_ways = True
+    trigger = obstacle_trigger("parked-obstacle-two-ways-onset 1")

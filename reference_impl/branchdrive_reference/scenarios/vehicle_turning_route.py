@@ -1,22 +1,29 @@
-"""VehicleTurningRoute: where the ego leaves a junction after a turn, a cyclist or pedestrian crosses its road."""
+"""Crossings behind a turn: somebody crosses the road into which the ego turned, or cyclists one after the other."""
 
 from __future__ import annotations
 
+import math
+
+from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.crossing import Crossing
-from branchdrive_reference.scenarios.scenario import Ambient, green_on_arrival
-from branchdrive_reference.scenarios.sizes import BICYCLE, PEDESTRIAN
+from branchdrive_reference.scenarios.scenario import Ambient, Scene, green_on_arrival
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Lane, Turn
 from branchdrive_reference.town.route import Place, Route
-from branchdrive_reference.world.body import Kind
+from branchdrive_reference.town.track import EGO_TRACK
+from branchdrive_reference.world.body import BICYCLE, PEDESTRIAN, Behaviour, Body, Kind
 
-__all__ = ["VehicleTurningRoute", "VehicleTurningRoutePedestrian"]
+__all__ = ["CrossingBicycleFlow", "VehicleTurningRoute", "VehicleTurningRoutePedestrian"]
 
 _BEHIND_JUNCTION_M = 4.0
 _RUN_UP_S = 2.0
+
+_FLOW_ACTIVE_M = 45.0
+_FLOW_COUNT = (3, 6)
+_FLOW_HEADWAY_S = (1.2, 2.4)
 
 
 class VehicleTurningRoute(Crossing):
@@ -64,3 +71,28 @@ class VehicleTurningRoutePedestrian(VehicleTurningRoute):
     kind, size = Kind.PEDESTRIAN, PEDESTRIAN
     speed_mps = (1.3, 2.0)
     meeting_m = (-0.8, 1.0)
+
+
+class CrossingBicycleFlow(VehicleTurningRoute):
+    """Cyclists cross on a path of their own; the hazard is active from some way before the crossing."""
+
+    name = "CrossingBicycleFlow"
+    trigger = brake_trigger("bicycle-flow-onset 1")
+    speed_mps = (3.2, 4.6)
+
+    def bodies(self, stage: Stage) -> list[Body]:
+        """The cyclists, on the move from the beginning, timed around the ego's arrival."""
+        place_m, speed = self.place_m(stage), self.draw_speed_mps(stage)
+        side = 1 if choice(2, stage.seed, Purpose.SCENARIO_SIDE) else -1
+        time_s = stage.ego_arrival_s(place_m) + stage.draw(-2.5, 0.0, Purpose.SCENARIO_TIMING)
+        bodies = []
+        for index in range(stage.count(_FLOW_COUNT, Purpose.SCENARIO_COUNT)):
+            x, y, yaw = interpolate(stage.tables.path(EGO_TRACK), place_m, side * speed * time_s)
+            heading = yaw + math.copysign(math.pi / 2, -side)
+            bodies.append(Body(Kind.CYCLE, Behaviour.WALKING, BICYCLE, x, y, heading, speed, travel_m=500.0))
+            time_s += stage.draw(*_FLOW_HEADWAY_S, Purpose.SCENARIO_GAP, index)
+        return bodies
+
+    def update(self, scene: Scene, _tick: int) -> bool:
+        """The cyclists ride on."""
+        return scene.way_to_m(self.place_m(scene.stage)) < _FLOW_ACTIVE_M

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
-from branchdrive_reference.scenarios.sizes import CAR, VAN
 from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.standing_obstacle import obstacle_trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import LaneSide
 from branchdrive_reference.town.route import START_M, Place, Route
 from branchdrive_reference.town.track import EGO_TRACK, Role
-from branchdrive_reference.world.body import EGO, Body, Heed
+from branchdrive_reference.world.body import CAR, EGO, VAN, Body, Heed
 
 __all__ = ["YieldToEmergencyVehicle"]
 

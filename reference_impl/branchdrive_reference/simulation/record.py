@@ -26,10 +26,10 @@ from branchdrive_reference.geometry.polyline import Array
 from branchdrive_reference.simulation.ending import NO_LIGHT
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.town.lane import Turn
-from branchdrive_reference.town.registry import town
 from branchdrive_reference.town.route import Route
 from branchdrive_reference.town.signal import Light
 from branchdrive_reference.town.surface import town_surface
+from branchdrive_reference.town.town import town
 from branchdrive_reference.town.track import EGO_TRACK, RouteTracks, route_tracks
 from branchdrive_reference.world.body import EGO, Kind
 from branchdrive_reference.world.vehicle import EGO_SIZE

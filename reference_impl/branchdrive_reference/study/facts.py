@@ -1,15 +1,19 @@
-"""What one shard contributes to a study: small arrays, so that a dataset of any size is read in bounded memory."""
+"""What one shard contributes to a study: small arrays, so that a dataset of any size is read in bounded memory.
+
+Among them are outcomes of rollouts: whether the ego touched anything, and what a nominal's result counts.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.timing import FUTURE_OFFSETS
 from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.driving.target import TARGETS
 from branchdrive.engine.examine import examine
@@ -18,15 +22,56 @@ from branchdrive.quality.qualification import first_attempts, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import take_float, window_rows
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
-from branchdrive_reference.study.outcome import RESULTS, collisions, nominal_results
 
-__all__ = ["Banks", "Facts", "Fidelity", "Groups", "shard_facts"]
+__all__ = [
+    "RESULTS",
+    "Banks",
+    "Collisions",
+    "Facts",
+    "Fidelity",
+    "Groups",
+    "NominalResults",
+    "collisions",
+    "nominal_results",
+    "shard_facts",
+]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Names = NDArray[np.object_]
 """Text as objects, which share what is equal: an array of fixed width would make each as wide as the longest."""
+
+RESULTS = {
+    "result_num_vehicle_collisions": "vehicle collisions",
+    "result_num_pedestrian_collisions": "pedestrian collisions",
+    "result_num_static_collisions": "static collisions",
+    "result_num_red_light_infractions": "red lights",
+    "result_num_stop_sign_infractions": "stop signs",
+    "result_num_off_road_infractions": "departures from the road",
+}
+"""What a rollout's result counts, by column."""
+
+
+class Collisions(NamedTuple):
+    """Whether rollouts touched anything, each field ``[rollouts]``: at any time, and within 2.5 s of the branch."""
+
+    ever: Mask
+    in_window: Mask
+
+
+class NominalResults(NamedTuple):
+    """Route results of nominal rollouts.
+
+    Attributes:
+        completed: Whether the route was completed ``[rollouts]``.
+        counts: Collisions and infractions ``[rollouts, 6]`` in the order of `RESULTS`, NaN where not monitored.
+    """
+
+    completed: Mask
+    counts: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -176,3 +221,19 @@ def _fidelity(view: ShardView, examination: Examination) -> Fidelity:
         np.stack([equal.get(table, np.ones(len(compared), bool)) for table in COMPARED_TABLES], axis=1),
         np.array([(is_replay & ~whole).sum()]),
     )
+
+
+def collisions(view: ShardView, rollouts: Index) -> Collisions | None:
+    """Collisions of rollouts with whole windows; ``None`` where no evidence is claimed."""
+    if "evidence" not in view:
+        return None
+    evidence = view.stream("evidence")
+    collided = evidence["collision"]
+    rows = window_rows(view, evidence, rollouts, FUTURE_OFFSETS)
+    return Collisions(evidence.by_rollout(collided).any[rollouts], np.asarray(collided[rows].any(axis=1)))
+
+
+def nominal_results(view: ShardView, rollouts: Index) -> NominalResults:
+    """Results of `rollouts` as recorded."""
+    counts = [take_float(view.rollouts, column, rollouts) for column in RESULTS]
+    return NominalResults(view.rollouts.equals("result_completion", "completed")[rollouts], np.stack(counts, axis=1))

@@ -15,9 +15,8 @@ from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.driving.route_cluster import route_clusters
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
-from branchdrive_reference.study.facts import Banks, Facts, Fidelity, Groups
+from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity, Groups
 from branchdrive_reference.study.fidelity import COMPARED_TABLES
-from branchdrive_reference.study.outcome import RESULTS
 from branchdrive_reference.study.study import Equality, Population, Rate, Scenario, Spread, Study
 
 __all__ = ["PROFILE", "summarise"]

@@ -1,28 +1,44 @@
-"""Read a whole dataset for a study, one shard in memory at a time."""
+"""Read a whole finished dataset for a study, one shard in memory at a time, whatever names it holds."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from branchdrive.cli.progress import Update
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard
 from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.study.facts import Facts, shard_facts
-from branchdrive_reference.study.finished import open_finished
-from branchdrive_reference.study.label import sentence
-from branchdrive_reference.study.rollouts import check_names
+from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label, sentence
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.summary import summarise
 
-__all__ = ["study_dataset"]
+__all__ = ["check_names", "open_finished", "study_dataset"]
 
 _NAMES = ("group_id", "scenario_type", "town", "status")
 """Columns of the rollouts table whose text a study counts or prints."""
+
+
+def open_finished(root: Path) -> Dataset:
+    """Open the finished dataset in the folder `root`.
+
+    Raises:
+        UsageError: The folder holds none.
+        DatasetError: Its descriptor or layout cannot be read safely.
+    """
+    for name in (DESCRIPTOR_FILE, MANIFEST_FILE):
+        if not (root / name).is_file():
+            raise UsageError(f"{str(root)!r} holds no finished dataset: there is no {name!r}")
+    return open_dataset(root)
 
 
 def study_dataset(root: Path, progress: Update) -> Study:
@@ -52,3 +68,25 @@ def _facts(shard: Shard, descriptor: Descriptor) -> Facts:
     view = ShardView({name: shard.decode(name) for name in descriptor.tables}, descriptor)
     with np.errstate(all="ignore"):  # numbers of a faulty collection become unavailable, not warnings
         return shard_facts(view)
+
+
+def check_names(shard: Shard, table: pa.Table, columns: Collection[str]) -> None:
+    """Refuse names that are longer than the format allows any text to be.
+
+    Args:
+        shard: Where the table lies, for the message.
+        table: The decoded rollouts table, text as dictionaries.
+        columns: Text columns whose values a reader is shown.
+
+    Raises:
+        UsageError: With the column and the beginning of the name.
+    """
+    for column in columns:
+        names = pc.unique(table.column(column).combine_chunks()).dictionary.drop_null()
+        longest = max(pc.utf8_length(names).to_pylist(), default=0)
+        if longest > MAX_TEXT_CHARACTERS:
+            name = next(name for name in names.to_pylist() if len(name) == longest)
+            raise UsageError(
+                f"{shard.path(ROLLOUTS)!r}: `{column}` holds a text of {longest:,} characters, '{label(name)}', and "
+                f"may hold {MAX_TEXT_CHARACTERS:,}; run `branchdrive-validate`"
+            )

@@ -20,9 +20,9 @@ from branchdrive_reference.town.conflict import OPPOSITE_RAD, TrackCourse, confl
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import Lane, RoadClass, Turn
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.registry import town
 from branchdrive_reference.town.route import CRUISE_SHARE, Place, Route, town_routes
 from branchdrive_reference.town.signal import NO_GROUP, approach_group
+from branchdrive_reference.town.town import town
 
 __all__ = ["EGO_TRACK", "TRACK", "Role", "RouteTracks", "route_tracks"]
 

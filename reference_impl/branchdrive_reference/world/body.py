@@ -1,4 +1,4 @@
-"""Bodies: the ego and every actor as rows of one flat array.
+"""Bodies: the ego and every actor as rows of one flat array, and the boxes and masses that they have.
 
 Row 0 is the ego; the row of an actor is its recorded identity. Poses are box centres in the world frame.
 """
@@ -13,7 +13,29 @@ from enum import IntEnum, IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BODY", "EGO", "Behaviour", "Body", "Heed", "Kind", "Size", "body_table"]
+__all__ = [
+    "BARRIER",
+    "BICYCLE",
+    "BIN",
+    "BODY",
+    "BOX_TRUCK",
+    "CAR",
+    "CHILD",
+    "COMPACT",
+    "CONE",
+    "CONTAINER",
+    "EGO",
+    "PEDESTRIAN",
+    "POST",
+    "VAN",
+    "VEHICLES",
+    "Behaviour",
+    "Body",
+    "Heed",
+    "Kind",
+    "Size",
+    "body_table",
+]
 
 EGO = 0
 """Row of the ego."""
@@ -88,6 +110,23 @@ class Size:
     width_m: float
     height_m: float
     mass_kg: float
+
+
+CAR = Size(4.6, 1.9, 1.5, 1500.0)
+COMPACT = Size(4.0, 1.75, 1.5, 1150.0)
+VAN = Size(5.4, 2.0, 2.2, 2300.0)
+BOX_TRUCK = Size(7.5, 2.3, 3.0, 6500.0)
+BICYCLE = Size(1.8, 0.6, 1.7, 90.0)
+PEDESTRIAN = Size(0.5, 0.6, 1.75, 75.0)
+CHILD = Size(0.4, 0.5, 1.2, 30.0)
+POST = Size(0.5, 0.5, 3.0, 8000.0)
+BIN = Size(1.2, 1.0, 1.3, 200.0)
+CONTAINER = Size(4.0, 1.8, 1.6, 6000.0)
+BARRIER = Size(0.6, 2.2, 1.1, 120.0)
+CONE = Size(0.4, 0.4, 0.8, 5.0)
+
+VEHICLES = (CAR, COMPACT, VAN)
+"""Ordinary traffic."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive_reference.benchmark.noise import noise_of
-from branchdrive_reference.benchmark.published import benchmark_data
-from branchdrive_reference.benchmark.release import open_release
+from branchdrive_reference.benchmark.release import benchmark_data, open_release
 
 SEPARATION = 1
 

@@ -13,7 +13,7 @@ from branchdrive_reference.drawing.palette import BACKDROP
 from branchdrive_reference.drawing.roads import draw_roads, lanes_in_view, town_map
 from branchdrive_reference.drawing.view import View
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.registry import TOWN_NAMES, town
+from branchdrive_reference.town.town import TOWN_NAMES, town
 
 SIDE_PX, SIDE_M = 600, 120.0
 

@@ -15,7 +15,7 @@ from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.view import View
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import Lane, Turn
-from branchdrive_reference.town.registry import TOWN_NAMES, town
+from branchdrive_reference.town.town import TOWN_NAMES, town
 
 NETWORK = town(TOWN_NAMES[0])
 NAMES = {Control.SIGNAL: "signal (state unknown)", Control.STOP: "stop sign", Control.YIELD: "give-way sign"}

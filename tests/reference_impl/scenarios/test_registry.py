@@ -13,7 +13,7 @@ from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
 from branchdrive_reference.scenarios.scenario import Scenario
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.simulation.world import World
-from branchdrive_reference.town.registry import TOWN_NAMES
+from branchdrive_reference.town.town import TOWN_NAMES
 from branchdrive_reference.world.body import Body
 
 MIN_ROUTES = 8

@@ -16,7 +16,7 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive_reference.simulation.record import ACTOR_RANGE_M, Record, record
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.town.lane import Turn
-from branchdrive_reference.town.registry import town
+from branchdrive_reference.town.town import town
 from branchdrive_reference.town.track import route_tracks
 from branchdrive_reference.world.body import EGO
 

@@ -16,8 +16,8 @@ from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import LANE_WIDTH_M, PARKING_WIDTH_M, LaneSide, RoadClass, Turn
 from branchdrive_reference.town.motorway import TAPER_M
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.registry import TOWN_NAMES, town
 from branchdrive_reference.town.signal import approach_group
+from branchdrive_reference.town.town import TOWN_NAMES, town
 
 _WAYS = {
     network.name: [lane for lane in network.lanes.values() if lane.road_class is RoadClass.MOTORWAY]

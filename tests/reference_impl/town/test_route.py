@@ -14,8 +14,8 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.timing import ACTIVE_TICKS, CONTROL_HISTORY_TICKS, TICK_S
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide, RoadClass, Turn
-from branchdrive_reference.town.registry import TOWN_NAMES, town
 from branchdrive_reference.town.route import CRUISE_SHARE, OVERRUN_M, START_M, Place, Route, obstacle_sight_m
+from branchdrive_reference.town.town import TOWN_NAMES, town
 
 POINTS = 32
 FUTURE_S = ACTIVE_TICKS * TICK_S + 1.0

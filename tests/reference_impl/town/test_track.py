@@ -17,9 +17,9 @@ from branchdrive_reference.geometry.polyline import Array, Polyline
 from branchdrive_reference.town import track as track_module
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide
-from branchdrive_reference.town.registry import town
 from branchdrive_reference.town.route import CRUISE_SHARE, Place
 from branchdrive_reference.town.signal import NO_GROUP
+from branchdrive_reference.town.town import town
 from branchdrive_reference.town.track import EGO_TRACK, Role, route_tracks
 
 SIDES = {Role.FROM_LEFT: 1.0, Role.FROM_RIGHT: -1.0}

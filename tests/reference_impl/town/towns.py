@@ -10,8 +10,8 @@ import pytest
 from branchdrive_reference.geometry.polyline import Array, Polyline, join
 from branchdrive_reference.town.lane import Lane, RoadClass
 from branchdrive_reference.town.network import RoadNetwork
-from branchdrive_reference.town.registry import TOWN_NAMES, town
 from branchdrive_reference.town.route import Place, Route, town_routes
+from branchdrive_reference.town.town import TOWN_NAMES, town
 from branchdrive_reference.town.track import RouteTracks, route_tracks
 
 TOWNS = tuple(town(name) for name in TOWN_NAMES)

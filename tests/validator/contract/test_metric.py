@@ -7,7 +7,7 @@ import json
 import pytest
 
 from branchdrive.contract import metric
-from branchdrive.contract.generate.metric import metric_schemas, protocol_text
+from branchdrive.contract.generate.record import metric_schemas, protocol_text
 from branchdrive.contract.metric import DECLARED_METRICS, DeclaredMetric, metric_names
 from branchdrive.contract.resources import load_resource, schema_dir
 

@@ -228,7 +228,7 @@ def test_too_many_names_end_in_a_finding(tmp_path: Path, monkeypatch: pytest.Mon
 
     limits = replace(spec_limits(), max_files=4)
     monkeypatch.setattr("branchdrive.files.survey.spec_limits", lambda: limits)
-    monkeypatch.setattr("branchdrive.files.layout_rules.spec_limits", lambda: limits)
+    monkeypatch.setattr("branchdrive.files.rules.spec_limits", lambda: limits)
     report = validate(write(tmp_path / "dataset"))
     assert (report.verdict, report.errors) == ("invalid", ())
     assert "BD-LAY-007" in failing(report)

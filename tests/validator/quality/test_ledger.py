@@ -16,10 +16,11 @@ from branchdrive.quality.ledger import (
     SELECTION_ACCESS,
     accesses,
     merged,
+    order_mismatches,
+    release_mismatches,
     with_benchmark_access,
     with_round,
 )
-from branchdrive.quality.ledger_check import order_mismatches, release_mismatches
 
 A, B = ({"split_digest": split * 64, "thresholds_digest": fitted * 64} for split, fitted in ("ab", "cd"))
 

@@ -7,8 +7,13 @@ from typing import Any
 import pytest
 
 from branchdrive.contract.document import schema_mismatches
-from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with_benchmark_access, with_round
-from branchdrive.quality.ledger_check import benchmark_mismatches
+from branchdrive.quality.ledger import (
+    PREDICTION_ACCESS,
+    SELECTION_ACCESS,
+    benchmark_mismatches,
+    with_benchmark_access,
+    with_round,
+)
 
 A, B, C = ("a" * 64, "b" * 64, "c" * 64)
 

@@ -102,7 +102,7 @@ def test_pairs_beyond_the_limits_decide_nothing(seed: int, share_wrong: float, i
     document = {**synthetic.descriptor(), "tolerances": {"evidence": e}}
     descriptor = Descriptor.model_validate(document)
     found = verdicts(ShardView(shard, descriptor))
-    with patch.object(pairs, "_actors_within_limits", all_actors), patch.object(pairs, "CUTOFF_SLACK", np.inf):
+    with patch.object(pairs, "_actors_within_limits", all_actors):
         assert verdicts(ShardView(shard, descriptor)) == found
 
 

@@ -22,7 +22,7 @@ from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.engine.worker import in_process
 from branchdrive.errors import UsageError
 from branchdrive.leakage import audit
-from branchdrive.release import parts as stored
+from branchdrive.release import leakage as stored
 from branchdrive.release import publish as publication
 from branchdrive.release.audit_process import audit_here
 from branchdrive.release.publish import staging

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.metric.metric import METRICS, metric_values
+from branchdrive.benchmark.metric.error import PATH_ERRORS, group_errors
 from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
 from branchdrive.benchmark.metric.scale import Scale
 from branchdrive.benchmark.metric.shuffle import Kind, shuffles
@@ -35,11 +35,8 @@ Array = NDArray[np.float64]
 SHUFFLED_METRICS = ("macro_nmae", "ade_m")
 """Metrics that are looked at after a shuffle."""
 
-_NAMES = [metric.name for metric in METRICS]
-_PLACES = [_NAMES.index(name) for name in SHUFFLED_METRICS]
-_MACRO = [_NAMES.index(f"nmae.{target.name}") for target in TARGETS]
-_BY_GROUP = [*_MACRO, _NAMES.index("ade_m")]
-"""What both metrics are made of, group by group."""
+_NUM_TARGETS = len(TARGETS)
+_ADE = PATH_ERRORS.index("ade_m")
 
 
 def diagnostic_results(
@@ -84,19 +81,22 @@ def _shuffle_records(
 ) -> list[dict[str, Any]]:
     given = list(by_seed.values())
     size = outcomes.scalars.shape[:2]
-    counts = np.ones((1, size[0]))
 
     def values(predicted: list[Predictions]) -> tuple[Array, Array]:
         """Both metrics ``[2]`` and what they are made of ``[N, 7]``, means over seeds."""
-        found = metric_values(outcomes, predicted, scale, counts, ranks=False)
-        return found.counted[:, 0, _PLACES].mean(axis=0), found.by_group[..., _BY_GROUP].mean(axis=0)
+        units = np.append(scale.iqr, 1.0)
+        errors = [group_errors(outcomes, each) for each in predicted]
+        by_group = np.stack([np.column_stack([each.absolute, each.path[:, _ADE]]) for each in errors])
+        means = np.concatenate([counted_mean(np.ones((1, size[0])), each) for each in by_group]) / units
+        metrics = np.stack([means[:, :_NUM_TARGETS].mean(axis=1), means[:, _NUM_TARGETS]], axis=1)
+        return metrics.mean(axis=0), (by_group / units).mean(axis=0)
 
     plain, by_group = values(given)
     seeds = tuple(int(seed) for seed in protocol.shuffles.seeds)
     found = [values([s.apply(each) for each in given]) for s in shuffles(kind, *size, seeds=seeds)]
     shuffled = np.array([metrics for metrics, _ in found])
     increase, ends = _increase(np.mean([of_groups - by_group for _, of_groups in found], axis=0), resampling)
-    spread_of = shuffled.std(axis=0, ddof=1) if len(shuffled) > 1 else np.full(len(_PLACES), np.nan)
+    spread_of = shuffled.std(axis=0, ddof=1) if len(shuffled) > 1 else np.full(len(SHUFFLED_METRICS), np.nan)
     return [
         {
             "model": model,
@@ -117,7 +117,7 @@ def _shuffle_records(
 def _increase(by_group: Array, resampling: Design) -> tuple[Array, Intervals]:
     """Increase of both metrics ``[2]`` and its intervals, of the increases that they are made of ``[N, 7]``."""
     counted = counted_mean(resampling.counts, by_group)
-    parts = resampling.split(np.stack([counted[:, : len(_MACRO)].mean(axis=1), counted[:, -1]], axis=1))
+    parts = resampling.split(np.stack([counted[:, :_NUM_TARGETS].mean(axis=1), counted[:, -1]], axis=1))
     there = ~np.isnan(by_group)
-    there = np.stack([there[:, : len(_MACRO)].any(axis=1), there[:, -1]], axis=1)
+    there = np.stack([there[:, :_NUM_TARGETS].any(axis=1), there[:, -1]], axis=1)
     return parts[0], intervals(*parts, there.sum(axis=0), resampling.clusters.num_there(there))

@@ -10,6 +10,6 @@ from pathlib import Path
 if not sys.flags.safe_path and Path(sys.path[0]) == Path.cwd() != Path(__file__).parents[2]:
     del sys.path[0]
 
-from branchdrive.cli.main import main
+from branchdrive.cli.entry import main
 
 sys.exit(main())

@@ -29,9 +29,6 @@ __all__ = ["BoxGap", "Boxes", "PairBounds", "box_gap", "pair_bounds"]
 
 Array = NDArray[np.float64]
 
-_PAIRS_AT_ONCE = 1 << 13
-"""Pairs that are compared at once: intermediate arrays of 64 KiB stay in the cache."""
-
 
 class Boxes(NamedTuple):
     """Oriented boxes, each field ``[n]`` float64: centre and heading in one frame, full extents in metres."""
@@ -42,7 +39,7 @@ class Boxes(NamedTuple):
     length_m: Array
     width_m: Array
 
-    def take(self, rows: NDArray[np.intp]) -> Boxes:
+    def take(self, rows: NDArray[np.intp] | slice) -> Boxes:
         """The boxes at `rows`."""
         return Boxes(*(field[rows] for field in self))
 
@@ -59,27 +56,44 @@ class BoxGap(NamedTuple):
     normal_y: Array
 
 
-def _outside(x: Array, y: Array, half_length: Array, half_width: Array) -> tuple[Array, Array]:
-    """Vector from the closest point of an axis-aligned box at the origin to the point ``(x, y)``."""
-    return (
-        x - np.minimum(np.maximum(x, -half_length), half_length),
-        y - np.minimum(np.maximum(y, -half_width), half_width),
-    )
+class _Corner(NamedTuple):
+    """The corner of a box that is closest to another box, each field ``[n]``: squared distance, and the way there."""
+
+    square: Array
+    x: Array
+    y: Array
+
+
+def _closest_corner(
+    x: Array, y: Array, along: tuple[Array, Array], across: tuple[Array, Array], half_length: Array, half_width: Array
+) -> _Corner:
+    """Closest corner of boxes to axis-aligned boxes at the origin.
+
+    Args:
+        x: Centre of the boxes with corners.
+        y: Centre of the boxes with corners.
+        along: Their half lengths as vectors.
+        across: Their half widths as vectors.
+        half_length: Half extent of the boxes at the origin.
+        half_width: Half extent of the boxes at the origin.
+    """
+    closest = _Corner(*(np.full_like(x, np.inf) for _ in _Corner._fields))
+    for reach_x, reach_y in (
+        (along[0] + across[0], along[1] + across[1]),
+        (along[0] - across[0], along[1] - across[1]),
+    ):
+        for corner_x, corner_y in ((x + reach_x, y + reach_y), (x - reach_x, y - reach_y)):
+            to_x = corner_x - np.minimum(np.maximum(corner_x, -half_length), half_length)
+            to_y = corner_y - np.minimum(np.maximum(corner_y, -half_width), half_width)
+            square = to_x * to_x + to_y * to_y
+            closer = square < closest.square
+            for best, values in zip(closest, (square, to_x, to_y), strict=True):
+                np.copyto(best, values, where=closer)
+    return closest
 
 
 def box_gap(a: Boxes, b: Boxes) -> BoxGap:
     """Smallest distance between paired boxes `a` and `b`, metres, 0 where they overlap or touch."""
-    num_pairs = len(a.x_m)
-    gap = BoxGap(np.empty(num_pairs), np.empty(num_pairs), np.empty(num_pairs))
-    for start in range(0, num_pairs, _PAIRS_AT_ONCE):
-        here = slice(start, start + _PAIRS_AT_ONCE)
-        part = _gap(Boxes(*(field[here] for field in a)), Boxes(*(field[here] for field in b)))
-        for whole, values in zip(gap, part, strict=True):
-            whole[here] = values
-    return gap
-
-
-def _gap(a: Boxes, b: Boxes) -> BoxGap:
     cos_a, sin_a = np.cos(a.yaw_rad), np.sin(a.yaw_rad)
     cos_r, sin_r = np.cos(b.yaw_rad - a.yaw_rad), np.sin(b.yaw_rad - a.yaw_rad)
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
@@ -88,23 +102,12 @@ def _gap(a: Boxes, b: Boxes) -> BoxGap:
     la, wa, lb, wb = a.length_m / 2, a.width_m / 2, b.length_m / 2, b.width_m / 2
     u_b, v_b = cos_r * u + sin_r * v, cos_r * v - sin_r * u  # the same offset along the axes of `b`
 
-    best = np.full_like(u, np.inf)
-    to_x, to_y = np.zeros_like(u), np.zeros_like(u)
-    for sign_l, sign_w in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        px, py = sign_l * lb, sign_w * wb
-        ox, oy = _outside(u + cos_r * px - sin_r * py, v + sin_r * px + cos_r * py, la, wa)
-        distance = np.hypot(ox, oy)
-        closer = distance < best
-        best = np.where(closer, distance, best)
-        to_x, to_y = np.where(closer, ox, to_x), np.where(closer, oy, to_y)
-        # Corner of `a` seen from `b`; the way back from it is the way from `a` to `b`.
-        px, py = sign_l * la, sign_w * wa
-        ox, oy = _outside(cos_r * px + sin_r * py - u_b, cos_r * py - sin_r * px - v_b, lb, wb)
-        distance = np.hypot(ox, oy)
-        closer = distance < best
-        best = np.where(closer, distance, best)
-        to_x = np.where(closer, -(cos_r * ox - sin_r * oy), to_x)
-        to_y = np.where(closer, -(sin_r * ox + cos_r * oy), to_y)
+    of_b = _closest_corner(u, v, (cos_r * lb, sin_r * lb), (-sin_r * wb, cos_r * wb), la, wa)
+    of_a = _closest_corner(-u_b, -v_b, (cos_r * la, -sin_r * la), (sin_r * wa, cos_r * wa), lb, wb)
+    from_a = of_b.square <= of_a.square
+    # The way to a corner of `a`, seen from `b`, is the way from `a` to `b` reversed.
+    to_x = np.where(from_a, of_b.x, sin_r * of_a.y - cos_r * of_a.x)
+    to_y = np.where(from_a, of_b.y, -sin_r * of_a.x - cos_r * of_a.y)
 
     reach_c, reach_s = np.abs(cos_r), np.abs(sin_r)
     separated = (
@@ -113,7 +116,7 @@ def _gap(a: Boxes, b: Boxes) -> BoxGap:
         | (np.abs(u_b) > lb + la * reach_c + wa * reach_s)
         | (np.abs(v_b) > wb + la * reach_s + wa * reach_c)
     )
-    gap = np.where(separated, best, 0.0)
+    gap = np.where(separated, np.hypot(to_x, to_y), 0.0)
     nx, ny = (np.divide(to, gap, out=np.zeros_like(gap), where=gap > 0) for to in (to_x, to_y))
     return BoxGap(gap, cos_a * nx - sin_a * ny, sin_a * nx + cos_a * ny)
 

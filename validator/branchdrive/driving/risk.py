@@ -32,6 +32,7 @@ __all__ = [
     "PairRisk",
     "corridor_excess_m",
     "frame_risk",
+    "least_of_frame",
     "pair_risk",
     "risk_candidates",
     "risk_evidence",
@@ -42,6 +43,9 @@ MIN_CLOSING_MPS = 0.1
 CORRIDOR_MARGIN_M = 0.5
 CUTOFF_SLACK = 1e-6
 """Distance from a cut-off within which either side of it is right."""
+
+_PAIRS_AT_ONCE = 1 << 13
+"""Pairs that are compared at once: intermediate arrays of 64 KiB stay in the cache."""
 
 NO_ACTOR = np.iinfo(np.int64).max
 
@@ -94,11 +98,16 @@ def pair_risk(
     corridor_m: Array,
 ) -> PairRisk:
     """Gap and closing speed of every pair; `ego` has one row per frame, `actors` one per pair."""
-    gap = box_gap(ego.take(frame), actors)
-    rel_x = actor_vel_x_mps - (ego_speed_mps * np.cos(ego.yaw_rad))[frame]
-    rel_y = actor_vel_y_mps - (ego_speed_mps * np.sin(ego.yaw_rad))[frame]
-    closing = -(rel_x * gap.normal_x + rel_y * gap.normal_y)
-    return PairRisk(frame, actor_id, gap.gap_m, closing, corridor_m, is_vehicle, is_pedestrian)
+    ego_vel_x, ego_vel_y = ego_speed_mps * np.cos(ego.yaw_rad), ego_speed_mps * np.sin(ego.yaw_rad)
+    gap_m, closing_mps = np.empty(len(frame)), np.empty(len(frame))
+    for start in range(0, len(frame), _PAIRS_AT_ONCE):
+        here = slice(start, start + _PAIRS_AT_ONCE)
+        at = frame[here]
+        gap = box_gap(ego.take(at), actors.take(here))
+        rel_x, rel_y = actor_vel_x_mps[here] - ego_vel_x[at], actor_vel_y_mps[here] - ego_vel_y[at]
+        gap_m[here] = gap.gap_m
+        closing_mps[here] = -(rel_x * gap.normal_x + rel_y * gap.normal_y)
+    return PairRisk(frame, actor_id, gap_m, closing_mps, corridor_m, is_vehicle, is_pedestrian)
 
 
 def corridor_excess_m(objects: Boxes, route_x_m: Array, route_y_m: Array, ego_width_m: float) -> Array:
@@ -106,10 +115,16 @@ def corridor_excess_m(objects: Boxes, route_x_m: Array, route_y_m: Array, ego_wi
     return polyline_box_distance_m(objects, route_x_m, route_y_m) - (ego_width_m / 2 + CORRIDOR_MARGIN_M)
 
 
+def least_of_frame(value: Array, rows: NDArray[np.bool_], pairs: PairRisk, num_frames: int) -> Array:
+    """Smallest value per frame over `rows`, ``inf`` where there is none."""
+    least = np.full(num_frames, np.inf)
+    np.minimum.at(least, pairs.frame[rows], value[rows])
+    return least
+
+
 def _minimum(value: Array, rows: NDArray[np.bool_], pairs: PairRisk, num_frames: int) -> FrameRisk:
     """Smallest value per frame over `rows`, with the lowest actor id among equal values."""
-    best = np.full(num_frames, np.inf)
-    np.minimum.at(best, pairs.frame[rows], value[rows])
+    best = least_of_frame(value, rows, pairs, num_frames)
     who = np.full(num_frames, NO_ACTOR)
     tied = rows & (value == best[pairs.frame])
     np.minimum.at(who, pairs.frame[tied], pairs.actor_id[tied])

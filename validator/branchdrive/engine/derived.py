@@ -124,18 +124,18 @@ def layers_tasks(
     rows = [rule_id for rule_id in whole if CATALOGUE[rule_id].scope == "layer_rows"]
     raw = _raw_rows(source, shards)
     every = LayersTask(
-        (),
-        "all",
-        frozenset(),
-        raw,
-        task.spool,
-        task.descriptor,
-        files.tables,
-        files.documents,
-        task.names,
-        files.digests,
-        files.sizes,
-        files.broken,
+        rules=(),
+        part="all",
+        identities=frozenset(),
+        raw=raw,
+        spool=task.spool,
+        descriptor=task.descriptor,
+        tables=files.tables,
+        documents=files.documents,
+        names=task.names,
+        digests=files.digests,
+        sizes=files.sizes,
+        broken=files.broken,
     )
     if shards and sum(len(shard.group_ids) for shard in shards) <= MAX_GROUPS_AT_ONCE:
         yield replace(every, rules=tuple(whole))

@@ -58,7 +58,7 @@ class RawRows:
     descriptor: Descriptor | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LayersTask:
     """What a worker needs to judge rules on the derived layers, or on a part of their rows.
 

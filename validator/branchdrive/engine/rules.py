@@ -1,10 +1,9 @@
 """Every module of rules; importing this one binds each rule of the catalogue to its function."""
 
-from branchdrive.benchmark import result_rules
 from branchdrive.benchmark import rules as benchmark_rules
 from branchdrive.canonical import rules as canonical_rules
 from branchdrive.card import rules as card_rules
-from branchdrive.files import document_rules, layout_rules, table_rules
+from branchdrive.files import rules as file_rules
 from branchdrive.layers import rules as layer_rules
 from branchdrive.leakage import rules as leakage_rules
 from branchdrive.model import near_duplicate_rules
@@ -14,8 +13,8 @@ from branchdrive.quality import rules as quality_rules
 from branchdrive.raw.rules import controls, evidence, groups, keys, media, nulls, responses, status, ticks, values
 
 RULE_MODULES = (
-    layout_rules, document_rules, table_rules, keys, nulls, values, ticks, status, controls, evidence, groups,
+    file_rules, keys, nulls, values, ticks, status, controls, evidence, groups,
     responses, media, layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules,
-    near_duplicate_rules, leakage_rules, benchmark_rules, result_rules, card_rules,
+    near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

@@ -1,7 +1,12 @@
-"""Audit of one shard, from bytes to tallies: the function that workers run.
+"""Audit of one shard, from bytes to tallies and rows: the function that workers run.
 
-Each file is read once; that buffer is hashed and decoded in full, so what was judged is what was
-digested. Source: spec/07-rules.md#trust.
+Each file is read once; that buffer is hashed and decoded in full, so what was judged is what was digested.
+
+Rows for the derived layers are small, so that they travel between processes. Shards hold whole groups, so a map over
+them gives every row; what needs all groups at once (clusters, split, thresholds, population, normalisation) is
+computed from these rows by the room of its layer.
+
+Source: spec/07-rules.md#trust, spec/10-layers.md#derivation.
 """
 
 from __future__ import annotations
@@ -12,32 +17,42 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from branchdrive.canonical.record import attempts, records
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
+from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.engine.examine import VIEW_RULES, examine
-from branchdrive.engine.raw_rows import raw_rows_of
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
-from branchdrive.files.shard_facts import ShardFacts
+from branchdrive.files.survey import ShardFacts
 from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.untrusted import open_file
+from branchdrive.leakage.replays import replay_facts
+from branchdrive.model.inputs import inputs_of
+from branchdrive.model.media_index import media_columns
+from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
+from branchdrive.quality.qualification import attempt_quality, group_quality
+from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.response import observed_extremes, responses, tracks
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.frame import Frame
 from branchdrive.tables.schema import metadata_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = [
-    "ShardResult",
-    "ShardTask",
-    "audit_shard",
-    "spooled_name",
-]
+    from branchdrive.raw.examination import Examination
+
+__all__ = ["REPLAYS", "ROUTES", "ShardResult", "ShardTask", "audit_shard", "raw_rows_of", "spooled_name"]
+
+REPLAYS = "replays"
+ROUTES = "routes"
 
 
 @dataclass(frozen=True)
@@ -190,3 +205,47 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         for name, frame in raw_rows_of(view, examination).items():
             task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
             result.frames += (name,)
+
+
+def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
+    """What the shard says, given which of its attempts and groups hold which rules.
+
+    Args:
+        view: The shard, without a structure failure.
+        examination: What the rules found on it.
+
+    Returns:
+        Frames by name. Those of the model layer hold every integrity-complete group, and so do two that are no
+        tables: `ROUTES` with the resampled route of each group (`points`, ``[groups, 32, 2]``, metres in the frame
+        of the town), and `REPLAYS` with what a leakage audit may see of it.
+    """
+    selection = examination.selection
+    complete = examination.complete_groups
+    nominals = selection.nominal[complete]
+    candidates = selection.chosen[complete]  # [groups, policies], all there
+    bank = view.descriptor.action_bank
+    interventions, replays = canonical_pairs(view, examination)
+    pairs = Pairs(*(np.concatenate(sides) for sides in zip(interventions, replays, strict=True)))
+    paired = pair_columns(view, pairs)
+    executed = candidates.ravel()
+    route_x, route_y = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
+    points = [resample_polyline(route_x[i], route_y[i]) for i in nominals]
+    group_ids = np.array(view.group_ids, object)[complete]
+    return {
+        "records": records(view, examination),
+        "attempts": attempts(view, examination),
+        "attempt_quality": attempt_quality(view, examination),
+        "group_quality": group_quality(view, examination),
+        "pairs": paired,
+        **inputs_of(view, nominals),
+        "candidates": candidate_columns(view, executed, np.repeat(nominals, len(bank.policies))),
+        "scalars": scalar_columns(view, executed),
+        "trajectories": trajectory_columns(view, executed),
+        "media_index": media_columns(view, nominals),
+        ROUTES: {
+            "group_id": group_ids,
+            "town": view.rollouts["town"][nominals],
+            "points": np.array(points).reshape(len(points), CLUSTER_POINTS, 2),
+        },
+        REPLAYS: replay_facts(view, complete, candidates, replays.replay, pairs, paired),
+    }

@@ -36,8 +36,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
-from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
-from branchdrive.quality.ledger_check import release_mismatches
+from branchdrive.quality.ledger import RELEASE_ACCESS, accesses, release_mismatches
 from branchdrive.quality.split_rules import SPLIT
 from branchdrive.quality.threshold import VARIABLES, Thresholds
 from branchdrive.tables.frame import Frame, num_rows, take

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.quality.partition import PARTITIONS
+from branchdrive.quality.variants import FROZEN, members
 from branchdrive.tables.frame import Frame, num_rows
 
 __all__ = ["STAGES", "frozen_groups", "population_document"]
@@ -66,7 +67,7 @@ def population_document(groups: Frame, *, num_policies: int) -> dict[str, Any]:
 
 def frozen_groups(groups: Frame) -> NDArray[np.bool_]:
     """Whether each group belongs to the frozen population ``[groups]``: core-valid and no near duplicate."""
-    return np.asarray(groups["core_valid"], np.bool_) & ~np.asarray(groups["near_duplicate"], np.bool_)
+    return members(groups, FROZEN)
 
 
 def _reached(groups: Frame, stage: str) -> NDArray[np.bool_]:

@@ -3,7 +3,8 @@
 Boxes are compared only where their outcome matters. Let ``r`` be recorded and ``e`` the tolerance.
 A pair with the value ``x`` agrees with ``r`` where ``|r - x| <= e (1 + x)``, so ``x <= (r + e) / (1 - e)``;
 a pair that contradicts ``r`` is smaller still. Pairs that a lower bound places beyond this limit
-decide nothing. Where evidence is recorded as unavailable, every pair in range contradicts it.
+decide nothing. Where evidence is recorded as unavailable, every pair in range contradicts it, a time to
+collision every pair that may close.
 
 Source: spec/05-raw-streams.md#evidence.
 """
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.driving.box import Boxes, pair_bounds
-from branchdrive.driving.risk import CUTOFF_SLACK, RANGE_M, PairRisk, corridor_excess_m, pair_risk
+from branchdrive.driving.risk import RANGE_M, PairRisk, corridor_excess_m, pair_risk
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["deciding_pairs", "pairs_of_frame"]
@@ -67,7 +68,7 @@ def _limits(view: ShardView, name: str, column: str) -> Array:
     evidence, e = view.stream("evidence"), view.descriptor.tolerances.evidence
     limit = (evidence[column].astype(np.float64) + e) / (1 - e)
     limit += 1e-9 * (1 + np.abs(limit))  # far above rounding
-    limit[~evidence[f"{name}_available"].astype(bool)] = np.inf
+    limit[~evidence[f"{name}_available"].astype(bool)] = np.finfo(np.float64).max  # what cannot close is beyond it
     frame = view.observations.rows_of(evidence)
     limits = np.full(len(view.observations), -np.inf)
     np.maximum.at(limits, frame[frame >= 0], limit[frame >= 0])
@@ -90,7 +91,7 @@ _ACTOR_COLUMNS = (*Boxes._fields, "vel_x_mps", "vel_y_mps")
 
 
 def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
-    *box, vel_x, vel_y = (values.astype(np.float64) for values in columns)
+    *box, vel_x, vel_y = (values.astype(np.float64, copy=False) for values in columns)
     return _Actors(rows, Boxes(*box), vel_x, vel_y)
 
 
@@ -106,7 +107,7 @@ def _actors_within_limits(view: ShardView) -> _Actors:
     np.maximum(separation, _limits(view, "nearest_vehicle", "nearest_vehicle_gap_m"), out=gap_limits[_VEHICLE])
     np.maximum(separation, _limits(view, "nearest_pedestrian", "nearest_pedestrian_gap_m"), out=gap_limits[_PEDESTRIAN])
     ttc_limits = _limits(view, "ttc", "ttc_s")
-    rows, parts = [np.zeros(0, np.int64)], [[np.zeros(0)] * len(_ACTOR_COLUMNS)]
+    pieces = []
     for start, columns in stream.pieces(_ACTOR_COLUMNS, _ROWS_AT_ONCE) if len(view.observations) else ():
         x, y, _, length, width, vel_x, vel_y = columns
         here = slice(start, start + len(x))
@@ -122,9 +123,10 @@ def _actors_within_limits(view: ShardView) -> _Actors:
         gap_limit = gap_limits.take(kinds[here] * np.int64(len(yaw)) + at, mode="clip")  # faster than [kind, frame]
         matters = ~(bounds.gap_m > gap_limit) | ~(bounds.ttc_s > ttc_limits[at])
         kept = np.flatnonzero(matters & (bounds.gap_m <= _NEAR_M) & (at >= 0))
-        rows.append(kept + start)
-        parts.append([values[kept] for values in columns])
-    return _actors(np.concatenate(rows), [np.concatenate(part) for part in zip(*parts, strict=True)])
+        pieces.append((start, columns, kept))
+    rows = np.concatenate([np.zeros(0, np.int64), *(start + kept for start, _, kept in pieces)])
+    fields = range(len(_ACTOR_COLUMNS))
+    return _actors(rows, [np.concatenate([np.zeros(0), *(c[i][kept] for _, c, kept in pieces)]) for i in fields])
 
 
 def _routes(view: ShardView) -> tuple[list[tuple[Array, Array, float]], Index]:
@@ -164,8 +166,6 @@ def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
     static = np.flatnonzero(view.cached(_kinds)[actors.row] == _STATIC)
     corridor_m = np.full(len(actors.row), -np.inf)
     corridor_m[static] = _corridor_m(view, actors.take(static))
-    may_count = np.flatnonzero(~(corridor_m > CUTOFF_SLACK))
-    actors, corridor_m = actors.take(may_count), corridor_m[may_count]
     kind = view.cached(_kinds)[actors.row]
     return pair_risk(
         egos.boxes,

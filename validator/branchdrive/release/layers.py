@@ -19,8 +19,7 @@ from branchdrive.formats.manifest import parse_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import read_table
 from branchdrive.formats.untrusted import read_file
-from branchdrive.quality.ledger import Ledger
-from branchdrive.quality.ledger_check import order_mismatches
+from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, Values, sort_rows
 

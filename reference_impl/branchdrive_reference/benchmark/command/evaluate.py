@@ -91,8 +91,7 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
     from branchdrive_reference.benchmark.document import published_protocol, read_protocol_file
     from branchdrive_reference.benchmark.evaluation import evaluate_foreign
     from branchdrive_reference.benchmark.foreign import read_predictions
-    from branchdrive_reference.benchmark.published import benchmark_data
-    from branchdrive_reference.benchmark.release import open_release
+    from branchdrive_reference.benchmark.release import benchmark_data, open_release
 
     release = open_release(args.release)
     protocol = published_protocol(release) if args.protocol is None else read_protocol_file(args.protocol)

@@ -39,8 +39,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol
     from branchdrive_reference.benchmark.onnx_export import check_equal, export_selector
-    from branchdrive_reference.benchmark.published import benchmark_data
-    from branchdrive_reference.benchmark.release import open_release
+    from branchdrive_reference.benchmark.release import benchmark_data, open_release
     from branchdrive_reference.learning.checkpoint import read_checkpoint
 
     release = open_release(args.release)

@@ -14,7 +14,7 @@ from branchdrive_reference.benchmark.figure.leakage import draw_leakage
 from branchdrive_reference.benchmark.figure.policy import draw_policy
 from branchdrive_reference.benchmark.figure.prediction import draw_prediction
 from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
-from branchdrive_reference.drawing.quiet import quiet
+from branchdrive_reference.plotting import quiet
 
 __all__ = ["figures"]
 

@@ -48,7 +48,7 @@ def test_what_the_running_maximum_takes_from_a_bound_is_a_bound() -> None:
     [
         ([Family("f", ())], "is empty or names a test twice"),
         ([Family("f", ("a", "a"))], "is empty or names a test twice"),
-        ([Family("f", ("a", "z"))], "names 'z', which is none of"),
+        ([Family("f", ("a", "z"))], "names the test 'z', which has no p-value"),
         ([Family("f", ("a",)), Family("f", ("b",))], "share a name"),
     ],
 )

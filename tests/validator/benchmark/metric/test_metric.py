@@ -148,18 +148,6 @@ def test_what_is_said_about_absent_outcomes_does_not_matter(seed: int) -> None:
     same(list(values(truth, predicted).values()), list(values(truth, other).values()))
 
 
-def test_without_ranks_the_other_metrics_are_the_same() -> None:
-    truth = outcomes()
-    predicted = [predictions(truth)]
-    with_ranks, without_ranks = (
-        metric_values(truth, predicted, UNIT, np.ones((1, 9)), ranks=ranks) for ranks in (True, False)
-    )
-    is_rank = np.array(["spearman" in name for name in NAMES])
-    for full, quick in zip(with_ranks[:2], without_ranks[:2], strict=True):
-        np.testing.assert_array_equal(full[..., ~is_rank], quick[..., ~is_rank])
-        assert np.isnan(quick[..., is_rank]).all()
-
-
 def test_metrics_have_unique_names_and_units() -> None:
     assert len(set(NAMES)) == len(NAMES) == 42
     units = {metric.name: metric.unit for metric in METRICS}

@@ -187,7 +187,7 @@ def test_a_single_group_has_values_but_no_interval_and_no_significance() -> None
     [
         (IDS[:-1], {}, "13 group ids"),
         ([*IDS[:-1], IDS[0]], {}, "13 of them distinct"),
-        (IDS, {"contrasts": [Contrast("good", "M9", "ade_m")]}, "names 'M9', which is none of bad, good, mean"),
+        (IDS, {"contrasts": [Contrast("good", "M9", "ade_m")]}, "names 'M9'; there are bad, good, mean"),
         (IDS, {"contrasts": [Contrast("good", "bad", "rmse.min_ttc_s")]}, "names 'rmse.min_ttc_s'"),
         (IDS, {"clusters": ["c"] * 13}, "13 clusters are not those of 14 groups"),
     ],

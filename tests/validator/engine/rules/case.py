@@ -203,7 +203,7 @@ def judged_folder(root: Path, **options: Any) -> Report:
 PURE = (
     "branchdrive.engine.layer_files.schema_mismatches",
     "branchdrive.benchmark.view.read_protocol",
-    "branchdrive.benchmark.result_rules.results_document",
+    "branchdrive.benchmark.rules.results_document",
     "branchdrive.leakage.rules.affine_targets",
     "branchdrive.leakage.rules.neighbours_p",
     "branchdrive.leakage.rules.ranked_targets",

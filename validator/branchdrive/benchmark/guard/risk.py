@@ -1,4 +1,13 @@
-"""Fitted risk as data: weights, scaling and multiplier grids, all from out-of-fold training predictions.
+"""The learned risk of losing separation: what it reads of a candidate, and its fit as data.
+
+It reads predictions and nothing else. With predicted targets of seeds ``s``, means over seeds without index, nominal
+``0``, tolerance ``eps``, and the spread over seeds ``sd`` (population) of ``y_a - y_0`` for the separation ``y``::
+
+    z = y_a - y_0 + eps        what is left of the tolerance
+
+The first features rise with ``z`` and their weights are at most 0, ``closeness`` falls with it and its weight is
+at least 0. No other feature depends on ``y_a`` but through its spread. So whatever the weights, risk never
+rises when every seed predicts the same larger separation for a candidate and nothing else changes.
 
 With features ``f``, standardised and clipped to 8::
 
@@ -6,19 +15,9 @@ With features ``f``, standardised and clipped to 8::
     psi = clip(v f + c, 0, 3)                            how much more, metres, at most 3
     rho = p + psi / 1 m                                  0 for nominal
 
-Evaluation is numpy; fitting is elsewhere. The document is strict: a weight that breaks the direction its feature
-must have is refused, so that a document proves that risk never rises with predicted separation.
-
-What the learned risk of a candidate reads: predictions and nothing else.
-
-With predicted targets of seeds ``s``, means over seeds without index, nominal ``0``, tolerance ``eps``, and the
-spread over seeds ``sd`` (population) of ``y_a - y_0`` for the separation ``y``::
-
-    z = y_a - y_0 + eps        what is left of the tolerance
-
-The first features rise with ``z`` and their weights are at most 0, ``closeness`` falls with it and its weight is
-at least 0. No other feature depends on ``y_a`` but through its spread. So whatever the weights, risk never
-rises when every seed predicts the same larger separation for a candidate and nothing else changes.
+Weights, scaling and multiplier grids are fitted elsewhere, on out-of-fold training predictions; evaluation is numpy.
+The document is strict: a weight that breaks the direction its feature must have is refused, so that a document proves
+that risk never rises with predicted separation.
 
 Source: this project's choice.
 """

@@ -55,7 +55,7 @@ def _adjusted(family: Family, p_values: Mapping[str, float], smallest: Collectio
         raise ValueError(f"family {family.name!r} is empty or names a test twice: {list(family.members)!r}")
     missing = [member for member in family.members if member not in p_values]
     if missing:
-        raise ValueError(f"family {family.name!r} names {missing[0]!r}, which is none of {sorted(p_values)!r}")
+        raise ValueError(f"family {family.name!r} names the test {missing[0]!r}, which has no p-value")
     adjusted: list[float] = holm([p_values[member] for member in family.members]).tolist()
     bounds = {p for member, p in zip(family.members, adjusted, strict=True) if member in smallest}
     return {member: Adjusted(p, p in bounds) for member, p in zip(family.members, adjusted, strict=True)}

@@ -47,7 +47,7 @@ class Judged:
         errors: Of the predictions, group by group.
         scale: Of the targets.
         counts: ``[R, N]``, counts of groups.
-        bank_spearman: ``[N, 6]``; NaN where a side is constant, or all of it where ranks are not wanted.
+        bank_spearman: ``[N, 6]``; NaN where a side is constant.
         pooled_spearman: ``[R, 6]``, likewise.
     """
 

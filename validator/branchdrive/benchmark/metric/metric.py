@@ -89,24 +89,16 @@ class MetricValues(NamedTuple):
     contributes: NDArray[np.bool_]
 
 
-def metric_values(
-    outcomes: Outcomes, predictions: Sequence[Predictions], scale: Scale, counts: Array, *, ranks: bool = True
-) -> MetricValues:
+def metric_values(outcomes: Outcomes, predictions: Sequence[Predictions], scale: Scale, counts: Array) -> MetricValues:
     """All metrics of `predictions` under counts of groups ``[R, N]``.
-
-    Rank correlations take nearly all of the time; without `ranks` they are NaN.
 
     Raises:
         ValueError: Outcomes and predictions differ in groups or candidates.
     """
     errors = [group_errors(outcomes, predicted) for predicted in predictions]
     scalars = np.stack([predicted.scalars for predicted in predictions])
-    num_predictions, num_groups, _, num_targets = scalars.shape
-    banks = np.full((num_predictions, num_groups, num_targets), np.nan)
-    pooled = np.full((num_predictions, len(counts), num_targets), np.nan)
-    if ranks:
-        banks = np.stack([bank_spearman(outcomes.scalars, values, outcomes.available) for values in scalars])
-        pooled = pooled_spearman(outcomes.scalars, scalars, outcomes.available, counts)
+    banks = [bank_spearman(outcomes.scalars, values, outcomes.available) for values in scalars]
+    pooled = pooled_spearman(outcomes.scalars, scalars, outcomes.available, counts)
     parts = zip(predictions, errors, banks, pooled, strict=True)
     found = [
         _values(Judged(outcomes, predicted, error, scale, counts, bank, rho)) for predicted, error, bank, rho in parts

@@ -260,6 +260,6 @@ def _difference(contrast: Contrast, by_group: Mapping[str, Array]) -> Array:
     unknown = [model for model in (contrast.left, contrast.right) if model not in by_group]
     if unknown or contrast.metric not in PAIRED_METRICS:
         name, allowed = (unknown[0], sorted(by_group)) if unknown else (contrast.metric, PAIRED_METRICS)
-        raise ValueError(f"contrast {contrast.name!r} names {name!r}, which is none of {', '.join(allowed)}")
+        raise ValueError(f"contrast {contrast.name!r} names {name!r}; there are {', '.join(allowed)}")
     place = [metric.name for metric in METRICS].index(contrast.metric)
     return paired_difference(by_group[contrast.left][:, place], by_group[contrast.right][:, place])

@@ -1,27 +1,4 @@
-"""What a selector's choices are worth: six measures, one number for every group.
-
-With executed utilities ``u``, shares ``w`` of a selector, and best and worst of the group::
-
-    value = sum_a w_a u_a        difference = value - u_nominal        top 1 = sum of w_a where u_a >= best - TIE
-    regret = (best - value) / (best - worst)                           0 where best - worst <= RANGE
-
-Rows of a learned selector are means of its per-seed measures.
-
-Source: paper VI-D, table of offline policy evaluation.
-
-How well scores order the candidates of a group: concordance and NDCG, one number for every group.
-
-With executed utilities ``u`` and scores ``s`` of the ``A`` candidates::
-
-    concordance = mean over pairs |u_i - u_j| > TIE of  1, 1/2 or 0   as s orders the pair right, ties it or wrong
-    NDCG        = DCG(s) / DCG(u),      DCG(s) = sum_r u_(r) / log2(1 + r),  r = 1 .. A
-
-Tied scores share the mean discount of their places, which is the expectation over their orders. Scores
-tie within `TIE`; for NDCG a chain of them is one tie.
-
-Source: paper VI-D names the measures; pairs of ties and the linear gain follow from the rows it prints.
-
-Selectors: what ranks the candidates of a group, and with which share it takes each.
+"""Selectors and what their choices are worth: shares of candidates, and measures, one number for every group.
 
 A selector has scores ``s`` and shares ``w``, the shares of a group adding up to 1::
 
@@ -29,9 +6,19 @@ A selector has scores ``s`` and shares ``w``, the shares of a group adding up to
     fixed, Nominal            s = w = one at one candidate
     Random                    s = 0                                  w = 1 / A
 
-Scores within `TIE` of the best are equally good, and the first of them in canonical order is taken.
+Scores within `TIE` of the best are equally good, and the first of them in canonical order is taken. With executed
+utilities ``u`` of the ``A`` candidates, best and worst of the group among them::
 
-Source: paper VI-D; a uniform random choice stands for itself by its expectation.
+    value = sum_a w_a u_a        difference = value - u_nominal        top 1 = sum of w_a where u_a >= best - TIE
+    regret = (best - value) / (best - worst)                           0 where best - worst <= RANGE
+    concordance = mean over pairs |u_i - u_j| > TIE of  1, 1/2 or 0    as s orders the pair right, ties it or wrong
+    NDCG        = DCG(s) / DCG(u),      DCG(s) = sum_r u_(r) / log2(1 + r),  r = 1 .. A
+
+Tied scores share the mean discount of their places, which is the expectation over their orders. Scores
+tie within `TIE`; for NDCG a chain of them is one tie. Rows of a learned selector are means of its per-seed measures.
+
+Source: paper VI-D, table of offline policy evaluation, which names the measures. Pairs of ties and the linear gain
+follow from the rows it prints; a uniform random choice stands for itself by its expectation.
 """
 
 from __future__ import annotations

@@ -12,8 +12,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from branchdrive.contract.generate.metric import metric_schemas, protocol_text
-from branchdrive.contract.generate.record import record_schemas
+from branchdrive.contract.generate.record import metric_schemas, protocol_text, record_schemas
 from branchdrive.contract.generate.region import REGIONS, render_regions
 from branchdrive.contract.resources import SPEC_VERSION, schema_dir
 from branchdrive.errors import UsageError

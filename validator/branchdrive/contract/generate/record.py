@@ -1,17 +1,20 @@
-"""Record schemas: JSON Schema 2020-12 documents that `columns.json` implies."""
+"""Schemas that declarations imply: records from `columns.json`, and lists of metrics from `metrics.json`."""
 
 from __future__ import annotations
 
+import copy
+import re
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import PATTERNS, TABLES, Column
 from branchdrive.contract.generate.region import CONDITIONS
+from branchdrive.contract.metric import metric_names
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["record_schemas"]
+__all__ = ["metric_schemas", "protocol_text", "record_schemas"]
 
 SCHEMA_URL = f"https://branchdrive.org/schemas/v{SPEC_VERSION}"
 
@@ -23,6 +26,8 @@ _JSON_TYPES = {
     "float32": "number",
     "float64": "number",
 }
+
+_LIST = re.compile(r'("metrics": \[).*?(\n  \])', re.DOTALL)
 
 
 def _value_schema(column: Column) -> dict[str, Any]:
@@ -119,3 +124,23 @@ def record_schemas() -> dict[str, dict[str, Any]]:
             ("branch-group.schema.json", "Branch group", group_text, members),
         )
     }
+
+
+def metric_schemas() -> dict[str, dict[str, Any]]:
+    """Schemas by file name, with the names of all metrics and of those that tests compare models in."""
+    protocol, results = (copy.deepcopy(load_resource(f"{name}.schema.json")) for name in ("protocol", "results"))
+    targets = protocol["properties"]["targets"]["const"]
+    names = metric_names(targets)
+    protocol["properties"]["metrics"]["const"] = names
+    kinds = {kind["properties"]["kind"]["const"]: kind for kind in protocol["properties"]["families"]["items"]["oneOf"]}
+    member = kinds["prediction"]["properties"]["members"]["items"]
+    member["properties"]["metric"]["enum"] = metric_names(targets, paired_only=True)
+    results["$defs"]["estimate"]["properties"]["metric"]["enum"] = names
+    return {"protocol.schema.json": protocol, "results.schema.json": results}
+
+
+def protocol_text(text: str) -> str:
+    """Text of `benchmark-protocol.json` with its metrics."""
+    names = metric_names(load_resource("benchmark-protocol.json")["targets"])
+    listed = ",".join(f'\n    "{name}"' for name in names)
+    return _LIST.sub(rf"\g<1>{listed}\g<2>", text)

@@ -16,16 +16,18 @@ from numpy.typing import NDArray
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
-from branchdrive.driving.risk import CUTOFF_SLACK, FrameRisk, frame_risk, risk_candidates
+from branchdrive.driving.risk import CUTOFF_SLACK, frame_risk, least_of_frame, risk_candidates
 from branchdrive.raw.pairs import deciding_pairs, pairs_of_frame
 from branchdrive.raw.shard_view import ShardView
 
 Array = NDArray[np.float64]
 
 
-def _certain(view: ShardView) -> dict[str, FrameRisk]:
+def _certain(view: ShardView) -> dict[str, Array]:
     """Minimum per observation over the pairs that must count: those that no cut-off leaves open."""
-    return frame_risk(view.cached(deciding_pairs), len(view.observations), -CUTOFF_SLACK)
+    pairs = view.cached(deciding_pairs)
+    candidates = risk_candidates(pairs, -CUTOFF_SLACK)
+    return {name: least_of_frame(*chosen, pairs, len(view.observations)) for name, chosen in candidates.items()}
 
 
 def _open_candidates(view: ShardView) -> dict[str, tuple[Array, Mask]]:
@@ -58,7 +60,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
         fits &= evidence[f"{name}_actor_id"][owner] == pairs.actor_id[candidates]
     has_pair = np.zeros(len(evidence), bool)
     has_pair[owner[fits]] = True
-    certain = view.cached(_certain)[name].value[frame[rows]]
+    certain = view.cached(_certain)[name][frame[rows]]
     is_least = _close(np.maximum(recorded[rows], certain), certain, tolerance) | ~np.isfinite(certain)
     sound = np.where(there[rows], has_pair[rows] & is_least, ~np.isfinite(certain))
     bad = np.zeros(len(evidence), bool)

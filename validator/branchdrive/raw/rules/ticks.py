@@ -1,14 +1,8 @@
-"""Tick rules: the clock of controls and observations, and the branch on it.
+"""Tick rules: the clock of controls and observations, the branch on it, and the windows before and after the branch.
 
-Source: spec/02-time-frames-units.md, spec/05-raw-streams.md#control-ticks.
+The branch was placed by the nominal rollout alone, and history and future are complete.
 
-Trigger rules: the branch was placed by the nominal rollout alone.
-
-Source: paper III-B; spec/05-raw-streams.md#trigger.
-
-Window rules: the history before and the future after the branch are complete.
-
-Source: paper III-A, V-B; spec/02-time-frames-units.md#windows.
+Source: paper III-A, III-B, V-B; spec/02-time-frames-units.md, spec/05-raw-streams.md#control-ticks.
 """
 
 from __future__ import annotations

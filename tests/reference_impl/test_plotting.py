@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from branchdrive_reference.drawing.quiet import quiet
+from branchdrive_reference.plotting import quiet
 
 
 def test_remarks_of_numpy_and_the_plotting_library_are_not_heard(caplog: pytest.LogCaptureFixture) -> None:

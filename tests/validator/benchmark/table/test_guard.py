@@ -9,8 +9,8 @@ import pytest
 from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
 from branchdrive.benchmark.guard.calibration import CONDITIONAL, GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
-from branchdrive.benchmark.promise import UNGUARDED, noise_floor, promises
 from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.table.guard import UNGUARDED, noise_floor, promises
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.warning import CALIBRATION_READ
 

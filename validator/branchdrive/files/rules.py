@@ -1,13 +1,14 @@
-"""Layout rules: manifest, digests, paths, kinds of files and limits.
+"""Rules on files: layout and limits, the descriptor, and tables before their values are looked at.
 
 Source: spec/03-layout.md, spec/09-security.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.encoding import ENCODING_NAME, encoding_digest
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import (
     CARD_FILE,
@@ -20,13 +21,17 @@ from branchdrive.contract.layout import (
     unsafe_reason,
 )
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.mismatch import Check, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mismatch
+from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.errors import UsageError
 from branchdrive.files.survey import Entry, Survey
 from branchdrive.formats.manifest import SAFE_PATH, Manifest
 
 TABLE_FILES = {table.file_name for table in TABLES.values()}
+
+_DESCRIPTOR: Location = {"file": DESCRIPTOR_FILE}
 
 
 @rule("BD-LAY-001")
@@ -200,3 +205,112 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                         Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
                     )
     yield Check.of(len(plain), tuple(found))
+
+
+@rule("BD-DOC-001")
+def documents_parse(survey: Survey) -> Iterator[Check]:
+    """The descriptor is bounded, well-formed JSON."""
+    found = [Mismatch(_DESCRIPTOR, "a JSON document", survey.document_error)] if survey.document_error else []
+    yield Check.of(1, tuple(found))
+
+
+@rule("BD-DOC-002")
+def spec_version_is_known(survey: Survey) -> Iterator[Check]:
+    """``spec_version`` is the one that this validator implements."""
+    if survey.document_error is not None:
+        yield Check.of(0, ())
+        return
+    version = survey.document.get("spec_version") if isinstance(survey.document, dict) else None
+    mismatch = Mismatch({**_DESCRIPTOR, "pointer": "/spec_version"}, quote(SPEC_VERSION), quote(version))
+    yield Check.of(1, () if version == SPEC_VERSION else (mismatch,))
+
+
+@rule("BD-DOC-003")
+def documents_conform(survey: Survey) -> Iterator[Check]:
+    """The descriptor meets its JSON Schema."""
+    yield Check.of(
+        int(survey.document_error is None), (found.within(_DESCRIPTOR) for found in survey.schema_mismatches)
+    )
+
+
+@rule("BD-DOC-004")
+def descriptor_agrees_with_itself(survey: Survey) -> Iterator[Check]:
+    """What no schema can say: unique keys, one nominal policy, cameras of the claimed streams."""
+    judged = survey.descriptor is not None or bool(survey.conflicts)
+    yield Check.of(int(judged), (found.within(_DESCRIPTOR) for found in survey.conflicts))
+
+
+@rule("BD-ENC-001")
+def encoding_recomputes(survey: Survey) -> Iterator[Check]:
+    """The digest of a declared `bd29` encoding is that of the bank's matrix."""
+    declared = survey.descriptor.action_encoding if survey.descriptor else None
+    if survey.descriptor is None or declared is None or declared.name != ENCODING_NAME:
+        yield Check.of(0, ())
+        return
+    place: Location = {**_DESCRIPTOR, "pointer": "/action_encoding"}
+    try:
+        digest = encoding_digest(survey.descriptor.action_bank)
+    except UsageError as error:
+        yield Check.of(1, (Mismatch(place, f"a bank in the domain of `{ENCODING_NAME}`", str(error)),))
+        return
+    mismatch = Mismatch(
+        {**place, "pointer": "/action_encoding/sha256"}, f"sha256 {digest}", f"sha256 {declared.sha256}"
+    )
+    yield Check.of(1, () if declared.sha256 == digest else (mismatch,))
+
+
+@rule("BD-TAB-001")
+def tables_decode(survey: Survey) -> Iterator[Check]:
+    """Every page of every table decodes; a file that its digest already condemns is not blamed twice."""
+    found = [
+        Mismatch({"file": path}, "a table that decodes", reason)
+        for shard in survey.shards
+        for path, reason in shard.undecodable.items()
+        if not survey.is_damaged(path)
+    ]
+    num_damaged = sum(survey.is_damaged(path) for shard in survey.shards for path in shard.undecodable)
+    yield Check.of(sum(shard.num_tables for shard in survey.shards) - num_damaged, tuple(found))
+
+
+def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[Mismatch]]]) -> Check:
+    """Mismatches of columns by file and shard; every decoded table was examined."""
+    every = [
+        found.within({"file": path}) for files in shards for path, mismatches in files.items() for found in mismatches
+    ]
+    return Check.of(sum(len(shard.rows) for shard in survey.shards), every)
+
+
+@rule("BD-TAB-002")
+def tables_have_declared_columns(survey: Survey) -> Iterator[Check]:
+    """Names and types of the columns are those of columns.json."""
+    yield _columns(survey, [shard.type_mismatches for shard in survey.shards])
+
+
+@rule("BD-TAB-003")
+def columns_carry_metadata(survey: Survey) -> Iterator[Check]:
+    """Unit, frame, shape and track of every column are recorded as declared."""
+    yield _columns(survey, [shard.metadata_mismatches for shard in survey.shards])
+
+
+@rule("BD-TAB-004")
+def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
+    """Each shard holds every table of the claimed streams, and there is at least one shard.
+
+    A table that the manifest lists and nobody finds is a missing file, not a missing claim.
+    """
+    if survey.descriptor is None or not (survey.descriptor.has_raw or survey.shards):
+        yield Check.of(0, ())
+        return
+    listed = survey.manifest.files if survey.manifest else {}
+    wanted = [
+        f"{shard.folder}/{name}.parquet"
+        for shard in survey.shards
+        for name in survey.descriptor.tables
+        if name not in shard.present
+    ]
+    found = [
+        Mismatch({"file": path}, "a table of a claimed stream", "no such file") for path in wanted if path not in listed
+    ]
+    if not survey.shards:
+        found.append(Mismatch({"file": "raw"}, "at least one shard", "none"))
+    yield Check.of(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))

@@ -12,8 +12,8 @@ from tests.validator.release.running import build, contents
 
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layout import LEAKAGE_FILE, STAGING_DIR
-from branchdrive.release import parts as stored
-from branchdrive.release.parts import StoredParts
+from branchdrive.release import leakage as stored
+from branchdrive.release.leakage import StoredParts
 
 SCORE = {
     "accuracy": 0.1,
