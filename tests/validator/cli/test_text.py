@@ -54,6 +54,7 @@ def _unclaimed(layer: str) -> str:
 UNCLAIMED = "\n".join(
     [
         "  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003",
+        "  skipped: no subject - BD-RSP-003, BD-RSP-004",
         *map(_unclaimed, LAYER_RULES),
     ]
 )
@@ -73,7 +74,26 @@ Controls valid              3
 Integrity-complete          3
 Structurally eligible       3
 
-Rules: {NUM_RULES - NUM_UNCLAIMED} pass, {NUM_UNCLAIMED} not-claimed
+Action response: against nominal, 2.5 s after the branch
+Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
+--------------------------------------------------------------------------------------------------
+accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.07 [+4.07, +4.07]
+accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]
+accelerate_0.80        3  -0.74 [-2.19, +0.72]  +7.43 [+7.43, +7.43]
+brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]
+brake_0.50             3  +0.07 [-0.07, +0.20]  -4.34 [-4.34, -4.34]
+brake_1.00             3  +0.17 [-0.18, +0.51]  -4.34 [-4.34, -4.34]
+steer_left_0.05        3  +1.03 [+0.32, +1.73]  +0.00 [+0.00, +0.00]
+steer_left_0.10        3  +2.40 [+1.71, +3.09]  +0.00 [+0.00, +0.00]
+steer_left_0.15        3  +3.75 [+3.08, +4.41]  +0.00 [+0.00, +0.00]
+steer_right_0.05       3  -1.74 [-2.43, -1.05]  +0.00 [+0.00, +0.00]
+steer_right_0.10       3  -3.10 [-3.75, -2.44]  +0.00 [+0.00, +0.00]
+steer_right_0.15       3  -4.41 [-5.02, -3.79]  +0.00 [+0.00, +0.00]
+Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over attempts
+that equal their nominal up to the branch; replays with noise never do.
+The same in every observation: speed_limit_mps 13.5
+
+Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 2 skipped, {NUM_UNCLAIMED} not-claimed
 {UNCLAIMED}
 Verdict: valid - the dataset conforms to the specification
 """
@@ -119,7 +139,26 @@ Controls valid              1     1  BD-CTL-009 (1)
 Integrity-complete          1
 Structurally eligible       1
 
-Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 1 fail, {NUM_UNCLAIMED} not-claimed, 1 noted
+Action response: against nominal, 2.5 s after the branch
+Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
+--------------------------------------------------------------------------------------------------
+accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.07 [+4.07, +4.07]
+accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]
+accelerate_0.80        3  -0.74 [-2.19, +0.72]  +7.43 [+7.43, +7.43]
+brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]
+brake_0.50             3  +0.07 [-0.07, +0.20]  -4.34 [-4.34, -4.34]
+brake_1.00             3  +0.17 [-0.18, +0.51]  -4.34 [-4.34, -4.34]
+steer_left_0.05        3  +1.03 [+0.32, +1.73]  +0.00 [+0.00, +0.00]
+steer_left_0.10        3  +2.40 [+1.71, +3.09]  +0.00 [+0.00, +0.00]
+steer_left_0.15        3  +3.75 [+3.08, +4.41]  +0.00 [+0.00, +0.00]
+steer_right_0.05       3  -1.74 [-2.43, -1.05]  +0.00 [+0.00, +0.00]
+steer_right_0.10       3  -3.10 [-3.75, -2.44]  +0.00 [+0.00, +0.00]
+steer_right_0.15       3  -4.41 [-5.02, -3.79]  +0.00 [+0.00, +0.00]
+Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over attempts
+that equal their nominal up to the branch; replays with noise never do.
+The same in every observation: speed_limit_mps 13.5
+
+Rules: {NUM_RULES - NUM_UNCLAIMED - 4} pass, 1 fail, 2 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
 {UNCLAIMED}
 Verdict: invalid - the dataset breaks the specification
 1 of 2 required branch groups qualify

@@ -132,6 +132,10 @@ def test_consequences_are_few() -> None:
     assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 6
 
 
+UNDER_NOISE = frozenset({"BD-RSP-003", "BD-RSP-004"})
+"""Rules on the first observation that differs, which have no subject where attempts differ from the start."""
+
+
 def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
     """On the raw layer, where all is good, and on a release, where some attempts and groups are not."""
     for base, failing in (("media", frozenset[str]()), ("release", INHERITED), ("benchmark", INHERITED)):
@@ -143,6 +147,8 @@ def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -
         claimed = {rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None or rule.layer in layers}
         words = {tally.rule_id: tally.status for tally in report.tallies}
         assert {rule_id for rule_id, word in words.items() if word != "not-claimed"} == claimed
+        assert {rule_id for rule_id in claimed if words[rule_id] == "skipped"} == UNDER_NOISE
+        claimed -= UNDER_NOISE
         assert {rule_id for rule_id in claimed if words[rule_id] != "pass"} == failing
         assert {rule_id for rule_id in claimed if words[rule_id] == "fail"} == failing
         assert all(0 < tally.examined <= tally.total for tally in report.tallies if tally.rule_id in claimed)
@@ -166,5 +172,5 @@ def test_rules_on_streams_that_are_not_claimed_say_so(tmp_path: Path) -> None:
     status = {tally.rule_id: tally.status for tally in report.tallies}
     assert {rule_id for rule_id, word in status.items() if word == "not-claimed"} == unclaimed
     # Every mask is a mask of evidence.
-    assert {rule_id for rule_id, word in status.items() if word == "skipped"} == {"BD-NUL-002"}
+    assert {rule_id for rule_id, word in status.items() if word == "skipped"} == {"BD-NUL-002"} | UNDER_NOISE
     assert (report.verdict, report.exit_code) == ("valid", 0)

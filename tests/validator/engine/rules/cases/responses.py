@@ -61,7 +61,9 @@ def command_that_does_nothing(d: Draft) -> None:
     _like_nominal(d, lambda row: row["action_key"] == "brake_1.00")
 
 
-@mutant("BD-RSP-002", base="bare", findings=11)  # one steers like the nominal in a curve
+@mutant(
+    "BD-RSP-002", base="bare", at={"action_key": "accelerate_0.30"}, findings=11
+)  # one steers like the nominal in a curve
 def commands_are_ignored(d: Draft) -> None:
     _like_nominal(d, lambda row: True)
 
