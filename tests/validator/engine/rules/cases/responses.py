@@ -65,6 +65,7 @@ def command_that_does_nothing(d: Draft) -> None:
     "BD-RSP-002", base="bare", at={"action_key": "accelerate_0.30"}, findings=11
 )  # one steers like the nominal in a curve
 def commands_are_ignored(d: Draft) -> None:
+    """All but one: in a curve, the nominal steers like `steer_right_0.05`."""
     _like_nominal(d, lambda row: True)
 
 
