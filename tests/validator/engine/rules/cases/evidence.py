@@ -12,6 +12,7 @@ from tests.validator.engine.rules.draft import Draft
 
 G2_NOMINAL = "g2.nominal.a1"
 TOLERANCE = 1e-6
+OUTSIDE_TICK = BRANCH_TICK + 55
 ABSENT: dict[str, Any] = {
     "separation_available": False, "separation_m": None, "separation_actor_id": None,
     "ttc_available": False, "ttc_s": None, "ttc_actor_id": None,
@@ -116,6 +117,11 @@ def vehicle_where_nobody_is(d: Draft) -> None:
     _state(
         d, 0, G2_NOMINAL, nearest_vehicle_available=True, nearest_vehicle_gap_m=49.0, nearest_vehicle_rel_speed_mps=0.0
     )
+
+
+@mutant("BD-EVD-001", at=_place("separation_m", OUTSIDE_TICK))
+def separation_wrong_outside_of_the_window(d: Draft) -> None:
+    _state(d, OUTSIDE_TICK, separation_m=lambda value: value + 0.1)
 
 
 @boundary("BD-EVD-001", "BD-EVD-002", "BD-EVD-003")
