@@ -64,3 +64,9 @@ def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
     if not survey.shards:
         found.append(Mismatch({"file": "raw"}, "at least one shard", "none"))
     yield Check.of(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))
+
+
+@rule("BD-TAB-005")
+def metadata_name_no_machine(survey: Survey) -> Iterator[Check]:
+    """No key-value pair of a file's footer holds a path, a host or a time of the machine that wrote it."""
+    yield _columns(survey, [shard.trace_mismatches for shard in survey.shards])

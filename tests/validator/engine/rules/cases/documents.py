@@ -228,6 +228,19 @@ def image_at_the_first_observation(d: Draft) -> None:
     d.set("frames", "tick", 0, rollout_id="g0.nominal.a1", camera="rear")
 
 
+# BD-DOC-005
+
+
+@mutant("BD-DOC-005", at={**PLACE, "pointer": "/title"})
+def title_with_a_path(d: Draft) -> None:
+    d.descriptor["title"] = "Runs of /data/collect/2026"
+
+
+@boundary("BD-DOC-005")
+def title_with_a_date_and_an_address(d: Draft) -> None:
+    d.descriptor["title"] = "Runs of 2026-03-01, https://example.org/runs/1 or mail@example.org"
+
+
 # BD-ENC-001
 
 
