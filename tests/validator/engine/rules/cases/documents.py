@@ -148,6 +148,21 @@ def list_of_descriptors(d: Draft) -> None:
     _rewrite(d, lambda _: json.dumps({"spec_version": "0.1", "documents": [document]}).encode())
 
 
+@mutant("BD-DOC-003", at={**PLACE, "pointer": "/tolerances/evidence"})
+def tolerance_that_hides_wrong_evidence(d: Draft) -> None:
+    d.descriptor["tolerances"] = {"evidence": 0.1}
+
+
+@mutant("BD-DOC-003", at={**PLACE, "pointer": "/tolerances/actuator"})
+def tolerance_that_hides_wrong_commands(d: Draft) -> None:
+    d.descriptor["tolerances"] = {"actuator": 0.03}
+
+
+@boundary("BD-DOC-003")
+def tolerances_at_their_limits(d: Draft) -> None:
+    d.descriptor["tolerances"] = {"actuator": 0.02, "evidence": 0.001}
+
+
 @boundary("BD-DOC-003")
 def descriptor_values_at_their_limits(d: Draft) -> None:
     d.descriptor["title"] = "ü" * 200

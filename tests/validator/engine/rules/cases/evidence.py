@@ -138,7 +138,7 @@ def evidence_off_by_less_than_the_tolerance(d: Draft) -> None:
 
 @boundary("BD-EVD-001", "BD-EVD-002", "BD-EVD-003")
 def evidence_off_by_less_than_a_wide_declared_tolerance(d: Draft) -> None:
-    d.descriptor["tolerances"] = {"evidence": 0.1}
+    d.descriptor["tolerances"] = {"evidence": 0.001}
     for column in (
         "separation_m",
         "ttc_s",
@@ -146,7 +146,7 @@ def evidence_off_by_less_than_a_wide_declared_tolerance(d: Draft) -> None:
         "nearest_vehicle_rel_speed_mps",
         "nearest_pedestrian_gap_m",
     ):
-        _state(d, **{column: lambda value: value - 0.09 * (1 + abs(value))})
+        _state(d, **{column: lambda value: value - 0.0009 * (1 + abs(value))})
 
 
 # Pairs exactly on a cut-off: the ego at the origin, heading along x, and actors set around it.
