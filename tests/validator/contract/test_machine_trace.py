@@ -12,7 +12,7 @@ from branchdrive.contract.machine_trace import trace_of
         pytest.param(text, trace, id=text)
         for trace, texts in {
             "an absolute path": [
-                "/home/ada/x", "from /mnt/a", "~/runs", "root='/data/x'", "file:///etc/hosts", "C:\\runs", "d:/runs",
+                "/srv/ada/x", "from /mnt/a", "~/runs", "root='/data/x'", "file:///etc/hosts", "C:\\runs", "d:/runs",
                 "\\\\server\\share",
             ],
             "a host": ["ada@gpu17", "ssh root@node-3:/x", "localhost:2000", "10.0.0.7:2000"],
@@ -35,6 +35,7 @@ def test_traces_are_found(text: str, trace: str) -> None:
         "maps/Town10/route", "/", "/streams", "https://example.org/a/b", "ada@example.org", "2026-03-01", "12:30",
         ":J0_0_0", "-E12_0", "123#1_0", "Town04_Route12", "('>', '>>', 0)", "seed 20260399123000", "1:200", "@ 20 Hz",
         "123456789012345678",
+        "a20260301123000f", "3f20260301123000", "20260301-1230-4a5b",
     ],
 )  # fmt: skip
 def test_other_texts_have_none(text: str) -> None:

@@ -13,6 +13,8 @@ import re
 __all__ = ["trace_of"]
 
 _BEFORE = r"(?:^|(?<=[\s\"'`=(,;:|\[{]))"
+_YEAR, _HOUR = r"(?:19|20)\d\d", r"(?:[01]\d|2[0-3])"
+_DAY = (r"(?:0[1-9]|1[0-2])", r"(?:0[1-9]|[12]\d|3[01])")
 _TRACES = {
     "an absolute path": re.compile(
         rf"{_BEFORE}~?/[\w.@+-]+/[\w.@+-]|{_BEFORE}~/[\w.]|{_BEFORE}file:///?\w|(?<![A-Za-z0-9])[A-Za-z]:[\\/][\w.]"
@@ -23,12 +25,16 @@ _TRACES = {
         r"|(?<![\d.])\d{1,3}(?:\.\d{1,3}){3}:\d{2,5}(?!\d)"
     ),
     "a time on the clock": re.compile(
-        r"(?<!\d)(?:19|20)\d\d-?(?:0[1-9]|1[0-2])-?(?:0[1-9]|[12]\d|3[01])[Tt _-]?(?:[01]\d|2[0-3])"
-        r"(?::[0-5]\d|[0-5]\d[0-5]\d)(?!\d)"
+        rf"(?<!\d){_YEAR}-{_DAY[0]}-{_DAY[1]}[Tt _]{_HOUR}:[0-5]\d"
+        rf"|(?<![0-9A-Za-z]){_YEAR}-?{_DAY[0]}-?{_DAY[1]}[Tt _-]?{_HOUR}[0-5]\d[0-5]\d[Zz]?(?![0-9A-Za-z])"
     ),
 }
+_MAY_HOLD_ONE = re.compile(r"[/\\@:]|\d{4}-?\d\d-?\d\d")
+"""What every trace holds; most texts do not, and are done with."""
 
 
 def trace_of(text: str) -> str | None:
     """What trace of a machine `text` holds, in words; ``None`` if none is found."""
+    if not _MAY_HOLD_ONE.search(text):
+        return None
     return next((trace for trace, pattern in _TRACES.items() if pattern.search(text)), None)

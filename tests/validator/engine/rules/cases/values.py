@@ -197,7 +197,7 @@ def route_that_comes_back(d: Draft) -> None:
 
 @mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
 def provenance_with_a_path(d: Draft) -> None:
-    d.set("rollouts", "provenance", "replayed from /home/ada/runs/route.xml", rollout_id=BRAKE)
+    d.set("rollouts", "provenance", "replayed from /srv/ada/runs/route.xml", rollout_id=BRAKE)
 
 
 @mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
