@@ -72,8 +72,8 @@ class DeclaredEncoding(_Document):
 class Tolerances(_Document):
     """Declared tolerances; 0 asks for exact equality in float32."""
 
-    actuator: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    evidence: Annotated[float, Field(ge=0, le=0.1)] = 1e-6
+    actuator: Annotated[float, Field(ge=0, le=0.02)] = 0.0
+    evidence: Annotated[float, Field(ge=0, le=0.001)] = 1e-6
 
 
 class Collection(_Document):

@@ -63,7 +63,7 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[d
     for rule_id in in_scope["group"]:
         tally = claimed[rule_id]
         bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)
-        if not tally.errors:
+        if not tally.errors and CATALOGUE[rule_id].stage:
             result.failed_groups[rule_id] = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
     result.outcomes = group_outcomes(view, selection, result.failed, result.failed_groups)
     return tallies, result

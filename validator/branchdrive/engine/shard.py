@@ -42,7 +42,7 @@ from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.response import observed_extremes, responses, tracks
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Frame
-from branchdrive.tables.schema import metadata_mismatches, type_mismatches
+from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -118,6 +118,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
             result.rows[name] = table.num_rows
             wrong = result.type_mismatches[path] = list(type_mismatches(table.schema, name))
             result.metadata_mismatches[path] = [] if wrong else list(metadata_mismatches(table.schema, name))
+            result.trace_mismatches[path] = list(trace_mismatches(table.schema))
             tables[name] = table
     frames = tables.get("frames")
     if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:

@@ -14,6 +14,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
 from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
@@ -201,6 +202,8 @@ def _facts(survey: Survey, source: Survey) -> DatasetFacts:
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
+        descriptor_digest=survey.digests.get(DESCRIPTOR_FILE) if survey.is_hashed else None,
+        tolerances=descriptor.tolerances.model_dump() if descriptor else {},
         num_shards=len(survey.shards),
         num_files=len(survey.files),
         num_bytes=sum(entry.size for entry in survey.files),

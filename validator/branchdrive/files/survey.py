@@ -64,6 +64,7 @@ class ShardFacts:
         over_limit: How files exceed the limits.
         type_mismatches: Columns that are missing, undeclared or of another type.
         metadata_mismatches: Columns whose unit, frame, shape or track is not recorded as declared.
+        trace_mismatches: Metadata of files that hold a trace of the machine that wrote them.
         present: Tables that are there.
         rows: Rows of each table.
         rollout_ids: Identities of the attempts.
@@ -83,6 +84,7 @@ class ShardFacts:
     over_limit: dict[str, str] = field(default_factory=dict)
     type_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
     metadata_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
+    trace_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
     present: tuple[str, ...] = ()
     rows: dict[str, int] = field(default_factory=dict)
     rollout_ids: list[str] = field(default_factory=list)

@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.columns import declared_table, table_schema
+from branchdrive.contract.machine_trace import trace_of
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.text import printable, quote
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["CHECKED_METADATA", "metadata_mismatches", "type_mismatches"]
+__all__ = ["CHECKED_METADATA", "metadata_mismatches", "trace_mismatches", "type_mismatches"]
 
 CHECKED_METADATA = ("unit", "frame", "shape", "track")
 """Metadata that every column carries as declared."""
@@ -50,3 +52,12 @@ def metadata_mismatches(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
             wanted, found = column.metadata.get(key), stored.get(key.encode())
             if wanted != (found.decode("utf-8", "replace") if found is not None else None):
                 yield Mismatch({"column": column.name}, f"{key} {wanted!r}", f"{found!r}")
+
+
+def trace_mismatches(schema: pa.Schema) -> Iterator[Mismatch]:
+    """Metadata of a file, key by key, that hold a trace of the machine that wrote it."""
+    for key, content in sorted((schema.metadata or {}).items()):
+        text = content.decode("utf-8", errors="replace")
+        if trace := trace_of(text):
+            name = key.decode("utf-8", errors="replace")
+            yield Mismatch({}, f"metadata `{printable(name)}` without {trace}", quote(text))

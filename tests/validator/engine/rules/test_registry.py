@@ -36,12 +36,12 @@ def test_a_rule_is_bound_once_and_must_be_in_the_catalogue(rule_id: str) -> None
 
 @each_rule
 def test_kind_fits_the_scope(rule: RuleInfo) -> None:
-    """Qualification judges attempts and groups; what decides about the dataset judges everything else."""
+    """Qualification judges attempts and groups, diagnostics anything; what decides judges everything else."""
     if rule.kind == "qualification":
         assert rule.scope == rule.grain
         assert rule.stage is not None
     else:
-        assert rule.scope in ("dataset", "rows", "layers", "layer_rows")
+        assert rule.kind == "diagnostic" or rule.scope in ("dataset", "rows", "layers", "layer_rows")
         assert rule.stage is None
 
 

@@ -64,8 +64,27 @@ def control_ticks_increase_by_one(view: ShardView, subjects: Mask) -> Iterator[C
 
 @rule("BD-TIC-002")
 def observations_keep_stride(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """``tick[0] = 0``, ``tick[i+1] = tick[i] + 5``."""
-    yield _steps(view.observations, OBSERVATION_STRIDE_TICKS, subjects)
+    """``tick[0] = 0``, ``tick[i+1] = tick[i] + 5``, up to the last control, or the tick after it."""
+    yield Check.of_any(_steps(view.observations, OBSERVATION_STRIDE_TICKS, subjects), _observed_end(view, subjects))
+
+
+def _observed_end(view: ShardView, subjects: Mask) -> Check:
+    """The last observation is that of the last control, or the state that the last control led to."""
+    subjects = (
+        subjects & (view.observations.stop > view.observations.start) & (view.controls.stop > view.controls.start)
+    )
+    rollouts = np.flatnonzero(subjects)
+    end, last = (np.full(view.num_rollouts, -1, np.int64) for _ in range(2))
+    end[rollouts] = view.controls.tick[view.controls.stop[rollouts] - 1].astype(np.int64) + 1
+    last[rollouts] = view.observations.tick[view.observations.stop[rollouts] - 1]
+    least = (end - 1) // OBSERVATION_STRIDE_TICKS * OBSERVATION_STRIDE_TICKS
+
+    def describe(i: int) -> Mismatch:
+        expected = f"observations up to tick {least[i]}, since the last control is at tick {end[i] - 1}"
+        place: Location = {"table": "observations", "tick": int(last[i])}
+        return Mismatch(place, expected, f"the last at tick {last[i]}")
+
+    return Check.of_subjects(subjects, subjects & ((last < least) | (last > end)), describe)
 
 
 @rule("BD-TIC-003")

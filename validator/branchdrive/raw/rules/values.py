@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import PATTERNS, Column, declared_table
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.machine_trace import trace_of
 from branchdrive.contract.mismatch import Check
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -134,6 +135,17 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
             f"{len(xs[row])} x and {len(ys[row])} y values",
         ),
     )
+
+
+@rule("BD-VAL-006")
+def texts_name_no_machine(view: ShardView) -> Iterator[Check]:
+    """No text holds a path, a host or a time of the machine that wrote it; ids count once, in their own table."""
+    for table, column in _columns(view, lambda c: c.type == "string" and not c.values and c.pattern != "checksum"):
+        if column.name != "rollout_id" or table.name == "rollouts":
+            bad = _rejected_rows(table, column, lambda text: trace_of(text) is None)
+            yield Check.of_rows(
+                table.name, column.name, len(table), bad, _describe("no path, host or clock time", table, column)
+            )
 
 
 @rule("BD-BOX-001")

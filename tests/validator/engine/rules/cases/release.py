@@ -116,7 +116,7 @@ def faults_that_were_injected_denied(d: ReleaseDraft) -> None:
 
 @mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/tolerances/actuator"}, base="detached")
 def tolerance_tightened_after_the_fact(d: ReleaseDraft) -> None:
-    beside(d).descriptor["tolerances"] = {"actuator": 0.05, "evidence": 1e-6}
+    beside(d).descriptor["tolerances"] = {"actuator": 0.01, "evidence": 1e-6}
 
 
 # BD-REL-003, BD-REL-004: card and licence

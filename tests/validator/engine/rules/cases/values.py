@@ -192,6 +192,35 @@ def route_that_comes_back(d: Draft) -> None:
     d.set("rollouts", ("route_x_m", "route_y_m"), lambda xs: [*xs, *xs[-2::-1]], group_id="g0")
 
 
+# BD-VAL-006
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
+def provenance_with_a_path(d: Draft) -> None:
+    d.set("rollouts", "provenance", "replayed from /srv/ada/runs/route.xml", rollout_id=BRAKE)
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
+def provenance_with_a_windows_path(d: Draft) -> None:
+    d.set("rollouts", "provenance", r"log D:\runs\17", rollout_id=BRAKE)
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
+def provenance_with_a_time(d: Draft) -> None:
+    d.set("rollouts", "provenance", "executed 2026-03-01T12:30:00Z", rollout_id=BRAKE)
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "simulator_version"))
+def version_with_a_host(d: Draft) -> None:
+    d.set("rollouts", "simulator_version", "CARLA 0.9.15 10.0.0.7:2000", group_id="g0", rollout_id=BRAKE)
+
+
+@boundary("BD-VAL-006")
+def texts_that_look_like_paths_and_times(d: Draft) -> None:
+    d.set("rollouts", "provenance", "maps/Town10/route 3, 5 km/h at 12:30, built 2026-03-01, see https://a.b/c/d")
+    d.set("rollouts", "environment", "Clear/Noon 12:00")
+
+
 # BD-BOX-001
 
 

@@ -41,9 +41,9 @@ def no_control_at_the_end_of_the_window(d: Draft) -> None:
     _cut(d, NOMINAL, last_control=END - 1, last_observation=END)
 
 
-@mutant("BD-WIN-003", at={"rollout_id": BRAKE, "table": "observations", "tick": END}, base="bare")
+@mutant("BD-WIN-003", at={"rollout_id": NOMINAL, "table": "observations", "tick": END}, base="bare")
 def no_observation_at_the_end_of_the_window(d: Draft) -> None:
-    _cut(d, BRAKE, last_control=END, last_observation=END - STRIDE)
+    _cut(d, NOMINAL, last_control=END - 1, last_observation=END - STRIDE)
 
 
 # BD-WIN-004
