@@ -135,6 +135,8 @@ class Report:
             lines.append(f"{counted(num_waived, 'violation')} of {counted(len(waived), 'rule')} waived")
         if self.options.require_groups is not None:
             lines.append(f"at least {counted(self.options.require_groups, 'group')} required to qualify")
+        if self.options.is_strict:
+            lines.append("diagnostics and recommendations required to hold")
         return tuple(line for line in lines if line)
 
     @property
