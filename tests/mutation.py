@@ -33,6 +33,7 @@ from tests.validator.engine.rules.cases import (
     trigger,
     values,
     windows,
+    world,
 )
 from tests.validator.engine.rules.draft import Draft
 
@@ -41,8 +42,8 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
-    layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
+    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world, trigger,
+    groups, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
     benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
