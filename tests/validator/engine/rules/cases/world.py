@@ -28,6 +28,7 @@ def _refresh(d: Draft) -> None:
     """Evidence of the actors as they are now; nothing is touched that was not."""
     d.refresh_evidence(BRAKE)
     d.set("evidence", "collision", False, rollout_id=BRAKE)
+    d.set("rollouts", COUNTS[0], 0, rollout_id=BRAKE)
 
 
 # BD-RTE-001
@@ -95,7 +96,7 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
 
 @mutant("BD-MOT-001", at=_observed("x_m", 5), base="bare")
 def speed_in_kilometres_per_hour(d: Draft) -> None:
-    d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE, tick=range(101))
+    d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE)
 
 
 @boundary("BD-MOT-001", base="bare")
@@ -106,7 +107,7 @@ def speed_at_the_bound(d: Draft) -> None:
 @boundary("BD-MOT-001", base="bare", name="speed_after_a_contact")
 def _contact(d: Draft) -> None:
     d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
-    d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE, tick=range(101))
+    d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE)
 
 
 @mutant("BD-MOT-002", at=_observed("yaw_rad", 150))
