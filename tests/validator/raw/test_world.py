@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ def edited(*edits: tuple[str, str, Any, dict[str, Any]]) -> ShardView:
     return view_of(draft.tables[SHARD_0])
 
 
-def of_brake(view: ShardView, values: Sequence[Any]) -> np.ndarray[Any, Any]:
+def of_brake(view: ShardView, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Values of the observations of one attempt, in order of ticks."""
     return np.asarray(values)[view.observations.rollout == view.rollout_ids.index(BRAKE)]
 
