@@ -34,6 +34,7 @@ from tests.validator.engine.rules.cases import (
     trigger,
     values,
     windows,
+    world,
 )
 from tests.validator.engine.rules.draft import Draft
 
@@ -42,9 +43,9 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
-    layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, responses,
-    benchmark, benchmark_results,
+    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world, trigger,
+    groups, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release,
+    responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

@@ -1,6 +1,6 @@
-"""Spec limits: how much of anything a reader of an untrusted dataset must accept.
+"""Spec limits: how much of anything a reader of an untrusted dataset must accept, and how far a world may be off.
 
-Source: spec/09-security.md; values in `schemas/v0.1/limits.json`.
+Source: spec/09-security.md, spec/05-raw-streams.md#bounds; values in `schemas/v0.1/limits.json`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from functools import cache
 
 from branchdrive.contract.resources import load_resource
 
-__all__ = ["Limits", "spec_limits"]
+__all__ = ["Bounds", "Limits", "physical_bounds", "spec_limits"]
 
 
 @dataclass(frozen=True)
@@ -41,3 +41,29 @@ def spec_limits() -> Limits:
     """The limits of the implemented spec version."""
     declared = load_resource("limits.json")["limits"]
     return Limits(**{name: int(limit["value"]) for name, limit in declared.items()})
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds within which recorded columns agree; `limits.json` says what each one bounds, and why."""
+
+    route_tolerance_m: float
+    route_tolerance_rad: float
+    displacement_m: float
+    displacement_share: float
+    turn_rad: float
+    acceleration_mps2: float
+    same_centre_m: float
+    gap_observations: float
+    gap_margin_m: float
+    trigger_delay_ticks: float
+    signal: float
+    route_fraction: float
+    route_end_m: float
+
+
+@cache
+def physical_bounds() -> Bounds:
+    """The bounds of the implemented spec version."""
+    declared = load_resource("limits.json")["bounds"]
+    return Bounds(**{name: float(bound["value"]) for name, bound in declared.items()})

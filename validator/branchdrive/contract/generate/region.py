@@ -174,6 +174,12 @@ def _limits_region() -> str:
     return grid(["limit", "value", "unit", "what it bounds"], rows)
 
 
+def _bounds_region() -> str:
+    bounds = load_resource("limits.json")["bounds"]
+    rows = [[f"`{name}`", f"{it['value']:g}", it["unit"], it["description"]] for name, it in bounds.items()]
+    return grid(["bound", "value", "unit", "what it bounds, and why"], rows)
+
+
 def _metrics_region() -> str:
     rows = [
         [
@@ -200,6 +206,7 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
         "encoding": _encoding_region,
         "rules": _rules_region,
         "limits": _limits_region,
+        "bounds": _bounds_region,
         "metrics": _metrics_region,
         **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
     }

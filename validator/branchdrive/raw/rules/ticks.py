@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -128,6 +129,43 @@ def branch_precedes_trigger(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return Mismatch({"table": "rollouts", "column": "trigger_tick"}, expected, found)
 
     yield Check.of_subjects(subjects, subjects & ~(inside & (view.branch_tick <= tick)), describe)
+
+
+_SIGNALS = {"brake": "expert_brake", "throttle_release": "expert_throttle", "steer": "expert_steer"}
+"""Commands of the nominal that show a trigger signal; nothing recorded shows a lane shift."""
+
+
+@rule("BD-TRG-003")
+def trigger_shows_in_the_nominal(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The signal at ``trigger_tick`` is the nominal's command, on its side of the threshold, soon after ``t_b``."""
+    subjects, bounds, rollouts = subjects & view.branched, physical_bounds(), view.rollouts
+    tick = rollouts["trigger_tick"].astype(np.int64)
+    value, threshold = (rollouts[f"trigger_{name}"].astype(np.float64) for name in ("value", "threshold"))
+    row = view.controls.find(view.nominal, tick)
+    command = value.copy()
+    for signal, column in _SIGNALS.items():
+        here = rollouts.equals("trigger_signal", signal) & (row >= 0)
+        command[here] = view.controls[column][row[here]]
+    is_released = rollouts.equals("trigger_signal", "throttle_release")
+    passes = np.where(
+        is_released, value <= threshold + bounds.signal, np.abs(value) >= np.abs(threshold) - bounds.signal
+    )
+    is_command = np.abs(np.abs(value) - np.abs(command)) <= bounds.signal
+    is_soon = tick - view.branch_tick <= bounds.trigger_delay_ticks
+
+    def describe(i: int) -> Mismatch:
+        signal = rollouts["trigger_signal"][i]
+        if not is_command[i]:
+            expected = f"{command[i]:g}, `{_SIGNALS[signal]}` of the nominal at tick {tick[i]}"
+            return Mismatch({"table": "rollouts", "column": "trigger_value"}, expected, f"{value[i]:g}")
+        if not passes[i]:
+            side = "at most" if is_released[i] else "at least"
+            expected = f"{side} the threshold {threshold[i]:g}"
+            return Mismatch({"table": "rollouts", "column": "trigger_value"}, expected, f"{value[i]:g}")
+        expected = f"at most {bounds.trigger_delay_ticks:g} ticks after branch tick {view.branch_tick[i]}"
+        return Mismatch({"table": "rollouts", "column": "trigger_tick"}, expected, f"tick {tick[i]}")
+
+    yield Check.of_subjects(subjects, subjects & ~(is_command & passes & is_soon), describe)
 
 
 def _ticks_missing(view: ShardView, stream: StreamView, low: int, high: int) -> NDArray[np.int64]:

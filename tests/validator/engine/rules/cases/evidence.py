@@ -153,9 +153,11 @@ def evidence_off_by_less_than_a_wide_declared_tolerance(d: Draft) -> None:
 
 
 def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence: Any) -> None:
-    """Replace the frame at tick 0 of one attempt, with its evidence stated instead of computed."""
-    d.set("rollouts", "route_x_m", [-100.0, 300.0], group_id="g0")
-    d.set("rollouts", "route_y_m", [0.0, 0.0], group_id="g0")
+    """Replace the frame at tick 0 of one attempt, with its evidence stated instead of computed.
+
+    It is one of contact, after which no motion is judged.
+    """
+    d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
     here = {"rollout_id": BRAKE, "tick": 0}
     d.set("observations", ("x_m", "y_m", "yaw_rad"), 0.0, **here)
     d.set("observations", "speed_mps", speed_mps, **here)
@@ -168,7 +170,7 @@ def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence
     schema = d.take("actors", **here).schema
     d.drop("actors", **here)
     d.append("actors", type(d.take("actors")).from_pylist(rows, schema=schema), folder=d.folder_of(BRAKE))
-    _state(d, 0, num_actors=len(rows), **{**ABSENT, **evidence})
+    _state(d, 0, num_actors=len(rows), collision=True, **{**ABSENT, **evidence})
 
 
 def _ahead(gap_m: float, **more: Any) -> dict[str, Any]:

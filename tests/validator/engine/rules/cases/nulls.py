@@ -156,6 +156,8 @@ def slowest_closing_at_the_edge_of_range(d: Draft) -> None:
     d.set("actors", "x_m", 50.0 + (4.5 + length) / 2, rollout_id=BRAKE, tick=0)
     d.set("actors", "vel_x_mps", 0.125 - 0.1, rollout_id=BRAKE, tick=0)
     d.refresh_evidence(BRAKE)
+    d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=0)
     d.set("evidence", "ttc_available", True, rollout_id=BRAKE, tick=0)
     d.set("evidence", "ttc_s", 500.0, rollout_id=BRAKE, tick=0)
     d.set("evidence", "ttc_actor_id", 1, rollout_id=BRAKE, tick=0)

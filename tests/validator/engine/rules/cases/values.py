@@ -52,7 +52,7 @@ def infinite_actor_velocity(d: Draft) -> None:
 @boundary("BD-VAL-001")
 def smallest_and_signed_zero_values(d: Draft) -> None:
     d.set("observations", "accel_lateral_mps2", -0.0, rollout_id=BRAKE)
-    d.set("observations", "accel_longitudinal_mps2", 1e-45, rollout_id=BRAKE)
+    d.set("observations", "accel_longitudinal_mps2", 1e-45, rollout_id=BRAKE, tick=5)
 
 
 # BD-VAL-002
@@ -85,7 +85,7 @@ def attempts_counted_from_zero(d: Draft) -> None:
 
 @boundary("BD-VAL-002")
 def values_at_both_ends_of_their_range(d: Draft) -> None:
-    d.set("observations", "route_offset_m", 100000.0, rollout_id=BRAKE)
+    d.set("observations", "route_offset_m", 100000.0, rollout_id=BRAKE, tick=0)
     d.set("observations", "target_speed_mps", 0.0, rollout_id=BRAKE)
     d.set("observations", "route_heading_error_rad", math.pi, rollout_id=BRAKE, tick=0)
     d.set("observations", "route_heading_error_rad", -math.pi, rollout_id=BRAKE, tick=5)
@@ -190,6 +190,7 @@ def route_of_two_vertices(d: Draft) -> None:
 def route_that_comes_back(d: Draft) -> None:
     # The way back is the same line, so the corridor is the same.
     d.set("rollouts", ("route_x_m", "route_y_m"), lambda xs: [*xs, *xs[-2::-1]], group_id="g0")
+    d.set("rollouts", "result_route_fraction", lambda share: share / 2, group_id="g0")
 
 
 # BD-VAL-006

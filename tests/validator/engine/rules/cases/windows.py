@@ -85,7 +85,7 @@ def far_actor_lost(d: Draft) -> None:
 
 @mutant("BD-WIN-005", at={"rollout_id": BRAKE, "table": "actors", "tick": 50})
 def far_actor_not_counted(d: Draft) -> None:
-    d.duplicate("actors", {"actor_id": 99}, rollout_id=BRAKE, tick=50, actor_id=FAR_ACTOR)
+    d.duplicate("actors", {"actor_id": 99, "length_m": 5.0}, rollout_id=BRAKE, tick=50, actor_id=FAR_ACTOR)
 
 
 @mutant("BD-WIN-005", at={"rollout_id": "g2.nominal.a1", "table": "actors", "tick": 65})
