@@ -193,6 +193,11 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     tallies, examination = examine(view, None if task.spool else task.selected)
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
+    result.attempts = {
+        rule_id: (tally.num_findings, tally.examined)
+        for rule_id, tally in tallies.items()
+        if tally.info.scope == "rollout"
+    }
     result.responses, result.tracks = responses(view, examination.selection), tracks(view)
     result.extremes = observed_extremes(view)
     if task.spool is None:

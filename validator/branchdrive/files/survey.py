@@ -69,6 +69,7 @@ class ShardFacts:
         rows: Rows of each table.
         rollout_ids: Identities of the attempts.
         group_ids: Identities of the groups.
+        attempts: Of every rule on single attempts, how many fail it and how many were examined.
         responses: What its interventions do, where its rows could be judged.
         tracks: What the ego did in the attempts of each group, as digests.
         extremes: Smallest and largest value of every column of numbers of the observations.
@@ -89,6 +90,7 @@ class ShardFacts:
     rows: dict[str, int] = field(default_factory=dict)
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
+    attempts: dict[str, tuple[int, int]] = field(default_factory=dict)
     responses: Responses = field(default_factory=Responses.none)
     tracks: dict[str, frozenset[int]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
