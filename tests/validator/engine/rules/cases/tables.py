@@ -197,7 +197,7 @@ def single_shard(d: Draft) -> None:
 # BD-TAB-005
 
 
-def _with_metadata(**metadata: str) -> Any:
+def _with_pairs(**metadata: str) -> Any:
     def change(content: bytes) -> bytes:
         sink = io.BytesIO()
         table = pq.read_table(io.BytesIO(content))
@@ -209,15 +209,15 @@ def _with_metadata(**metadata: str) -> Any:
 
 @mutant("BD-TAB-005", at={"file": CONTROLS})
 def metadata_with_a_path(d: Draft) -> None:
-    _rewrite(d, CONTROLS, _with_metadata(source="/mnt/cluster/job-3/controls.csv"))
+    _rewrite(d, CONTROLS, _with_pairs(source="/mnt/cluster/job-3/controls.csv"))
 
 
 @mutant("BD-TAB-005", at={"file": CONTROLS})
 def metadata_with_a_time(d: Draft) -> None:
-    _rewrite(d, CONTROLS, _with_metadata(written="2026-03-01 12:30:00"))
+    _rewrite(d, CONTROLS, _with_pairs(written="2026-03-01 12:30:00"))
 
 
 @boundary("BD-TAB-005")
 def metadata_of_pandas(d: Draft) -> None:
     pandas = '{"index_columns": [], "columns": [], "creator": {"library": "pyarrow", "version": "20.0.0"}}'
-    _rewrite(d, CONTROLS, _with_metadata(pandas=pandas))
+    _rewrite(d, CONTROLS, _with_pairs(pandas=pandas))
