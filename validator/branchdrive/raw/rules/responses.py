@@ -22,8 +22,14 @@ MIN_INTERVENTIONS = 8
 MIN_EQUAL = 3
 """Futures equal bit for bit under other commands that are no accident, if nearly all of a policy are."""
 
-PHYSICAL = ("BD-RTE-001", "BD-MOT-001", "BD-MOT-002", "BD-MOT-003", "BD-ACT-004")
-"""Rules on single attempts that nearly all attempts of a collector with a wrong frame, unit or clock fail."""
+PHYSICAL = {
+    "BD-RTE-001": "observations",
+    "BD-MOT-001": "observations",
+    "BD-MOT-002": "observations",
+    "BD-MOT-003": "observations",
+    "BD-ACT-004": "actors",
+}
+"""Tables of the rules on single attempts that nearly all attempts of a collector with a wrong frame, unit or clock fail."""
 
 SHARE_PERCENT = 90
 """Percentage of interventions that must show the same for it to be no accident."""
@@ -127,11 +133,11 @@ def groups_are_no_copies(survey: Survey) -> Iterator[Check]:
 def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
     """What nearly every attempt breaks is no accident of an attempt, but a frame, a unit or a clock."""
     found, examined = [], 0
-    for rule_id in PHYSICAL:
+    for rule_id, table in PHYSICAL.items():
         counts = [shard.attempts[rule_id] for shard in survey.shards if rule_id in shard.attempts]
         num_failed, num_examined = (sum(part) for part in zip(*counts, strict=True)) if counts else (0, 0)
         examined += num_examined >= MIN_INTERVENTIONS
         if num_examined >= MIN_INTERVENTIONS and 100 * num_failed >= SHARE_PERCENT * num_examined:
             text = f"{num_failed} of {num_examined} attempts that fail it"
-            found.append(Mismatch({}, f"{rule_id} ({CATALOGUE[rule_id].title}) in most attempts", text))
+            found.append(Mismatch({"table": table}, f"{rule_id} ({CATALOGUE[rule_id].title}) in most attempts", text))
     yield Check.of(examined, found)

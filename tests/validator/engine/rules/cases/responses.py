@@ -121,9 +121,11 @@ def replay_that_repeats_its_nominal(d: Draft) -> None:
 # BD-RSP-006
 
 
-@mutant("BD-RSP-006", base="bare")
+@mutant("BD-RSP-006", base="bare", at={"table": "observations"}, findings=2)
 def speed_in_another_unit(d: Draft) -> None:
     """These vehicles are slow; of faster ones, nearly all fail where km/h are taken for m/s."""
+    kinds = ("vehicle", "pedestrian", "static")
+    d.set("rollouts", tuple(f"result_num_{kind}_collisions" for kind in kinds), 0)
     d.set("observations", "speed_mps", lambda speed: 8 * speed)
 
 

@@ -152,7 +152,7 @@ def media_file_outside_the_shard(d: Draft) -> None:
 
 @boundary("BD-VAL-004")
 def shortest_and_longest_text(d: Draft) -> None:
-    d.set("rollouts", "protocol_variant", "v" + "-" * 127, rollout_id=BRAKE)
+    d.set("rollouts", "protocol_variant", "v" + "-" * 127, group_id="g0")
     d.set("rollouts", "provenance", "ü", rollout_id=BRAKE)
     d.set("rollouts", "result_termination", "0", rollout_id=BRAKE)
     d.set("rollouts", "provenance", "ü" * 1000, rollout_id=NOMINAL)
