@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.validator.contract.conforming import conforming, matching
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import PATTERNS, STREAMS, TABLES, Column
+from branchdrive.contract.columns import PATTERNS, RECORDABLE, STREAMS, TABLES, Column
 from branchdrive.contract.descriptor import DeclaredEncoding, Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
@@ -193,6 +193,7 @@ def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
     return conforming(
         "descriptor.schema.json",
         streams=st.just([]),
+        unrecorded=st.lists(st.sampled_from(RECORDABLE), unique=True),
         cameras=st.just([]),
         action_bank=bank_documents(max_policies=3),
         action_encoding=st.none() | encoding_documents(),
@@ -214,6 +215,9 @@ def _claims() -> SearchStrategy[set[str]]:
 def descriptor_documents(draw: DrawFn) -> Document:
     """Descriptors of small banks, optional properties there or not."""
     document = draw(_unclaiming_descriptor_documents())
+    if (document.get("driver") or {}).get("kind") == "log":
+        computed = [f"observations.{c.name}" for c in TABLES["observations"].columns if c.track == "mixed"]
+        document["unrecorded"] = list(dict.fromkeys([*document.get("unrecorded", []), *computed]))
     required = [name for name, stream in STREAMS.items() if stream.required]
     document["streams"] = draw(st.permutations([*required, *sorted(draw(_claims()))]))
     names = {camera for name in document["streams"] for camera in STREAMS[name].cameras}

@@ -11,11 +11,11 @@ from branchdrive.model import near_duplicate_rules
 from branchdrive.model import rules as model_rules
 from branchdrive.quality import fidelity_rules, split_rules
 from branchdrive.quality import rules as quality_rules
-from branchdrive.raw.rules import controls, evidence, groups, keys, media, nulls, status, ticks, values
+from branchdrive.raw.rules import controls, evidence, groups, keys, media, nulls, replays, status, ticks, values
 
 RULE_MODULES = (
     layout_rules, document_rules, table_rules, keys, nulls, values, ticks, status, controls, evidence, groups,
-    media, layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules, near_duplicate_rules,
-    leakage_rules, benchmark_rules, result_rules, card_rules,
+    replays, media, layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules,
+    near_duplicate_rules, leakage_rules, benchmark_rules, result_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

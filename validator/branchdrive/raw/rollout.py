@@ -26,7 +26,7 @@ _ROLE_ORDER = ("nominal", "intervention", "nominal_replay")
 
 
 _FILLERS: Mapping[str, object] = {
-    "string": "", "bool": False, "int32": 0, "int64": 0, "float32": 0.0, "float64": 0.0,
+    "string": "", "bool": False, "int32": 0, "int64": 0, "float32": np.nan, "float64": np.nan,
 }  # fmt: skip
 """What stands under the mask of a null, by column type."""
 
@@ -51,7 +51,8 @@ class RolloutTables(Mapping[str, "pa.Table"]):
 
         Returns:
             A plain array where the column is never null; where it may be null a
-            `numpy.ma.MaskedArray`, masked exactly at the nulls. Text has dtype ``object``.
+            `numpy.ma.MaskedArray`, masked exactly at the nulls, with NaN below the mask of a real number,
+            so that what loses the mask is no value. Text has dtype ``object``.
         """
         return column_values(self._tables[table].column(name), TABLES[table][name])
 

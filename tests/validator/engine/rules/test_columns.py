@@ -213,6 +213,11 @@ def test_null_where_a_value_must_be(cell: Cell) -> None:
     assert_fails("BD-NUL-001", cell.table, cell.column.name, None, *also)
 
 
+@cells(lambda c: c.available and c.available.when == "recorded")
+def test_null_where_the_world_offers_a_value(cell: Cell) -> None:
+    assert_fails("BD-NUL-006", cell.table, cell.column.name, None)
+
+
 @cells(lambda c: c.available and c.available.mask)
 def test_value_against_its_mask(cell: Cell) -> None:
     mask = str(cell.column.available.mask) if cell.column.available else ""

@@ -105,7 +105,7 @@ def _masks_region() -> str:
 
 def _conditions_region() -> str:
     governed: dict[str, list[str]] = {name: [] for name in CONDITIONS}
-    for table in TABLES.values():
+    for table in (*TABLES.values(), *LAYER_TABLES.values()):
         for column in table.columns:
             if column.available and column.available.when:
                 governed[column.available.when].append(f"{table.name}.{column.name}")
@@ -230,6 +230,7 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "not_nominal": "exactly where `role` is not `nominal`",
         "valued": "exactly where the rule column of the same actuator is `absolute` or `floor`",
         "active": "exactly where `active` is true",
+        "recorded": "exactly where `unrecorded` of the descriptor lists neither the column nor the one it follows from",
         "optional": "wherever the collector could know it",
     }
 )
