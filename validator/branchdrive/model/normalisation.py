@@ -7,9 +7,10 @@ Every scaling is affine, ``z = (value - offset) / scale``, then limited where a 
     targets     median and interquartile range (linear quantiles) of the available values, per target
     trajectory  mean and sd per step and component; sin and cos as they are
 
-Standard deviations are of the population and at least 1e-3, interquartile ranges at least 1e-6. A feature
-that no row of a history has is not recorded, and is left as it is too. What is left as it is has offset 0 and scale 1 and passes unchanged, to the bit. A scaling holds the digest of the
-split it was fitted on, and it can be fitted in no other way than through the training rows of that split.
+Standard deviations are of the population and at least 1e-3, interquartile ranges at least 1e-6. What is
+left as it is has offset 0 and scale 1 and passes unchanged, to the bit; so has a feature that is not recorded,
+which no row of a history has. A scaling holds the digest of the split it was fitted on, and it can be fitted in
+no other way than through the training rows of that split.
 Sums run in the order of the rows: with the groups in sorted order the statistics are reproducible to the bit.
 
 Source: paper III-E and IV (training statistics only); floors and limits are this project's choice.

@@ -177,7 +177,7 @@ class ModelLayer:
     ) -> NDArray[Any]:
         """One input column in its own type, as `contract` admits it: ``[N, rows]``, and ``[A]`` for an encoding.
 
-        A column that may be null is a masked array.
+        A column that may be null is a masked array; one that the dataset records throughout is not.
 
         Raises:
             UsageError: No such column, or the contract refuses its track: identifiers and outcomes always.
@@ -185,7 +185,7 @@ class ModelLayer:
         """
         declared = admit_column(InputContract.named(contract), table, column)
         packed = arrays.pack_column(self._frame(table), table, column, self._group_ids, self.candidate_order)
-        values = packed if declared.nullable else np.ma.getdata(packed)
+        values = np.ma.getdata(packed) if declared.is_required(self.descriptor.unrecorded) else packed
         return values if table == "actions" else values[self._rows(partition, variant)]
 
     def scalings(self) -> Scalings:
