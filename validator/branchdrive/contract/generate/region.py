@@ -174,6 +174,12 @@ def _limits_region() -> str:
     return grid(["limit", "value", "unit", "what it bounds"], rows)
 
 
+def _floors_region() -> str:
+    floors = load_resource("limits.json")["floors"]
+    rows = [[f"`{name}`", f"{it['value']:g}", it.get("unit", ""), it["reason"]] for name, it in floors.items()]
+    return grid(["variable", "floor", "unit", "reason"], rows)
+
+
 def _metrics_region() -> str:
     rows = [
         [
@@ -200,6 +206,7 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
         "encoding": _encoding_region,
         "rules": _rules_region,
         "limits": _limits_region,
+        "floors": _floors_region,
         "metrics": _metrics_region,
         **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
     }
