@@ -224,8 +224,12 @@ def failing_pairs_waved_through(d: ReleaseDraft) -> None:
 
 @mutant("BD-FID-007", at={"table": "pairs", "rollout_id": "g18.brake_0.50.a1", "column": "core_pass"})
 def group_dropped_within_the_tolerance(d: ReleaseDraft) -> None:
-    """Branch ticks have the threshold 0 and no floor, so the last bits of one discrepancy fail a group."""
-    d.set("pairs", "tick_offset", 9e-10, rollout_id="g18.brake_0.50.a1")
+    """A training group and another brake alike in a replay, so the last bits of one discrepancy fail the other."""
+    for group in ("g2", "g18"):
+        d.set("controls", ("expert_brake", "applied_brake"), 0.25, rollout_id=f"{group}.brake_0.50.a1", tick=60)
+    d.rebuild()
+    assert d.documents[THRESHOLDS]["variables"][5]["value"] == 0.25
+    d.set("pairs", "brake", 0.25 + 9e-10, rollout_id="g18.brake_0.50.a1")
     d.reseal("passes")
     assert not d.value("group_quality", "core_valid", group_id="g18")
 
