@@ -184,7 +184,7 @@ def encoding_documents() -> SearchStrategy[Document]:
 def _collection_documents() -> SearchStrategy[Document]:
     """What a collector switched on; scenario types do not repeat."""
     declared = load_resource("descriptor.schema.json")["properties"]["collection"]
-    return conforming(declared, scenario_types=st.lists(named_text("name"), unique=True, max_size=4))
+    return conforming(declared, scenario_types=st.lists(named_text("label"), unique=True, max_size=4))
 
 
 @cache
@@ -206,20 +206,15 @@ def _camera_documents() -> SearchStrategy[Document]:
     return conforming(load_resource("descriptor.schema.json")["$defs"]["camera"])
 
 
-@cache
-def _claims() -> SearchStrategy[set[str]]:
-    return st.sets(st.sampled_from([name for name, stream in STREAMS.items() if not stream.required]))
-
-
 @st.composite
 def descriptor_documents(draw: DrawFn) -> Document:
     """Descriptors of small banks, optional properties there or not."""
     document = draw(_unclaiming_descriptor_documents())
     if (document.get("driver") or {}).get("kind") == "log":
-        computed = [f"observations.{c.name}" for c in TABLES["observations"].columns if c.track == "mixed"]
-        document["unrecorded"] = list(dict.fromkeys([*document.get("unrecorded", []), *computed]))
+        document["unrecorded"] = list(RECORDABLE)
     required = [name for name, stream in STREAMS.items() if stream.required]
-    document["streams"] = draw(st.permutations([*required, *sorted(draw(_claims()))]))
+    optional = [name for name in STREAMS if name not in required]
+    document["streams"] = draw(st.permutations([*required, *sorted(draw(st.sets(st.sampled_from(optional))))]))
     names = {camera for name in document["streams"] for camera in STREAMS[name].cameras}
     if names or "cameras" in document:
         names |= draw(st.sets(identifiers(), max_size=2))

@@ -24,6 +24,7 @@ __all__ = [
 
 _Identifier = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._:/+-]{0,127}$")]
+_Label = Annotated[str, Field(pattern=r"^[!-~]([ -~]{0,126}[!-~])?$")]
 
 
 _OF_EXPERT = tuple(f"observations.{c.name}" for c in TABLES["observations"].columns if c.track == "mixed")
@@ -151,7 +152,7 @@ class Collection(_Document):
     faults: Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)] = Field(
         default_factory=dict
     )
-    scenario_types: Annotated[tuple[_Name, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
+    scenario_types: Annotated[tuple[_Label, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
 
     @model_validator(mode="after")
     def _scenario_types_differ(self) -> Self:
