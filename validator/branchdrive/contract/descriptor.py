@@ -6,15 +6,16 @@ Source: spec/03-layout.md.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.columns import RECORDABLE, STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.refusal import refusal
 from branchdrive.contract.resources import SPEC_VERSION
 
 __all__ = [
@@ -31,7 +32,28 @@ _OF_EXPERT = tuple(f"observations.{c.name}" for c in TABLES["observations"].colu
 """Columns that only a driver who plans can compute."""
 
 
-class _Document(BaseModel):
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class _PlainlyRefused(ModelMetaclass):
+    """Calls with values that break the format raise findings in plain words, not pydantic's own text."""
+
+    def __call__(self, *arguments: Any, **fields: Any) -> Any:
+        """An instance.
+
+        Raises:
+            ContractError: With one finding for each problem.
+        """
+        try:
+            return super().__call__(*arguments, **fields)
+        except ValidationError as error:
+            raise refusal(f"`{self.__name__}`", error) from None
+
+
+class _Document(BaseModel, metaclass=_PlainlyRefused):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
@@ -134,7 +156,9 @@ class ReplayNoise(_Document):
 def _from_number(value: Any) -> Any:
     """A number alone is short for the strength of injected noise."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return ReplayNoise.of_strength(value) if is_number else value
+    if not is_number:
+        return value
+    return {"kind": "injected", "strength": value} if value else {"kind": "exact"}
 
 
 class Collection(_Document):
