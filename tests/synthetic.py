@@ -318,7 +318,7 @@ def descriptor() -> dict[str, Any]:
         "streams": ["ego_route_state", "controls", "route_result", "actor_risk_evidence"], "layers": ["raw"],
         "action_bank": copy.deepcopy(load_resource("action-bank.json")),
         "action_encoding": {"name": "bd29", "width": 29, "sha256": encoding_digest(load_action_bank())},
-        "collection": {"seed": 7},
+        "collection": {"seed": 7, "replay_noise": {"kind": "natural"}},
     }  # fmt: skip
 
 

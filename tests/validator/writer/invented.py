@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.contract.descriptor import Collection, Descriptor, Software
+from branchdrive.contract.descriptor import Collection, Descriptor, ReplayNoise, Software
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
@@ -36,7 +36,7 @@ def make_descriptor(*, has_evidence: bool = True, dataset_id: str = "invented") 
         collector=Software(name="tests", version="1"),
         streams=("ego_route_state", "controls", "route_result", *evidence),
         action_bank=load_action_bank(),
-        collection=Collection(seed=1),
+        collection=Collection(seed=1, replay_noise=ReplayNoise(kind="natural")),
     )
 
 

@@ -1,16 +1,19 @@
-"""Spec limits: how much of anything a reader of an untrusted dataset must accept, and how far a world may be off.
+"""Spec limits: how much a reader of an untrusted dataset must accept, how far a world may be off, what is noise.
 
-Source: spec/09-security.md, spec/05-raw-streams.md#bounds; values in `schemas/v0.1/limits.json`.
+Source: spec/09-security.md, spec/05-raw-streams.md#bounds, spec/11-fidelity.md#thresholds; values in
+`schemas/v0.1/limits.json`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 from branchdrive.contract.resources import load_resource
 
-__all__ = ["Bounds", "Limits", "physical_bounds", "spec_limits"]
+__all__ = ["Bounds", "Limits", "physical_bounds", "spec_limits", "threshold_floors"]
 
 
 @dataclass(frozen=True)
@@ -67,3 +70,10 @@ def physical_bounds() -> Bounds:
     """The bounds of the implemented spec version."""
     declared = load_resource("limits.json")["bounds"]
     return Bounds(**{name: float(bound["value"]) for name, bound in declared.items()})
+
+
+@cache
+def threshold_floors() -> Mapping[str, float]:
+    """Least threshold of every variable of replay fidelity, in its unit: a smaller discrepancy is numerical noise."""
+    declared = load_resource("limits.json")["floors"]
+    return MappingProxyType({name: float(floor["value"]) for name, floor in declared.items()})

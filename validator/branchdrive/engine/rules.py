@@ -18,6 +18,7 @@ from branchdrive.raw.rules import (
     media,
     motion,
     nulls,
+    replays,
     responses,
     results,
     route,
@@ -29,7 +30,7 @@ from branchdrive.raw.rules import (
 
 RULE_MODULES = (
     file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    media, route, motion, tracks, results, layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules,
-    model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
+    replays, media, route, motion, tracks, results, layer_rules, canonical_rules, quality_rules, split_rules,
+    fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

@@ -32,6 +32,7 @@ from branchdrive.contract.layout import (
 )
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.refusal import mismatches_of
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.driving.response import Responses
 from branchdrive.errors import DatasetError, UsageError
@@ -251,11 +252,7 @@ def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
     try:
         return Descriptor.model_validate(document), ()
     except ValidationError as error:
-        found = (
-            Mismatch({"pointer": "".join(f"/{part}" for part in e["loc"]) or "/"}, e["msg"], ascii(e["input"])[:160])
-            for e in error.errors(include_url=False, include_context=False)
-        )
-        return None, tuple(found)
+        return None, mismatches_of(error)
 
 
 def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:

@@ -11,6 +11,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.refusal import mismatches_of
 from branchdrive.errors import DatasetError
 from branchdrive.formats.untrusted import read_file
 
@@ -34,9 +35,9 @@ def read_descriptor(root: Path) -> Descriptor:
     try:
         return Descriptor.model_validate(parse_json(content))
     except ValidationError as error:
-        first = error.errors()[0]
-        place = "/".join(map(str, first["loc"])) or "the document"
-        problem = f"{place}: {first['msg']} ({error.error_count()} problems)"
+        first, *others = mismatches_of(error)
+        more = f" ({len(others)} more problems)" if others else ""
+        problem = f"{first.location['pointer']}: expected {first.expected}, found {first.found}{more}"
     except ValueError as error:
         problem = str(error)
     raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is not a descriptor: {problem}; run `branchdrive-validate`")

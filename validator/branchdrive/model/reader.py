@@ -29,7 +29,7 @@ from branchdrive.formats.table_file import conform, read_table
 from branchdrive.formats.untrusted import read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
-from branchdrive.model.features import admit_column, feature_mismatches
+from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
 from branchdrive.model.normalisation_document import Scalings, scalings_of
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
@@ -70,7 +70,8 @@ def open_model(root: str | Path) -> ModelLayer:
 class ModelLayer:
     """The model layer of a release; made by `open_model`.
 
-    Every array has one row for each group of `groups` with the same `partition` and `variant`, in that order.
+    Every array has one row for each group of `groups` with the same `partition` and `variant`, in that order. A
+    feature that the dataset does not record (`features.json` says which) is NaN in its units and 0 where normalised.
 
     Attributes:
         root: Folder of the dataset or detached release.
@@ -176,7 +177,7 @@ class ModelLayer:
     ) -> NDArray[Any]:
         """One input column in its own type, as `contract` admits it: ``[N, rows]``, and ``[A]`` for an encoding.
 
-        A column that may be null is a masked array.
+        A column that may be null is a masked array; one that the dataset records throughout is not.
 
         Raises:
             UsageError: No such column, or the contract refuses its track: identifiers and outcomes always.
@@ -184,7 +185,7 @@ class ModelLayer:
         """
         declared = admit_column(InputContract.named(contract), table, column)
         packed = arrays.pack_column(self._frame(table), table, column, self._group_ids, self.candidate_order)
-        values = packed if declared.nullable else np.ma.getdata(packed)
+        values = np.ma.getdata(packed) if declared.is_required(self.descriptor.unrecorded) else packed
         return values if table == "actions" else values[self._rows(partition, variant)]
 
     def scalings(self) -> Scalings:
@@ -270,10 +271,16 @@ class ModelLayer:
         state, controls = self._state[rows], self._controls[rows]
         if normalised:
             state, controls = self.scalings().state.apply(state), self.scalings().controls.apply(controls)
+            state = self._zero_where_unrecorded("state", state)
         return {"state": state, "controls": controls}
 
     def _expert_rows(self, rows: NDArray[np.int64], normalised: bool) -> Array:
-        return self.scalings().expert.apply(self._expert[rows]) if normalised else self._expert[rows]
+        if not normalised:
+            return self._expert[rows]
+        return self._zero_where_unrecorded("expert", self.scalings().expert.apply(self._expert[rows]))
+
+    def _zero_where_unrecorded(self, table: str, values: Array) -> Array:
+        return np.where(recorded_features(table, self.descriptor), values, 0.0)
 
     def _history(self, table: str) -> Array:
         return arrays.pack_history(self._frame(table), table, self._group_ids)

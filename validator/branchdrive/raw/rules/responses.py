@@ -29,7 +29,7 @@ PHYSICAL = {
     "BD-MOT-003": "observations",
     "BD-ACT-004": "actors",
 }
-"""Tables of the rules on single attempts that nearly all attempts of a collector with a wrong frame, unit or clock fail."""
+"""Rules that nearly all attempts of a collector with a wrong frame, unit or clock fail, and their tables."""
 
 SHARE_PERCENT = 90
 """Percentage of interventions that must show the same for it to be no accident."""

@@ -154,9 +154,11 @@ def boxes_are_positive(view: ShardView) -> Iterator[Check]:
     for table, column in _columns(view, _is_extent):
         least, most = table.extremes(column.name)
         bad = NONE
-        if table.num_nulls(column.name) or not (least > 0 and most <= MAX_EXTENT_M):
+        lacks = table.num_nulls(column.name) > 0 and not column.nullable
+        if lacks or not (least > 0 and most <= MAX_EXTENT_M):
             extent = table[column.name]
-            bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M)))
+            may_lack = column.nullable & ~table.valid(column.name)
+            bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M) | may_lack))
         yield Check.of_rows(
             table.name, column.name, len(table), bad, _describe("above 0 and at most 100 m", table, column)
         )

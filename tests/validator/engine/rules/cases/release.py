@@ -104,7 +104,12 @@ def release_of_another_simulator(d: ReleaseDraft) -> None:
     d.reseal("card")
 
 
-@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/collection/replay_noise"}, base="detached")
+@mutant(
+    "BD-REL-002",
+    at={"file": "branchdrive.json", "pointer": "/collection/replay_noise/kind"},
+    base="detached",
+    findings=2,
+)
 def noise_of_replays_denied(d: ReleaseDraft) -> None:
     beside(d).descriptor["collection"] = {**d.descriptor["collection"], "replay_noise": 0.5}
 
