@@ -27,7 +27,7 @@ __all__ = ["Feet", "RoutePosition", "feet_within", "polyline_box_distance_m", "p
 Array = NDArray[np.float64]
 
 _MAX_CELLS = 1 << 20
-"""Pairs of a box and a vertex that are held at once: 8 MiB per intermediate array."""
+"""Pairs of a box or a point and a vertex that are held at once: 8 MiB per intermediate array."""
 
 _BLOCK_SEGMENTS = 10
 """Neighbouring segments that one circle encloses."""
@@ -82,7 +82,7 @@ def feet_within(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array, reac
     xs, ys = route_x_m[vertex], route_y_m[vertex]
     centre_x, centre_y = (xs.min(axis=1) + xs.max(axis=1)) / 2, (ys.min(axis=1) + ys.max(axis=1)) / 2
     radius = np.hypot(xs - centre_x[:, None], ys - centre_y[:, None]).max(axis=1) * _ABOVE
-    at_once = max(1, _MAX_CELLS // len(first))
+    at_once = max(1, _MAX_CELLS // num_segments)
     parts = []
     for start in range(0, max(len(x_m), 1), at_once):
         here = slice(start, start + at_once)
