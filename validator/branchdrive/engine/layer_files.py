@@ -29,7 +29,7 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.untrusted import open_file
+from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.schema import CHECKED_METADATA, metadata_mismatches, type_mismatches
 
@@ -66,6 +66,7 @@ class LayerFilesTask:
         descriptor: The dataset's descriptor.
         is_hashed: Whether to digest the files.
         spool: Where tables and documents go.
+        links: Folders that links may lead into.
     """
 
     root: Path
@@ -74,6 +75,7 @@ class LayerFilesTask:
     descriptor: Descriptor
     is_hashed: bool
     spool: Spool
+    links: Links = None
 
 
 @dataclass
@@ -154,7 +156,7 @@ def _read(task: LayerFilesTask, path: str, limit: int, result: LayerFiles) -> by
     if path not in task.files:
         return None
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             content = stream.read(min(os.fstat(stream.fileno()).st_size, limit) + 1)
     except (DatasetError, OSError) as error:
         result.unreadable[path] = str(error)
@@ -173,7 +175,7 @@ def _read_free(task: LayerFilesTask, path: str, files: _Files, result: LayerFile
         return
     digest = hashlib.sha256()
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             size = os.fstat(stream.fileno()).st_size
             if size > limits.max_media_bytes:
                 result.unreadable[path] = f"has {size} bytes; the limit is {limits.max_media_bytes}"

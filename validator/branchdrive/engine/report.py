@@ -20,7 +20,7 @@ class DatasetFacts:
     """What was validated.
 
     `raw_path` is ``None`` unless the raw layer lies elsewhere; `identity` is computed from the digests of this
-    run, ``None`` without them.
+    run, ``None`` without them. `num_beside` counts names in the folder that are no part of the dataset.
     """
 
     path: str
@@ -30,6 +30,7 @@ class DatasetFacts:
     identity: str | None
     num_shards: int
     num_files: int
+    num_beside: int
     num_bytes: int
     num_groups: int
     num_rollouts: int
@@ -38,12 +39,13 @@ class DatasetFacts:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How it was validated."""
+    """How it was validated; `links` are the folders that links may lead into, ``None`` where none is followed."""
 
     selected: tuple[str, ...] | None
     ignored: tuple[str, ...]
     hashed: bool
     require_groups: int | None
+    links: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ class Report:
                 "ignored": list(self.options.ignored),
                 "hashed": self.options.hashed,
                 "require_groups": self.options.require_groups,
+                "links": None if self.options.links is None else list(self.options.links),
             },
             "rules": [
                 {

@@ -22,7 +22,7 @@ from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.untrusted import open_file
+from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.shard_view import ShardView
@@ -51,6 +51,7 @@ class ShardTask:
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
         spool: Where rows for the derived layers go; ``None`` where they need none.
+        links: Folders that links may lead into.
     """
 
     root: Path
@@ -60,6 +61,7 @@ class ShardTask:
     selected: frozenset[str]
     is_hashed: bool
     spool: Spool | None = None
+    links: Links = None
 
 
 @dataclass
@@ -106,7 +108,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
     frames = tables.get("frames")
     if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
         result.num_images = frames.num_rows
-        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames))
+        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames, task.links))
     _judge(task, tables, result)
     return result
 
@@ -115,7 +117,7 @@ def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
     if not task.is_hashed:
         return
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             if os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
                 result.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 return
@@ -127,7 +129,7 @@ def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
     max_bytes = spec_limits().max_table_bytes
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             content = stream.read(min(os.fstat(stream.fileno()).st_size, max_bytes) + 1)
     except (DatasetError, OSError) as error:
         result.undecodable[path] = str(error)

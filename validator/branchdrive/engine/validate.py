@@ -30,6 +30,7 @@ from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import Survey, take_survey
 from branchdrive.formats.manifest import Manifest
+from branchdrive.formats.untrusted import Links, linked_folders
 from branchdrive.raw.funnel import Funnel
 
 __all__ = ["judge_files", "select_rules", "validate"]
@@ -61,6 +62,8 @@ def validate(
     hash_files: bool = True,
     waivers: Sequence[Waiver] = (),
     require_groups: int | None = None,
+    follow_links: bool = False,
+    allow: Sequence[Path | str] = (),
     executor: Executor = in_process,
     progress: Progress | None = None,
     today: date | None = None,
@@ -75,6 +78,8 @@ def validate(
         hash_files: Whether to compare digests; without them the verdict is at best partial.
         waivers: Accepted failures.
         require_groups: Groups that must qualify for exit code 0.
+        follow_links: Whether links are followed: those that stay in their dataset, and those into `allow`.
+        allow: Folders that links may lead into.
         executor: How shards are run; `branchdrive.engine.worker.isolated` bounds memory.
         progress: Called after every shard.
         today: The date against which waivers expire; the current date by default.
@@ -90,7 +95,8 @@ def validate(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
     # Without the rule on digests, the rule on decoding checks a damaged table.
-    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
+    links = linked_folders(follow_links, allow)
+    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected, links=links)
     source = _raw_survey(survey, raw)
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
@@ -114,7 +120,9 @@ def validate(
     return Report(
         decide(tallies.values(), errors),
         _facts(survey, source),
-        RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups),
+        RunOptions(
+            tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups, _shown(links)
+        ),
         tuple(tallies.values()),
         funnel if is_judged else None,
         derived.population,
@@ -124,13 +132,17 @@ def validate(
     )
 
 
+def _shown(links: Links) -> tuple[str, ...] | None:
+    return None if links is None else tuple(printable(str(folder)) for folder in links)
+
+
 def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     """The survey whose shards are the raw layer: of `survey` itself, or of the dataset at `raw`."""
     if raw is None:
         return survey
     if survey.has_raw:
         raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
-    source = take_survey(Path(raw), hash_files=survey.is_hashed)
+    source = take_survey(Path(raw), hash_files=survey.is_hashed, links=survey.links)
     if not source.shard_folders:
         raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
     return source
@@ -199,6 +211,7 @@ def _facts(survey: Survey, source: Survey) -> DatasetFacts:
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
         num_shards=len(survey.shards),
         num_files=len(survey.files),
+        num_beside=survey.num_beside,
         num_bytes=sum(entry.size for entry in survey.files),
         num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),

@@ -12,7 +12,7 @@ from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import Links, read_file
 
 __all__ = ["differing_fields", "read_descriptor", "render_descriptor"]
 
@@ -24,13 +24,13 @@ def render_descriptor(descriptor: Descriptor) -> bytes:
     return dump_json(descriptor.model_dump(mode="json"))
 
 
-def read_descriptor(root: Path) -> Descriptor:
+def read_descriptor(root: Path, links: Links = None) -> Descriptor:
     """The descriptor of the dataset at `root`.
 
     Raises:
         DatasetError: There is none, or it does not conform to its schema.
     """
-    content = read_file(root, DESCRIPTOR_FILE, spec_limits().max_document_bytes)
+    content = read_file(root, DESCRIPTOR_FILE, spec_limits().max_document_bytes, links)
     try:
         return Descriptor.model_validate(parse_json(content))
     except ValidationError as error:
