@@ -12,6 +12,7 @@ from branchdrive.benchmark.data import groups_digest
 from branchdrive.benchmark.lock import LockFacts, checkpoint_mismatches, lock_mismatches
 from branchdrive.benchmark.protocol import protocol_problem
 from branchdrive.benchmark.view import CHECKPOINTS, data_of, digest_of, layer_files, lock_of, other_kind, protocol_of
+from branchdrive.contract.identity import claimed_files, content_identity, derived_content
 from branchdrive.contract.layout import (
     BENCHMARK,
     BENCHMARK_LEDGER_FILE,
@@ -23,7 +24,6 @@ from branchdrive.contract.layout import (
 )
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
-from branchdrive.formats.manifest import derived_identity
 from branchdrive.layers.compare import document_check, text_mismatches
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.rules import FEATURES, NORMALISATION
@@ -49,10 +49,10 @@ def lock_is_of_this_release(view: ReleaseView) -> Iterator[Check]:
     if (other := other_kind(view, LOCK_FILE)) is not None:
         yield other
         return
-    document = lock_of(view)
+    document, derived = lock_of(view), view.descriptor.derived_layers
     facts = LockFacts(
         digest_of(view, PROTOCOL_FILE),
-        derived_identity(view.digests) if view.digests else None,
+        content_identity(derived_content(view.content, claimed_files(derived, view.files)), derived),
         view.document(SPLIT)["digest"],
         digest_of(view, NORMALISATION),
         digest_of(view, FEATURES),

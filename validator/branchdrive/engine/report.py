@@ -19,8 +19,9 @@ __all__ = ["DatasetFacts", "Report", "RunOptions"]
 class DatasetFacts:
     """What was validated.
 
-    `raw_path` is ``None`` unless the raw layer lies elsewhere; `identity` is computed from the digests of this
-    run, ``None`` without them. `num_beside` counts names in the folder that are no part of the dataset.
+    `raw_path` is ``None`` unless the raw layer lies elsewhere. `identity` is computed from the digests of this run, and
+    `content_identity` from what the data say, with the digest of each layer in `content`; ``None`` where digests were
+    not computed. `num_beside` counts names in the folder that are no part of the dataset.
     """
 
     path: str
@@ -28,6 +29,8 @@ class DatasetFacts:
     dataset_id: str | None
     dataset_version: str | None
     identity: str | None
+    content_identity: str | None
+    content: dict[str, str]
     num_shards: int
     num_files: int
     num_beside: int

@@ -23,6 +23,7 @@ from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.raw.content import attempt_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.shard_view import ShardView
@@ -174,6 +175,8 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     view = ShardView(claimed, task.descriptor, file_prefix=task.folder)
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
+    if task.is_hashed:
+        result.attempts = attempt_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
     tallies, examination = examine(view, None if task.spool else task.selected)
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}

@@ -14,6 +14,8 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from branchdrive.contract.identity import claimed_files, content_identity, derived_content
+from branchdrive.contract.layout import RAW_DIR
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
 from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
@@ -31,6 +33,7 @@ from branchdrive.errors import UsageError
 from branchdrive.files.survey import Survey, take_survey
 from branchdrive.formats.manifest import Manifest
 from branchdrive.formats.untrusted import Links, linked_folders
+from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
 
 __all__ = ["judge_files", "select_rules", "validate"]
@@ -119,7 +122,7 @@ def validate(
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
         decide(tallies.values(), errors),
-        _facts(survey, source),
+        _facts(survey, source, derived.content),
         RunOptions(
             tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups, _shown(links)
         ),
@@ -197,18 +200,25 @@ def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> No
         judge(tally, lambda: RULES[tally.rule_id](survey))
 
 
-def _facts(survey: Survey, source: Survey) -> DatasetFacts:
+def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetFacts:
     rows: dict[str, int] = {}
     for shard in survey.shards:
         for name, count in shard.rows.items():
             rows[name] = rows.get(name, 0) + count
     descriptor = survey.descriptor
+    claimed = descriptor.layers if descriptor else ()
+    content = derived_content(files, claimed_files(claimed, survey.paths))
+    raw = raw_content(survey.shards) if survey.shards else None
+    if raw is not None:
+        content[RAW_DIR] = raw
     return DatasetFacts(
         path=printable(str(survey.root)),
         raw_path=None if source is survey or source.root == survey.root else printable(str(source.root)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
+        content_identity=content_identity(content, claimed),
+        content=content,
         num_shards=len(survey.shards),
         num_files=len(survey.files),
         num_beside=survey.num_beside,

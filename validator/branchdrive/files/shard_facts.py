@@ -26,6 +26,8 @@ class ShardFacts:
         rows: Rows of each table.
         rollout_ids: Identities of the attempts.
         group_ids: Identities of the groups.
+        attempts: Digest of the content of each attempt by its identity; ``None`` where they were not computed, or rows
+            have no place in them.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
     """
@@ -42,5 +44,6 @@ class ShardFacts:
     rows: dict[str, int] = field(default_factory=dict)
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
+    attempts: dict[str, str] | None = None
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)

@@ -24,7 +24,6 @@ from branchdrive.contract.layout import (
     IDENTITY_LAYERS,
     LAYERS,
     MANIFEST_FILE,
-    RAW_DIR,
     STAGING_DIR,
     layer_of,
     unsafe_reason,
@@ -97,12 +96,6 @@ class Manifest:
 
     def __repr__(self) -> str:
         return f"Manifest({len(self.files)} files, layers {list(self.layers)}, identity {self.identity!r})"
-
-
-def derived_identity(files: Mapping[str, str]) -> str:
-    """Identity that a release of these files has without its raw layer, so that it is one in place and detached."""
-    derived = {path: digest for path, digest in files.items() if layer_of(path) in {*IDENTITY_LAYERS} - {RAW_DIR}}
-    return Manifest.of(derived).identity
 
 
 def _file_line(digest: str, path: str) -> str:

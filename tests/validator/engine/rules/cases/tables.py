@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,55 @@ def unit_where_none_is_declared(d: Draft) -> None:
 @mutant("BD-TAB-003", at={"file": OBSERVATIONS, "column": "yaw_rad"}, findings=3)
 def metadata_missing(d: Draft) -> None:
     _with_metadata(d, "yaw_rad", lambda _: {})
+
+
+def _carried_by_the_file(d: Draft, change: Any) -> None:
+    """Metadata in a member of the file's own, as programs write them that have no Arrow schema."""
+
+    def edit(content: bytes) -> bytes:
+        table = pq.read_table(io.BytesIO(content))
+        document = {
+            field.name: {key.decode(): text.decode() for key, text in field.metadata.items()} for field in table.schema
+        }
+        plain = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
+        sink = io.BytesIO()
+        with pq.ParquetWriter(sink, plain.schema, store_schema=False) as writer:
+            writer.write_table(plain)
+            writer.add_key_value_metadata({"branchdrive.columns": change(document)})
+        return sink.getvalue()
+
+    _rewrite(d, OBSERVATIONS, edit)
+
+
+@mutant("BD-TAB-003", at={"file": OBSERVATIONS, "column": "speed_mps"})
+def another_unit_in_the_metadata_of_the_file(d: Draft) -> None:
+    _carried_by_the_file(d, lambda known: json.dumps({**known, "speed_mps": {**known["speed_mps"], "unit": "km/h"}}))
+
+
+@mutant("BD-TAB-003", at={"file": OBSERVATIONS, "column": "yaw_rad"}, findings=3)
+def column_that_the_metadata_of_the_file_lacks(d: Draft) -> None:
+    _carried_by_the_file(d, lambda known: json.dumps({name: known[name] for name in known if name != "yaw_rad"}))
+
+
+@mutant("BD-TAB-003", at={"file": OBSERVATIONS})
+def metadata_of_the_file_that_is_no_document(d: Draft) -> None:
+    _carried_by_the_file(d, lambda _: "metres")
+
+
+@boundary("BD-TAB-003")
+def metadata_carried_by_the_file(d: Draft) -> None:
+    _carried_by_the_file(d, json.dumps)
+
+
+@boundary("BD-TAB-002", "BD-TAB-003")
+def no_metadata_at_all(d: Draft) -> None:
+    def edit(content: bytes) -> bytes:
+        sink = io.BytesIO()
+        pq.write_table(pq.read_table(io.BytesIO(content)), sink, store_schema=False)
+        return sink.getvalue()
+
+    for name in d.tables[SHARD_1]:
+        _rewrite(d, f"{SHARD_1}/{name}.parquet", edit)
 
 
 @boundary("BD-TAB-003")
