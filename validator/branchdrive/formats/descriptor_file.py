@@ -14,7 +14,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.untrusted import Links, read_file
 
-__all__ = ["differing_fields", "read_descriptor", "render_descriptor"]
+__all__ = ["differing_fields", "differing_values", "read_descriptor", "render_descriptor"]
 
 _SHOWN_CHARACTERS = 40
 
@@ -49,8 +49,13 @@ def differing_fields(root: Path, descriptor: Descriptor) -> list[str]:
         DatasetError: The dataset's descriptor cannot be read.
     """
     found = read_descriptor(root).model_dump(mode="json")
-    texts = _differences("", found, descriptor.model_dump(mode="json"))
+    texts = differing_values(found, descriptor.model_dump(mode="json"))
     return texts or [f"{DESCRIPTOR_FILE!r} is formatted otherwise"]
+
+
+def differing_values(found: Any, given: Any) -> list[str]:
+    """What tells two JSON values apart, one text for every member of objects in them that differs."""
+    return _differences("", found, given)
 
 
 def _differences(place: str, found: Any, given: Any) -> list[str]:
@@ -61,4 +66,5 @@ def _differences(place: str, found: Any, given: Any) -> list[str]:
     if found == given:
         return []
     texts = [repr(value) if len(repr(value)) <= _SHOWN_CHARACTERS else "" for value in (found, given)]
+    place = place or "all of it"
     return [f"{place} is {texts[0]}, not {texts[1]}" if all(texts) else f"{place} differs"]

@@ -17,7 +17,7 @@ from branchdrive.formats.table_file import read_table
 from branchdrive.formats.untrusted import Links, read_file
 from branchdrive.tables.content import table_digest
 
-__all__ = ["file_content", "layers_content"]
+__all__ = ["file_content", "layers_content", "read_document"]
 
 
 def layers_content(root: Path, paths: Collection[str], links: Links = None) -> dict[str, str]:
@@ -39,12 +39,17 @@ def file_content(root: Path, paths: Collection[str], links: Links = None) -> dic
     return {
         path: table_digest(tables[path], read_table(root, path, tables[path], links))
         if path in tables
-        else document_digest(_document(root, path, links))
+        else document_digest(read_document(root, path, links))
         for path in sorted(paths)
     }
 
 
-def _document(root: Path, path: str, links: Links) -> object:
+def read_document(root: Path, path: str, links: Links = None) -> object:
+    """A JSON document, whether or not it conforms to its schema.
+
+    Raises:
+        DatasetError: It cannot be read, or is no JSON within the limits.
+    """
     try:
         return parse_json(read_file(root, path, spec_limits().max_document_bytes, links))
     except (ValueError, RecursionError) as error:
