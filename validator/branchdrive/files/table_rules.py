@@ -64,3 +64,12 @@ def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
     if not survey.shards:
         found.append(Mismatch({"file": "raw"}, "at least one shard", "none"))
     yield Check.of(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))
+
+
+@rule("BD-TAB-005")
+def raw_layer_holds_an_attempt(survey: Survey) -> Iterator[Check]:
+    """The rollouts tables of all shards have a row."""
+    num_attempts = sum(shard.rows.get("rollouts", 0) for shard in survey.shards)
+    is_empty = bool(survey.shards) and not num_attempts
+    lacking = Mismatch({"table": "rollouts"}, "at least one attempt", "no row in any shard")
+    yield Check.of(int(bool(survey.shards)), (lacking,) if is_empty else ())

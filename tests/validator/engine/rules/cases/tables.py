@@ -242,3 +242,22 @@ def no_shard(d: Draft) -> None:
 @boundary("BD-TAB-004")
 def single_shard(d: Draft) -> None:
     del d.tables[SHARD_0]
+
+
+# BD-TAB-005
+
+
+def _without_rows(d: Draft, folder: str) -> None:
+    for name in d.tables[folder]:
+        d.map_table(name, lambda rows: rows.slice(0, 0), folder=folder)
+
+
+@mutant("BD-TAB-005", at={"table": "rollouts"})
+def raw_layer_without_rows(d: Draft) -> None:
+    _without_rows(d, SHARD_0)
+    _without_rows(d, SHARD_1)
+
+
+@boundary("BD-TAB-005", "BD-TAB-004")
+def shard_without_rows_beside_another(d: Draft) -> None:
+    d.tables["raw/shard-00042"] = {name: rows.slice(0, 0) for name, rows in d.tables[SHARD_0].items()}
