@@ -13,6 +13,7 @@ from tests.validator.engine.rules.cases import (
     benchmark,
     benchmark_results,
     canonical,
+    companions,
     controls,
     documents,
     evidence,
@@ -41,7 +42,7 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
+    layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
     layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
     benchmark_results,
 )  # fmt: skip
