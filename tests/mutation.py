@@ -13,6 +13,7 @@ from tests.validator.engine.rules.cases import (
     benchmark,
     benchmark_results,
     canonical,
+    companions,
     controls,
     documents,
     evidence,
@@ -43,8 +44,8 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world, trigger,
-    groups, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release,
+    layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world,
+    trigger, groups, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release,
     responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""

@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from tests.synthetic import seal_dataset, write_dataset
 from tests.synthetic_release import NUM_GROUPS, SEED, raw_descriptor, raw_tables
@@ -37,11 +38,21 @@ def entries(root: Path) -> list[dict[str, object]]:
 
 
 def another_raw_layer(raw: Path, root: Path) -> Path:
-    """A dataset with the same groups in shards that are stored in another order."""
-    folders = sorted(path.relative_to(raw).as_posix() for path in (raw / "raw").iterdir())
-    tables = {folder: shuffled(raw, folder, 9) for folder in folders}
+    """A dataset with the same groups, one of whose attempts ended for another reason."""
+    tables = stored_otherwise(raw)
+    rollouts = next(iter(tables.values()))["rollouts"]
+    place = rollouts.schema.get_field_index("result_termination")
+    reasons = ["recorded again", *rollouts["result_termination"].to_pylist()[1:]]
+    changed = rollouts.set_column(place, rollouts.schema.field(place), pa.array(reasons, pa.string()))
+    next(iter(tables.values()))["rollouts"] = changed
     write_dataset(root, tables, parse_json((raw / "branchdrive.json").read_bytes()))
     return root
+
+
+def stored_otherwise(raw: Path) -> dict[str, dict[str, pa.Table]]:
+    """Tables of the shards of a dataset, with rows in another order."""
+    folders = sorted(path.relative_to(raw).as_posix() for path in (raw / "raw").iterdir())
+    return {folder: shuffled(raw, folder, 9) for folder in folders}
 
 
 def test_stages_alone_and_in_order_make_the_same_release(dataset: Path, audited: Path) -> None:

@@ -119,6 +119,8 @@ def _print_head(console: Console, report: Report) -> None:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
     if facts.identity:
         console.print(Text(f"identity {facts.identity}", style="dim"))
+    if facts.content_identity:
+        console.print(Text(f"content  {facts.content_identity}", style="dim"))
 
 
 def _print_findings(console: Console, report: Report) -> None:

@@ -26,6 +26,8 @@ class Limits:
     max_document_bytes: int
     max_document_depth: int
     max_manifest_bytes: int
+    max_ignore_bytes: int
+    max_ignore_patterns: int
     max_table_bytes: int
     max_table_rows: int
     max_table_decoded_bytes: int

@@ -27,9 +27,11 @@ POPULATION_BASIS = "claimed by the release, recomputed from its stored tables al
 class DatasetFacts:
     """What was validated.
 
-    `raw_path` is ``None`` unless the raw layer lies elsewhere; `identity` and `descriptor_digest` are computed from
-    the digests of this run, ``None`` without them. `tolerances` are those that the descriptor declares or leaves at
-    their defaults, by name; empty without a usable descriptor.
+    `raw_path` is ``None`` unless the raw layer lies elsewhere. `identity` and `descriptor_digest` are computed from the
+    digests of this run, and `content_identity` from what the data say, with the digest of each layer in `content`;
+    ``None`` where digests were not computed. `tolerances` are those that the descriptor declares or leaves at their
+    defaults, by name; empty without a usable descriptor. `num_beside` counts names in the folder that are no part of
+    the dataset.
     """
 
     path: str
@@ -39,8 +41,11 @@ class DatasetFacts:
     identity: str | None
     descriptor_digest: str | None
     tolerances: dict[str, float]
+    content_identity: str | None
+    content: dict[str, str]
     num_shards: int
     num_files: int
+    num_beside: int
     num_bytes: int
     num_groups: int
     num_rollouts: int
@@ -49,13 +54,14 @@ class DatasetFacts:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How it was validated."""
+    """How it was validated; `links` are the folders that links may lead into, ``None`` where none is followed."""
 
     selected: tuple[str, ...] | None
     ignored: tuple[str, ...]
     hashed: bool
     require_groups: int | None
     is_strict: bool = False
+    links: tuple[str, ...] | None = None
 
 
 def _deciding(rule_ids: Sequence[str]) -> int:

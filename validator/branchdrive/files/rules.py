@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.companion import IGNORE_FILE
 from branchdrive.contract.encoding import ENCODING_NAME, encoding_digest
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import (
@@ -111,11 +112,23 @@ def paths_are_safe(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-006")
 def only_files_and_folders(survey: Survey) -> Iterator[Check]:
     """No links, devices, sockets or pipes, and no folder that cannot be listed."""
-    kinds = {"link": "a symbolic link", "special": "a special file", "unreadable": "nothing that can be read"}
+    kinds = {
+        "link": "a symbolic link",
+        "stray_link": "a symbolic link to nothing that it may lead to",
+        "special": "a special file",
+        "unreadable": "nothing that can be read",
+    }
     found = [
         Mismatch({"file": e.path}, "a regular file or folder", kinds[e.kind]) for e in survey.entries if e.kind in kinds
     ]
     yield Check.of(len(survey.entries), tuple(found))
+
+
+@rule("BD-LAY-010")
+def ignore_file_is_bounded(survey: Survey) -> Iterator[Check]:
+    """The ignore file, where there is one, is bounded text of patterns of names."""
+    wanted, error = "patterns of names, one a line, within the limits", survey.ignore_error
+    yield Check.of(1, () if error is None else (Mismatch({"file": IGNORE_FILE}, wanted, error),))
 
 
 @rule("BD-LAY-007")
@@ -347,3 +360,12 @@ def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
 def metadata_name_no_machine(survey: Survey) -> Iterator[Check]:
     """No key-value pair of a file's footer holds a path, a host or a time of the machine that wrote it."""
     yield _columns(survey, [shard.trace_mismatches for shard in survey.shards])
+
+
+@rule("BD-TAB-006")
+def raw_layer_holds_an_attempt(survey: Survey) -> Iterator[Check]:
+    """The rollouts tables of all shards have a row."""
+    num_attempts = sum(shard.rows.get("rollouts", 0) for shard in survey.shards)
+    is_empty = bool(survey.shards) and not num_attempts
+    lacking = Mismatch({"table": "rollouts"}, "at least one attempt", "no row in any shard")
+    yield Check.of(int(bool(survey.shards)), (lacking,) if is_empty else ())

@@ -9,6 +9,7 @@ Source: paper III-E and III-F; spec/12-model.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.table_file import conform, read_table
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import Links, linked_folders, read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
 from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
@@ -48,23 +49,30 @@ NORMALISATION_FILE = "model/normalisation.json"
 VARIANTS_FILE = "quality/variants.json"
 
 
-def open_model(root: str | Path) -> ModelLayer:
+def open_model(root: str | Path, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> ModelLayer:
     """Open the model layer of the dataset or detached release in the folder `root`.
+
+    Args:
+        root: The dataset folder.
+        follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
+        allow: Folders that links may lead into, such as the folder of blobs of a download cache.
 
     Raises:
         DatasetError: There is no dataset or it has no model layer, or its features are not those of its descriptor.
+        UsageError: Folders are allowed although links are not followed, or one is no folder.
     """
     path = Path(root)
     if not path.is_dir():
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    descriptor = read_descriptor(path)
+    links = linked_folders(follow_links, allow)
+    descriptor = read_descriptor(path, links)
     if LAYER not in descriptor.layers:
         raise DatasetError(
             f"{root}: has the layers {list(descriptor.layers)} and no model layer; run `branchdrive build`"
         )
-    for wrong in feature_mismatches(_document(path, FEATURES_FILE), descriptor):
+    for wrong in feature_mismatches(_document(path, FEATURES_FILE, links), descriptor):
         raise _not_expected(root, FEATURES_FILE, wrong)
-    return ModelLayer(path, descriptor)
+    return ModelLayer(path, descriptor, links)
 
 
 class ModelLayer:
@@ -78,9 +86,10 @@ class ModelLayer:
         descriptor: What the dataset is.
     """
 
-    def __init__(self, root: Path, descriptor: Descriptor) -> None:
+    def __init__(self, root: Path, descriptor: Descriptor, links: Links = None) -> None:
         self.root = root
         self.descriptor = descriptor
+        self._links = links
 
     @property
     def candidate_order(self) -> tuple[str, ...]:
@@ -207,7 +216,7 @@ class ModelLayer:
     def _stored(self, table: str) -> pa.Table:
         if table not in LAYERS[LAYER].tables:
             raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
-        return read_table(self.root, table_path(table), table)
+        return read_table(self.root, table_path(table), table, self._links)
 
     def _frame(self, table: str) -> dict[str, Values]:
         return from_arrow(self._stored(table), table)
@@ -247,7 +256,7 @@ class ModelLayer:
         return np.flatnonzero(wanted)
 
     def _variant(self, name: str) -> frozenset[str]:
-        document = _document(self.root, VARIANTS_FILE)
+        document = _document(self.root, VARIANTS_FILE, self._links)
         try:
             declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
         except UsageError as error:
@@ -256,7 +265,7 @@ class ModelLayer:
             ) from error
         if name not in declared:
             raise UsageError(f"{self.root}: no variant {name!r}; there are {list(declared)}")
-        table = read_table(self.root, table_path("group_quality"), "group_quality")
+        table = read_table(self.root, table_path("group_quality"), "group_quality", self._links)
         quality = from_arrow(table, "group_quality")
         found = frozenset(quality["group_id"][members(quality, declared[name].where)].tolist())
         outside = sorted(found - self._contexts.keys())
@@ -323,11 +332,11 @@ class ModelLayer:
 
     @cached_property
     def _scalings(self) -> Scalings:
-        return scalings_of(_document(self.root, NORMALISATION_FILE))
+        return scalings_of(_document(self.root, NORMALISATION_FILE, self._links))
 
 
-def _document(root: Path, path: str) -> dict[str, Any]:
-    content = read_file(root, path, spec_limits().max_document_bytes)
+def _document(root: Path, path: str, links: Links) -> dict[str, Any]:
+    content = read_file(root, path, spec_limits().max_document_bytes, links)
     try:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:

@@ -134,7 +134,7 @@ def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
     """What nearly every attempt breaks is no accident of an attempt, but a frame, a unit or a clock."""
     found, examined = [], 0
     for rule_id, table in PHYSICAL.items():
-        counts = [shard.attempts[rule_id] for shard in survey.shards if rule_id in shard.attempts]
+        counts = [shard.judged[rule_id] for shard in survey.shards if rule_id in shard.judged]
         num_failed, num_examined = (sum(part) for part in zip(*counts, strict=True)) if counts else (0, 0)
         examined += num_examined >= MIN_INTERVENTIONS
         if num_examined >= MIN_INTERVENTIONS and 100 * num_failed >= SHARE_PERCENT * num_examined:

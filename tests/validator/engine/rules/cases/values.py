@@ -156,6 +156,12 @@ def shortest_and_longest_text(d: Draft) -> None:
     d.set("rollouts", "provenance", "ü", rollout_id=BRAKE)
     d.set("rollouts", "result_termination", "0", rollout_id=BRAKE)
     d.set("rollouts", "provenance", "ü" * 1000, rollout_id=NOMINAL)
+    d.set("rollouts", "provenance", "\U0001d54f" * 1000, rollout_id=REPLAY)  # two UTF-16 units each
+
+
+@mutant("BD-VAL-004", at=_place("rollouts", "provenance"))
+def text_of_too_many_code_points(d: Draft) -> None:
+    d.set("rollouts", "provenance", "\U0001d54f" * 1001, rollout_id=BRAKE)
 
 
 # BD-VAL-005
