@@ -42,7 +42,7 @@ def shown(report: Report) -> str:
     text = render_report(report, io.StringIO())
     facts = report.dataset
     text = text.replace(facts.path, "PLACE").replace(str(facts.identity), "DIGEST")
-    text = text.replace(str(facts.descriptor_digest), "SHA256")
+    text = text.replace(str(facts.descriptor_digest), "SHA256").replace(str(facts.content_identity), "CONTENT")
     return re.sub(r"[0-9.]+ KiB", "SIZE", text)
 
 
@@ -67,6 +67,7 @@ synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
 2 shards, 12 files, SIZE
 identity DIGEST
+content  CONTENT
 
 Funnel
 Stage                  Groups  Lost  Reasons (groups)
@@ -112,6 +113,7 @@ synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
 2 shards, 12 files, SIZE
 identity DIGEST
+content  CONTENT
 
 Violations
   BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows

@@ -166,6 +166,7 @@ class Report:
                 "hashed": self.options.hashed,
                 "require_groups": self.options.require_groups,
                 "strict": self.options.is_strict,
+                "links": None if self.options.links is None else list(self.options.links),
             },
             "conditions": list(self.conditions),
             "rules": [
