@@ -27,6 +27,7 @@ from tests.validator.engine.rules.cases import (
     nulls,
     quality,
     release,
+    replays,
     split,
     tables,
     targets,
@@ -41,7 +42,7 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
+    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups, replays,
     layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, benchmark,
     benchmark_results,
 )  # fmt: skip
