@@ -28,6 +28,7 @@ from tests.validator.engine.rules.cases import (
     nulls,
     quality,
     release,
+    replays,
     responses,
     split,
     tables,
@@ -46,7 +47,7 @@ __all__ = [
 AREAS = (
     layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world,
     trigger, groups, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release,
-    responses, benchmark, benchmark_results,
+    replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

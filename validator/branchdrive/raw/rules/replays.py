@@ -72,8 +72,7 @@ def _subjects(view: ShardView, subjects: Mask) -> Mask:
 @rule("BD-RPN-001")
 def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where replays are declared to be exact, a nominal replay is its nominal to the bit."""
-    if view.descriptor.collection.replay_noise.kind != "exact":
-        return
+    is_exact = view.descriptor.collection.replay_noise.kind == "exact"
     differences, judged = view.cached(_differences), _subjects(view, subjects)
     differing = np.array([i in differences and differences[i] is not EQUAL for i in range(view.num_rollouts)], bool)
 
@@ -83,18 +82,16 @@ def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
         place: Location = {"table": table, "column": column, "tick": int(stream.tick[row])}
         return Mismatch(place, f"{quote(stream[column][of_nominal])} as in the nominal", quote(stream[column][row]))
 
-    yield Check.of_subjects(judged, judged & differing, describe)
+    yield Check.of_subjects(judged, judged & differing & is_exact, describe)
 
 
 @rule("BD-RPN-002")
 def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where noise is injected, a nominal replay differs; where it is natural, not all of a shard are equal."""
     kind = view.descriptor.collection.replay_noise.kind
-    if kind == "exact":
-        return
     differences, judged = view.cached(_differences), _subjects(view, subjects)
     equal = judged & np.array([differences.get(i) is EQUAL for i in range(view.num_rollouts)], bool)
-    if kind == "natural" and (not equal[judged].all() or judged.sum() < 2):
+    if kind == "exact" or (kind == "natural" and (not equal[judged].all() or judged.sum() < 2)):
         equal[:] = False
     expected = f"a drive that differs from the nominal (replay noise is declared as {kind})"
 

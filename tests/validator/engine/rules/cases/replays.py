@@ -56,16 +56,6 @@ def exact_replays(d: Draft) -> None:
     _copy_all(d)
 
 
-@boundary("BD-RPN-001", status="skipped")
-def replays_that_did_not_run_to_their_end(d: Draft) -> None:
-    _declare(d, "exact")
-    for group in ("g0", "g1", "g2"):
-        for attempt in (1, 2):
-            replay = f"{group}.nominal_replay.a{attempt}"
-            d.set("rollouts", "status", "partial", rollout_id=replay)
-            d.set("rollouts", "status_reason", "stopped", rollout_id=replay)
-
-
 # BD-RPN-002
 
 
