@@ -20,6 +20,7 @@ from tests.validator.engine.datasets import (
     status,
     write,
 )
+from tests.validator.engine.rules.case import UNDER_NOISE
 
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine.validate import select_rules, validate
@@ -41,7 +42,7 @@ def test_valid_dataset_passes_every_rule_that_it_claims(valid_root: Path) -> Non
     report = validate(valid_root)
     others = {t.rule_id: t.status for t in report.tallies if t.status != "pass"}
     unclaimed = [rule_id for rule_id, info in CATALOGUE.items() if info.layer or rule_id.startswith("BD-FRM")]
-    assert others == dict.fromkeys(unclaimed, "not-claimed")
+    assert others == {**dict.fromkeys(unclaimed, "not-claimed"), **dict.fromkeys(UNDER_NOISE, "skipped")}
     assert [tally.rule_id for tally in report.tallies] == list(CATALOGUE)
 
 
@@ -97,7 +98,8 @@ def test_deselected_rules_say_so(valid_root: Path) -> None:
 def test_without_digests_one_rule_is_not_judged(valid_root: Path) -> None:
     report = validate(valid_root, hash_files=False)
     assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == {
-        "BD-LAY-002": "digests were not computed"
+        "BD-LAY-002": "digests were not computed",
+        **dict.fromkeys(UNDER_NOISE, "no subject"),
     }
 
 
@@ -105,7 +107,9 @@ def test_nothing_to_examine_is_no_pass_and_changes_no_verdict(tmp_path: Path) ->
     document = synthetic.descriptor()
     del document["action_encoding"]
     report = validate(write(tmp_path / "dataset", document=document))
-    assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == {"BD-ENC-001": "no subject"}
+    assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == dict.fromkeys(
+        {"BD-ENC-001", *UNDER_NOISE}, "no subject"
+    )
     assert (report.verdict, report.exit_code) == ("valid", 0)
 
 

@@ -132,7 +132,7 @@ def test_there_must_be_a_dataset(tmp_path: Path) -> None:
     assert list((tmp_path / "empty").iterdir()) == []
 
 
-@pytest.mark.parametrize("groups", [(), (0,), (0, 1, 2)])
+@pytest.mark.parametrize("groups", [(0,), (0, 1, 2)])
 def test_too_few_groups_leave_a_valid_dataset(tmp_path: Path, groups: tuple[int, ...]) -> None:
     d = Draft(raw_tables(), raw_descriptor())
     folder = "raw/shard-00000"

@@ -28,10 +28,12 @@ _NUM_BEFORE = len(HISTORY_OFFSETS)  # the predecessor and the history but for t_
 _MOVING_MPS = 0.5
 
 
+@np.errstate(all="ignore")  # what overflows is no number, and is left out
 def responses(view: ShardView, selection: Selection) -> Responses:
     """Chosen interventions of the shard against the chosen nominal of their group.
 
-    Left out are those without every observation from ``t_b - 80`` to ``t_b + 50`` or without every active control.
+    Left out are those without every observation from ``t_b - 80`` to ``t_b + 50`` or without every active control,
+    and those with values there that are no numbers.
     """
     group, policy = np.nonzero(selection.chosen >= 0)
     own, nominal = selection.chosen[group, policy], selection.nominal[group]
@@ -41,7 +43,7 @@ def responses(view: ShardView, selection: Selection) -> Responses:
     state, reference = (_values(view, "observations", rollouts, _STATE, _OFFSETS) for rollouts in (own, nominal))
     ticks = range(ACTIVE_TICKS)
     command, wanted = (_values(view, "controls", rollouts, _COMMAND, ticks) for rollouts in (own, nominal))
-    kept = ~np.isnan(state - reference).any(axis=(0, 2)) & ~np.isnan(command - wanted).any(axis=(0, 2))
+    kept = np.isfinite(state - reference).all(axis=(0, 2)) & np.isfinite(command - wanted).all(axis=(0, 2))
     state, reference, command, wanted = (values[:, kept] for values in (state, reference, command, wanted))
     steer, throttle, brake = (command - wanted).mean(axis=2)
     (x, y, _, speed), (x_0, y_0, yaw_0, speed_0) = state[:, :, -1], reference[:, :, -1]

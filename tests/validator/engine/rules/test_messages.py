@@ -24,7 +24,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-LAY-006", "pipe_in_place_of_a_table", "a regular file or folder", "a special file"),
         ("BD-LAY-007", "path_too_long", "a path within the limits", "is longer than 240 bytes"),
         ("BD-DOC-002", "version_of_the_future", "'0.1'", "'0.2'"),
-        ("BD-TAB-003", "another_unit", "unit 'm'", "b'cm'"),
+        ("BD-TAB-003", "another_unit", "unit 'm'", "'cm'"),
         ("BD-VAL-002", "throttle_in_percent", "0 .. 1", "30.0"),
         ("BD-VAL-002", "yaw_in_degrees", "-3.14159 .. 3.14159 rad", "90.0"),
         ("BD-VAL-003", "unknown_source", "one of ['online_expert', 'intervention']", "'autopilot'"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.each import each
 from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
-from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, judged
+from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, UNDER_NOISE, judged
 from tests.validator.engine.rules.release import BUILT
 
 import branchdrive
@@ -131,10 +131,6 @@ def test_declared_consequences_are_real(rule: RuleInfo, tmp_path: Path) -> None:
 
 def test_consequences_are_few() -> None:
     assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 7
-
-
-UNDER_NOISE = frozenset({"BD-RSP-003", "BD-RSP-004"})
-"""Rules on the first observation that differs, which have no subject where attempts differ from the start."""
 
 
 def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:

@@ -41,6 +41,8 @@ EQUAL = Difference("", "", -1, -1)
 
 def _differences(view: ShardView) -> dict[int, Difference]:
     """The first difference of every complete nominal replay that shares a tick with its nominal."""
+    if not view.num_rollouts:
+        return {}
     is_compared = view.role("nominal_replay") & view.complete & (view.nominal >= 0) & view.complete[view.nominal]
     found: dict[int, Difference] = {}
     for table, columns in COMPARED.items():
