@@ -207,6 +207,24 @@ def test_free_text_stays_text(release: Release, title: str) -> None:
     assert rest == card(release).split("\n", 1)[1]
 
 
+def test_what_the_descriptor_states_is_repeated_as_text(release: Release) -> None:
+    stated = {
+        "description": "Cuts in, *mostly*.",
+        "creators": ("A. Author", "Institute | North"),
+        "citation": "Author, Driving, 2026.",
+        "doi": "10.1234/branch",
+        "url": "https://example.org/data",
+        "keywords": ("driving", "branches"),
+    }
+    silent, text = card(release), card(release, **stated)
+    assert "Cuts in, \\*mostly\\*." in text
+    for title in ("Creators", "Citation", "DOI", "Published at", "Keywords"):
+        assert f"| {title} |" in text
+        assert f"| {title} |" not in silent
+    assert row(text, "Keywords") == ["driving, branches"]
+    assert "Institute \\| North" in text
+
+
 def test_a_licence_of_the_spdx_list_says_where_its_text_is() -> None:
     text = render_licence("CC-BY-4.0")
     assert text.startswith("SPDX-License-Identifier: CC-BY-4.0\n")

@@ -106,7 +106,16 @@ def _about(descriptor: Descriptor) -> list[str]:
         "Injected faults": _rates(descriptor.collection.faults),
         "Licence": _plain(descriptor.licence),
     }
+    stated = {
+        "Creators": ", ".join(map(_plain, descriptor.creators)),
+        "Citation": _plain(descriptor.citation or ""),
+        "DOI": _plain(descriptor.doi or ""),
+        "Published at": _plain(descriptor.url or ""),
+        "Keywords": ", ".join(map(_plain, descriptor.keywords)),
+    }
+    facts |= {title: text for title, text in stated.items() if text}
     return [
+        *([_plain(descriptor.description), ""] if descriptor.description else []),
         "A branch-structured driving dataset.",
         f"A branch group is one moment of decision: one history that all candidates share, the nominal future of the "
         f"expert, and {interventions} futures in which an intervention was executed from that moment on.",

@@ -26,6 +26,7 @@ __all__ = [
 _Identifier = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._:/+-]{0,127}$")]
 _Label = Annotated[str, Field(pattern=r"^[!-~]([ -~]{0,126}[!-~])?$")]
+_Prose = Annotated[str, Field(min_length=1, max_length=2000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 
 
 _OF_EXPERT = tuple(f"observations.{c.name}" for c in TABLES["observations"].columns if c.track == "mixed")
@@ -195,6 +196,12 @@ class Descriptor(_Document):
         action_encoding: ``None`` if the bank declares no encoding.
         vehicle: What is known of the ego vehicle; ``None`` where nothing is declared.
         driver: Who drove; ``None`` where it is not declared.
+        description: What the dataset is, in a few sentences; ``None`` where it says nothing, as in the next ones.
+        creators: Names of the people and institutions that made it.
+        citation: How to cite it, as one text.
+        doi: Its digital object identifier, without a resolver before it.
+        url: Where it is published.
+        keywords: What to find it by.
     """
 
     spec_version: Literal["0.1"] = SPEC_VERSION  # type: ignore[assignment]
@@ -215,6 +222,12 @@ class Descriptor(_Document):
     collection: Collection
     vehicle: Vehicle | None = None
     driver: Driver | None = None
+    description: _Prose | None = None
+    creators: Annotated[tuple[_Prose, ...], Field(strict=False, max_length=64, fail_fast=True)] = ()
+    citation: _Prose | None = None
+    doi: Annotated[str, Field(pattern=r"^10\.[0-9]{4,9}/[!-~]{1,200}$")] | None = None
+    url: Annotated[str, Field(pattern=r"^https?://[!-~]{1,500}$")] | None = None
+    keywords: Annotated[tuple[_Name, ...], Field(strict=False, max_length=64, fail_fast=True)] = ()
 
     @model_validator(mode="after")
     def _claims_agree(self) -> Self:
