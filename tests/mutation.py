@@ -23,6 +23,7 @@ from tests.validator.engine.rules.cases import (
     layers,
     layout,
     leakage,
+    maps,
     model,
     nulls,
     quality,
@@ -42,7 +43,7 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups,
+    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups, maps,
     layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, responses,
     benchmark, benchmark_results,
 )  # fmt: skip
