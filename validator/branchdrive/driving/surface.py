@@ -22,6 +22,7 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _CELL_M = 4.0
+_HALF_DIAGONAL_M = 0.7072 * _CELL_M
 _PIECE_M = 8.0
 """Segments are filed piece by piece, or a long oblique one would be filed all over its bounding box."""
 
@@ -70,12 +71,13 @@ class Strips:
     def __init__(self, town: Index, lengths: Index, x_m: Array, y_m: Array, width_m: Array, *, slack_m: float) -> None:
         strip = np.repeat(np.arange(len(lengths)), lengths)
         first = np.flatnonzero(strip[1:] == strip[:-1])
-        vertices = np.stack([x_m, y_m, width_m / 2], axis=1)
-        self._starts, self._steps = vertices[first], vertices[first + 1] - vertices[first]
+        self._x, self._y, self._half = x_m[first], y_m[first], width_m[first] / 2
+        self._step_x, self._step_y = x_m[first + 1] - self._x, y_m[first + 1] - self._y
+        self._widens = width_m[first + 1] / 2 - self._half
         self._strip = strip[first]
         is_new = np.diff(self._strip, prepend=-1) != 0
         self._begins, self._ends = is_new, np.append(is_new[1:], True)[: len(is_new)]
-        self._square = (self._steps[:, :2] ** 2).sum(axis=1)
+        self._square = self._step_x**2 + self._step_y**2
         self._cells, self._firsts, self._segments = self._filed(town[self._strip], slack_m)
 
     def _filed(self, town: Index, slack_m: float) -> tuple[Index, Index, Index]:
@@ -84,54 +86,74 @@ class Strips:
         if counts.sum() > _MAX_ENTRIES:
             raise TooLargeError
         segment, place = _ranges(counts.astype(np.int64))
-        share = (place / counts[segment])[:, None]
-        low, step = self._starts[segment, :2], self._steps[segment, :2] / counts[segment][:, None]
-        begin = low + share * self._steps[segment, :2]
-        reach = np.maximum(self._starts[segment, 2], self._starts[segment, 2] + self._steps[segment, 2]) + slack_m
-        least = _cell(np.minimum(begin, begin + step) - reach[:, None])
-        spans = _cell(np.maximum(begin, begin + step) + reach[:, None]) - least + 1
-        if spans.prod(axis=1, dtype=np.float64).sum() > _MAX_ENTRIES:
+        reach = np.maximum(self._half, self._half + self._widens) + slack_m
+        lines = ((self._x, self._step_x), (self._y, self._step_y))
+        low, high = (
+            np.stack([start[segment] + (place + end) / counts[segment] * step[segment] for start, step in lines])
+            for end in (0, 1)
+        )
+        least = _cell(np.minimum(low, high) - reach[segment])
+        spans = _cell(np.maximum(low, high) + reach[segment]) - least + 1
+        if spans.prod(axis=0, dtype=np.float64).sum() > _MAX_ENTRIES:
             raise TooLargeError
-        piece, place = _ranges(spans.prod(axis=1))
-        column = least[piece, 0] + place // spans[piece, 1]
-        row = least[piece, 1] + place % spans[piece, 1]
-        key = _key(town[segment[piece]], column, row)
-        order = np.argsort(key, kind="stable")
-        key = key[order]
-        firsts = np.flatnonzero(np.diff(key, prepend=-1) != 0) if len(key) else np.zeros(0, np.int64)
-        return key[firsts], np.append(firsts, len(key)), segment[piece][order]
+        piece, place = _ranges(spans.prod(axis=0))
+        column = least[0, piece] + place // spans[1, piece]
+        row = least[1, piece] + place % spans[1, piece]
+        segment = segment[piece]
+        middle_x, middle_y = ((place - _OFFSET + 0.5) * _CELL_M for place in (column, row))
+        near = np.flatnonzero(self._foot(segment, middle_x, middle_y)[0] <= reach[segment] + _HALF_DIAGONAL_M)
+        key, segment = _key(town[segment], column, row)[near], segment[near]
+        order = np.argsort(key, kind="stable")  # segments ascend already
+        key, segment = key[order], segment[order]
+        is_new = np.append(True, (np.diff(key) != 0) | (np.diff(segment) != 0))[: len(key)]  # pieces of one segment
+        key, segment = key[is_new], segment[is_new]
+        firsts = np.flatnonzero(np.append(True, np.diff(key) != 0)[: len(key)])
+        return key[firsts], np.append(firsts, len(key)), segment
 
-    def near(self, town: Index, x_m: Array, y_m: Array) -> Iterator[tuple[Index, Index, Array, Mask]]:
+    def near(
+        self, town: Index, x_m: Array, y_m: Array, labels: tuple[Index, Index] | None = None
+    ) -> Iterator[tuple[Index, Index, Array, Mask]]:
         """Pairs of points and strips near them, in blocks; a pair may occur several times.
 
         Args:
             town: Town of each point ``[points]``.
             x_m: World frame, within 1e7 m.
             y_m: The same, y.
+            labels: A label of each strip and of each point, where only pairs of equal labels are asked for.
 
         Yields:
             Point, strip, excess in metres, and whether the nearest point of the centre line is one of its ends.
         """
-        if not len(self._cells):
+        if not len(self._cells) or not len(town):
             return
         key = _key(town, _cell(x_m), _cell(y_m))
         place = np.minimum(np.searchsorted(self._cells, key), len(self._cells) - 1)
         counts = np.where(self._cells[place] == key, self._firsts[place + 1] - self._firsts[place], 0)
         blocks = np.maximum(np.arange(len(key)) // _BLOCK_ROWS, np.cumsum(counts) // _BLOCK_PAIRS)
-        for rows in np.split(np.arange(len(key)), np.flatnonzero(np.diff(blocks)) + 1):
-            owner, entry = _ranges(counts[rows])
-            point = rows[owner]
+        firsts = np.flatnonzero(np.diff(blocks, prepend=-1))
+        for first, stop in zip(firsts, np.append(firsts[1:], len(key)), strict=True):
+            owner, entry = _ranges(counts[first:stop])
+            point = owner + first
             segment = self._segments[self._firsts[place[point]] + entry]
+            if labels is not None:
+                same = np.flatnonzero(labels[0][self._strip[segment]] == labels[1][point])
+                point, segment = point[same], segment[same]
             yield (point, self._strip[segment], *self._excess(segment, x_m[point], y_m[point]))
 
     def _excess(self, segment: Index, x_m: Array, y_m: Array) -> tuple[Array, Mask]:
-        x, y, half = self._starts[segment].T
-        step_x, step_y, widens = self._steps[segment].T
-        x, y = x_m - x, y_m - y
-        share = np.clip((x * step_x + y * step_y) / self._square[segment], 0.0, 1.0)
-        distance = np.hypot(x - share * step_x, y - share * step_y)
+        distance_m, share = self._foot(segment, x_m, y_m)
+        half_m = self._half[segment] + share * self._widens[segment]
         is_end = (self._begins[segment] & (share == 0)) | (self._ends[segment] & (share == 1))
-        return distance - (half + share * widens), is_end
+        return distance_m - half_m, is_end
+
+    def _foot(self, segment: Index, x_m: Array, y_m: Array) -> tuple[Array, Array]:
+        """Distance from each point to a segment, and the share of the segment at which its nearest point lies."""
+        x, y = x_m - self._x[segment], y_m - self._y[segment]
+        step_x, step_y = self._step_x[segment], self._step_y[segment]
+        share = np.clip((x * step_x + y * step_y) / self._square[segment], 0.0, 1.0)
+        x -= share * step_x
+        y -= share * step_y
+        return np.sqrt(x * x + y * y), share
 
 
 @dataclass(frozen=True)

@@ -110,14 +110,14 @@ def _is_usable(view: ShardView) -> Mask:
 
 @dataclass(frozen=True)
 class Ground:
-    """What lies under the ego's centre in every observation ``[observations]``.
+    """What lies under the ego's centre in every observation, as far as rules need it ``[observations]``.
 
     Attributes:
-        has_lane: A lane holds it, for certain.
+        has_lane: A lane holds it, for certain; not looked for where the recorded lane fits.
         fits_lane: A lane that may hold it is the recorded one.
-        is_on_road: A drivable surface holds it, for certain.
+        is_on_road: A drivable surface holds it, for certain; not looked for where the recorded lane fits.
         may_be_on_road: A drivable surface may hold it.
-        has_limit: A lane with a speed limit holds it, for certain.
+        has_limit: A lane with a speed limit holds it, for certain; not looked for where the recorded lane fits.
         fits_limit: A lane that may hold it has the recorded limit, or none that is known.
     """
 
@@ -132,60 +132,83 @@ class Ground:
 def ground(view: ShardView) -> Ground:
     """What lies under the ego in every observation.
 
+    Most often that is the recorded lane, with its limit: other strips and areas are compared with the rest.
+
     Raises:
         PreconditionError: The maps cover too much ground.
     """
-    elements, observations = view.map, view.observations
+    observations = view.observations
     x, y = observations["x_m"], observations["y_m"]
     rows = np.flatnonzero((observations.rollout >= 0) & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
-    codes, towns = view.rollouts.categories("town")
-    town = codes.astype(np.int64)[observations.rollout[rows]]
-    place = {name: code for code, name in enumerate(towns)}
-    home = np.array([place.get(name, -1) for name in elements["town"]], np.int64)
-    sound = _is_usable(view) & (home >= 0)
-    strips = np.flatnonzero(sound & _is_one_of(elements, STRIPS))
-
     found = Ground(*(np.zeros(len(observations), bool) for _ in range(6)))
-    recorded, limit = _recorded_lanes(view), observations["speed_limit_mps"]
-    knows_limit = observations.valid("speed_limit_mps")
+    recorded, off_road = _recorded(view)
+    named = rows[recorded[rows] >= 0]
+    _look(view, named, found, recorded)
+    settled = found.fits_lane & found.fits_limit & ~off_road
+    rest = rows[~settled[rows]]
+    _look(view, rest, found)
+    beside = rest[~found.is_on_road[rest]]
+    towns = _town_of(view, beside)
+    for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], slack_m=EDGE_SLACK_M):
+        found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
+        found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
+    return found
+
+
+def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = None) -> None:
+    """Note what strips say of observations, or only the lanes that are `wanted` of each."""
+    elements, observations = view.map, view.observations
+    strips, filed = view.cached(_filed)
+    recorded, _ = _recorded(view) if wanted is None else (wanted, None)
+    limit, knows_limit = observations["speed_limit_mps"], observations.valid("speed_limit_mps")
     lane = _lane_codes(view)[strips]
     lane_limit = np.where(elements.valid("speed_limit_mps"), elements["speed_limit_mps"], np.nan)[strips]
-    for point, strip, excess_m, is_end in _filed(view, strips, home).near(town, x[rows], y[rows]):
+    labels = None if wanted is None else (lane, wanted[rows])
+    x, y = observations["x_m"][rows], observations["y_m"][rows]
+    for point, strip, excess_m, is_end in filed.near(_town_of(view, rows), x, y, labels):
         at = rows[point]
         may, certain = excess_m <= EDGE_SLACK_M, (excess_m <= -EDGE_SLACK_M) & ~is_end
         is_lane, of_strip = lane[strip] >= 0, lane_limit[strip]
         agrees = ~(np.abs(of_strip - limit[at]) > LIMIT_SLACK_MPS)
-        for mask, chosen in (
-            (found.has_lane, certain & is_lane),
-            (found.fits_lane, may & is_lane & (lane[strip] == recorded[at])),
-            (found.is_on_road, certain),
-            (found.may_be_on_road, may),
-            (found.has_limit, certain & knows_limit[at] & np.isfinite(of_strip)),
-            (found.fits_limit, may & is_lane & agrees),
-        ):
-            mask[at[chosen]] = True
-    beside = ~found.is_on_road[rows]
-    rows, town = rows[beside], town[beside]
-    paved = np.flatnonzero(sound & elements.equals("kind", "road_area"))
-    for point, excess_m in _outlined(view, paved, home).near(town, x[rows], y[rows], slack_m=EDGE_SLACK_M):
-        found.is_on_road[rows[point[excess_m <= -EDGE_SLACK_M]]] = True
-        found.may_be_on_road[rows[point[excess_m <= EDGE_SLACK_M]]] = True
-    return found
+        found.fits_lane[at[may & is_lane & (lane[strip] == recorded[at])]] = True
+        found.may_be_on_road[at[may]] = True
+        found.fits_limit[at[may & is_lane & agrees]] = True
+        if wanted is None:
+            found.has_lane[at[certain & is_lane]] = True
+            found.is_on_road[at[certain]] = True
+            found.has_limit[at[certain & knows_limit[at] & np.isfinite(of_strip)]] = True
 
 
-def _filed(view: ShardView, strips: Index, home: Index) -> Strips:
-    chosen = np.zeros(len(view.map), bool)
-    chosen[strips] = True
-    x, y, width = (_of(chosen, *view.map.items(name)) for name in ("x_m", "y_m", "width_m"))
+def _town_of(view: ShardView, rows: Index) -> Index:
+    """Town of observations, as an index into the towns of the rollouts."""
+    return view.rollouts.categories("town")[0].astype(np.int64)[view.observations.rollout[rows]]
+
+
+def _homes(view: ShardView) -> Index:
+    """Town of each element, as an index into the towns of the rollouts; -1 where nobody drives there."""
+    place = {name: code for code, name in enumerate(view.rollouts.categories("town")[1])}
+    codes, towns = view.map.categories("town")
+    return np.array([*(place.get(name, -1) for name in towns), -1], np.int64)[codes]
+
+
+def _filed(view: ShardView) -> tuple[Index, Strips]:
+    """Elements that are strips of the towns of the rollouts, and their segments."""
+    elements, homes = view.map, _homes(view)
+    chosen = _is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
+    strips = np.flatnonzero(chosen)
+    x, y, width = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m", "width_m"))
     try:
-        return Strips(home[strips], view.cached(shapes).counts[strips, 0], x, y, width, slack_m=EDGE_SLACK_M)
+        return strips, Strips(homes[strips], view.cached(shapes).counts[strips, 0], x, y, width, slack_m=EDGE_SLACK_M)
     except TooLargeError:
         raise PreconditionError("the map covers too much ground; keep what lies near the rollouts") from None
 
 
-def _outlined(view: ShardView, areas: Index, home: Index) -> Areas:
-    x, y = (view.map[name][areas] for name in ("x_m", "y_m"))
-    return Areas(home[areas], tuple(np.stack(outline, axis=1) for outline in zip(x, y, strict=True)))
+def _outlined(view: ShardView) -> Areas:
+    """Road areas of the towns of the rollouts."""
+    elements, homes = view.map, _homes(view)
+    paved = np.flatnonzero(_is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
+    x, y = (elements[name][paved] for name in ("x_m", "y_m"))
+    return Areas(homes[paved], tuple(np.stack(outline, axis=1) for outline in zip(x, y, strict=True)))
 
 
 def _lane_codes(view: ShardView) -> Index:
@@ -198,29 +221,27 @@ def _lane_codes(view: ShardView) -> Index:
     return np.where(elements.equals("kind", "lane"), of_lane, -1)
 
 
-def _recorded_lanes(view: ShardView) -> Index:
-    """Recorded lane of each observation, as an index into the lanes of the evidence; -2 where there is none."""
-    recorded = np.full(len(view.observations), -2, np.int64)
+def _recorded(view: ShardView) -> tuple[Index, Mask]:
+    """Recorded lane of each observation, as an index into the lanes of the evidence or -2; whether it is off road."""
+    recorded, off_road = np.full(len(view.observations), -2, np.int64), np.zeros(len(view.observations), bool)
     if "evidence" in view:
         evidence = view.stream("evidence")
         frame = view.observations.rows_of(evidence)
         codes, _ = evidence.categories("lane_id")
         named = (frame >= 0) & (codes >= 0)
         recorded[frame[named]] = codes[named]
-    return recorded
+        off_road[frame[(frame >= 0) & ~evidence["on_road"].astype(bool)]] = True
+    return recorded, off_road
 
 
-def lanes_under(view: ShardView, row: int) -> list[str]:
-    """Lanes that may hold the ego's centre in an observation."""
+def lanes_under(view: ShardView, row: int) -> list[int]:
+    """Lane elements that may hold the ego's centre in an observation."""
     elements, observations = view.map, view.observations
-    town = view.rollouts["town"][observations.rollout[row]]
-    lanes = np.flatnonzero(_is_usable(view) & elements.equals("kind", "lane") & elements.equals("town", town))
-    here = np.zeros(1, np.int64)
-    strips = _filed(view, lanes, np.zeros(len(elements), np.int64))
-    found = strips.near(here, observations["x_m"][[row]], observations["y_m"][[row]])
-    return sorted(
-        {elements["lane_id"][lanes[i]] for _, strip, excess, _ in found for i in strip[excess <= EDGE_SLACK_M]}
-    )
+    strips, filed = view.cached(_filed)
+    pairs = filed.near(_town_of(view, np.array([row])), observations["x_m"][[row]], observations["y_m"][[row]])
+    found = [strips[strip[excess_m <= EDGE_SLACK_M]] for _, strip, excess_m, _ in pairs]
+    under = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
+    return [int(element) for element in under[elements.equals("kind", "lane")[under]]]
 
 
 def map_digests(view: ShardView) -> dict[str, str]:
@@ -228,14 +249,17 @@ def map_digests(view: ShardView) -> dict[str, str]:
     if "map" not in view:
         return {}
     elements = view.map
-    order = np.lexsort([np.unique(elements["element_id"].astype(str), return_inverse=True)[1]])
+    order = np.argsort(elements["element_id"].astype(str), kind="stable")
+    cells = [(elements.valid(column.name), elements[column.name]) for column in TABLES["map"].columns]
     digests = {}
-    for town in sorted(set(elements["town"])):
-        rows = order[elements["town"][order] == town]
+    for town in elements.categories("town")[1]:
+        rows = order[elements.equals("town", town)[order]]
         digest = hashlib.sha256()
-        for column in TABLES["map"].columns:
-            digest.update(elements.valid(column.name)[rows].tobytes())
-            for value in elements[column.name][rows]:
-                digest.update(value.encode() + b"\0" if isinstance(value, str) else value.tobytes())
+        for valid, values in cells:
+            digest.update(valid[rows].tobytes())
+            if values.dtype != object:
+                digest.update(values[rows].tobytes())
+            else:
+                digest.update(b"\0".join(v.encode() if isinstance(v, str) else v.tobytes() for v in values[rows]))
         digests[town] = digest.hexdigest()
     return digests

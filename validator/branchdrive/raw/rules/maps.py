@@ -110,10 +110,14 @@ def lanes_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     bad = (frame >= 0) & np.where(named, ~under.fits_lane[frame], under.has_lane[frame])
 
     def describe(row: int) -> tuple[str, str]:
-        lanes = lanes_under(view, int(frame[row]))
+        lanes = _names(view, lanes_under(view, int(frame[row])))
         return f"one of {lanes[:4]}" if lanes else "null: no lane is there", quote(evidence["lane_id"][row] or None)
 
     yield _of_evidence(view, subjects, "lane_id", bad, describe)
+
+
+def _names(view: ShardView, lanes: list[int]) -> list[str]:
+    return sorted({str(view.map["lane_id"][lane]) for lane in lanes})
 
 
 @rule("BD-MAP-006")
@@ -149,8 +153,8 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     def mismatch(i: int) -> Mismatch:
         row = int(summary.first_row[i])
         lanes = lanes_under(view, row)
-        limits = view.map["speed_limit_mps"][np.isin(view.map["lane_id"], lanes) & view.map.equals("kind", "lane")]
-        expected = f"{' or '.join(quote(float(v)) for v in sorted(set(limits)))} of {lanes[:4]}"
+        limits = sorted({round(float(view.map["speed_limit_mps"][lane]), 2) for lane in lanes})
+        expected = f"{' or '.join(map(quote, limits))} of {_names(view, lanes)[:4]}"
         place: dict[str, str | int] = {
             "table": "observations", "column": "speed_limit_mps", "tick": int(observations.tick[row]),
         }  # fmt: skip
