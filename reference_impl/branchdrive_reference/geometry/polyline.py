@@ -80,8 +80,8 @@ class Polyline:
         (x0, x1), (y0, y1) = self.at(np.array([begin_m, end_m]))
         return Polyline(np.concatenate([[x0], self.x_m[inside], [x1]]), np.concatenate([[y0], self.y_m[inside], [y1]]))
 
-    def shifted(self, left_m: float) -> Polyline:
-        """The parallel curve `left_m` to the left of every vertex."""
+    def shifted(self, left_m: float | Array) -> Polyline:
+        """The curve `left_m` to the left of every vertex, parallel where that is one number for all of them."""
         tangent = self.tangent_rad
         return Polyline(self.x_m - left_m * np.sin(tangent), self.y_m + left_m * np.cos(tangent))
 

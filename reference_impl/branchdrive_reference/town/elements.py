@@ -147,7 +147,10 @@ def _runs(line: Polyline, chosen: NDArray[np.bool_]) -> list[Polyline]:
 
 
 def _control(lane: Lane, junction: Crossroads) -> Iterator[Element]:
-    """Line and post at the end of a lane that leads to a junction, where its traffic has to wait for others."""
+    """Line and post at the end of a lane that leads to a junction, where its traffic has to wait for others.
+
+    The lanes of an approach share the place of the post, outside of the outermost.
+    """
     if junction.control is not Control.SIGNAL and lane.way[0] in junction.major:
         return
     half_m = lane.width_m / 2 - _LINE_GAP_M
@@ -155,7 +158,6 @@ def _control(lane: Lane, junction: Crossroads) -> Iterator[Element]:
     line = Polyline(*(np.array([getattr(end, axis)[-1] for end in ends]) for axis in ("x_m", "y_m")))
     marking = "broken" if junction.control is Control.YIELD else "solid"
     yield _element(f"{lane.lane_id}/line", "stop_line", lane, line, marking=marking)
-    if lane.right is not LaneSide.SAME_DIRECTION:
-        beside = lane.centre.shifted(-lane.right_edge_m - _POST_M)
-        post = Polyline(beside.x_m[-1:], beside.y_m[-1:])
-        yield _element(f"{lane.lane_id}/post", _SIGNS[junction.control], lane, post)
+    beside = lane.centre.shifted(-lane.right_edge_m - _POST_M)
+    post = Polyline(beside.x_m[-1:], beside.y_m[-1:])
+    yield _element(f"{lane.lane_id}/post", _SIGNS[junction.control], lane, post)

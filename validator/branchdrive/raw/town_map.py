@@ -20,7 +20,18 @@ from branchdrive.driving.surface import Areas, Strips, TooLargeError
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
 
-__all__ = ["POINTS", "Ground", "Shapes", "ground", "is_whole", "lanes_under", "least_vertices", "map_digests", "shapes"]
+__all__ = [
+    "POINTS",
+    "Ground",
+    "Shapes",
+    "ground",
+    "is_usable",
+    "is_whole",
+    "lanes_under",
+    "least_vertices",
+    "map_digests",
+    "shapes",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -103,7 +114,7 @@ def is_whole(view: ShardView) -> Mask:
     return whole & (elements.valid("lane_id") | ~elements.equals("kind", "lane"))
 
 
-def _is_usable(view: ShardView) -> Mask:
+def is_usable(view: ShardView) -> Mask:
     """Elements that a point can be compared with; rules on values report the others."""
     return view.cached(is_whole) & view.cached(shapes).is_finite
 
@@ -194,7 +205,7 @@ def _homes(view: ShardView) -> Index:
 def _filed(view: ShardView) -> tuple[Index, Strips]:
     """Elements that are strips of the towns of the rollouts, and their segments."""
     elements, homes = view.map, _homes(view)
-    chosen = _is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
+    chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
     strips = np.flatnonzero(chosen)
     x, y, width = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m", "width_m"))
     try:
@@ -206,7 +217,7 @@ def _filed(view: ShardView) -> tuple[Index, Strips]:
 def _outlined(view: ShardView) -> Areas:
     """Road areas of the towns of the rollouts."""
     elements, homes = view.map, _homes(view)
-    paved = np.flatnonzero(_is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
+    paved = np.flatnonzero(is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
     x, y = (elements[name][paved] for name in ("x_m", "y_m"))
     return Areas(homes[paved], tuple(np.stack(outline, axis=1) for outline in zip(x, y, strict=True)))
 
