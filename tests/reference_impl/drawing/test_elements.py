@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from tests.reference_impl.drawing.invented import scene_of, write_invented
-from tests.synthetic import map_descriptor, map_tables, write_dataset
+from tests.synthetic import write_dataset
+from tests.synthetic_map import map_descriptor, map_tables
 
 from branchdrive import Dataset, open_dataset
 from branchdrive.contract.columns import table_schema

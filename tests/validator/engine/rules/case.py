@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 
 import pyarrow as pa
 import pytest
-from tests import synthetic
+from tests import synthetic, synthetic_map
 from tests.content_cache import kept, remembered
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 from tests.validator.engine.rules.draft import Draft
@@ -177,7 +177,7 @@ def new_draft(base: Base = "full") -> Draft:
         case "media":
             return Draft(synthetic.media_tables(), synthetic.media_descriptor())
         case "map":
-            return Draft(synthetic.map_tables(), synthetic.map_descriptor())
+            return Draft(synthetic_map.map_tables(), synthetic_map.map_descriptor())
         case "bare":
             return Draft(synthetic.bare_tables(), synthetic.bare_descriptor())
         case "release":

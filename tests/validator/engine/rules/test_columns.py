@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pytest
-from tests import synthetic
+from tests import synthetic, synthetic_map
 from tests.each import Loop, each
 from tests.synthetic import BRANCH_TICK, Plan
 
@@ -33,7 +33,7 @@ def small_shard() -> dict[str, pa.Table]:
     """Two attempts of one group, with media and a map."""
     planned = [Plan("nominal", "nominal"), Plan("intervention", "steer_left_0.10")]
     frames = synthetic.media_tables()["raw/shard-00000"]["frames"].slice(0, 6)
-    elements = synthetic.map_tables()["raw/shard-00000"]["map"]
+    elements = synthetic_map.map_tables()["raw/shard-00000"]["map"]
     return {**synthetic.make_group(0, planned, num_ticks=151), "map": elements, "frames": frames}
 
 
