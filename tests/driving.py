@@ -233,3 +233,30 @@ def drive(
         speed = np.maximum(speed + TICK_S * (3.0 * throttle - 6.0 * brake - 0.09 * speed), 0.0)
     wrapped = (state[2] + np.pi) % (2 * np.pi) - np.pi
     return Drive(state[0], state[1], wrapped, state[3], expert, applied, active)
+
+
+def _route_position(x: Array, y: Array, line_x: Array, line_y: Array) -> tuple[Array, Array, Array]:
+    """Progress, offset and heading at the nearest foot on a polyline, from the definition."""
+    ex, ey, px, py = np.diff(line_x), np.diff(line_y), x[:, None] - line_x[:-1], y[:, None] - line_y[:-1]
+    share = np.clip((px * ex + py * ey) / (ex**2 + ey**2), 0, 1)
+    distance = np.hypot(px - share * ex, py - share * ey)
+    point, best = np.arange(len(x)), distance.argmin(axis=1)
+    length = np.hypot(ex, ey)
+    progress = (np.cumsum(length) - length)[best] + share[point, best] * length[best]
+    side = np.sign(ex[best] * py[point, best] - ey[best] * px[point, best])
+    return progress, side * distance[point, best], np.arctan2(ey, ex)[best]
+
+
+def route_columns(x: Array, y: Array, yaw: Array, line: tuple[Array, Array]) -> dict[str, Array]:
+    """Route state and target points, 8 and 16 m ahead, of poses along a polyline."""
+    progress, offset, heading = _route_position(x, y, *line)
+    arc = np.concatenate([[0], np.cumsum(np.hypot(*map(np.diff, line)))])
+    columns = {
+        "route_progress_m": progress, "route_offset_m": offset,
+        "route_heading_error_rad": (yaw - heading + np.pi) % (2 * np.pi) - np.pi,
+    }  # fmt: skip
+    for number, lead_m in ((1, 8.0), (2, 16.0)):
+        to_x, to_y = (np.interp(progress + lead_m, arc, values) for values in line)
+        columns[f"target_point_{number}_x_m"] = np.cos(yaw) * (to_x - x) + np.sin(yaw) * (to_y - y)
+        columns[f"target_point_{number}_y_m"] = np.cos(yaw) * (to_y - y) - np.sin(yaw) * (to_x - x)
+    return {name: values.astype(np.float32) for name, values in columns.items()}

@@ -84,7 +84,7 @@ def make_frames(seed: int = 0, *, bare: bool = False, assignment: Mapping[str, s
 
 
 def _filled(name: str, rng: np.random.Generator, axes: dict[str, Any]) -> dict[str, Values]:
-    """One row for each key, every other column at random in its range; nulls where the mask says so."""
+    """One row for each key, every other column recorded, at random in its range; nulls where the mask says so."""
     grid = np.meshgrid(*(np.arange(len(labels)) for labels in axes.values()), indexing="ij")
     frame: dict[str, Values] = {}
     for places, (column, labels) in zip(grid, axes.items(), strict=True):
@@ -106,7 +106,7 @@ def _filled(name: str, rng: np.random.Generator, axes: dict[str, Any]) -> dict[s
             values = rng.uniform(low, high, size).astype(declared.type)
         frame[declared.name] = values
     for declared in LAYER_TABLES[name].columns:
-        if declared.available is not None:
+        if declared.available is not None and declared.available.mask is not None:
             frame[declared.name] = np.ma.masked_array(frame[declared.name], ~frame[str(declared.available.mask)])
     return frame
 

@@ -13,6 +13,7 @@ from tests.validator.engine.rules.cases import (
     benchmark,
     benchmark_results,
     canonical,
+    companions,
     controls,
     documents,
     evidence,
@@ -28,6 +29,7 @@ from tests.validator.engine.rules.cases import (
     nulls,
     quality,
     release,
+    replays,
     responses,
     split,
     tables,
@@ -35,6 +37,7 @@ from tests.validator.engine.rules.cases import (
     trigger,
     values,
     windows,
+    world,
 )
 from tests.validator.engine.rules.draft import Draft
 
@@ -43,9 +46,9 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, trigger, groups, maps,
-    layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release, responses,
-    benchmark, benchmark_results,
+    layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world,
+    trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery,
+    release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

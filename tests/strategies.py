@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.validator.contract.conforming import conforming, matching
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import PATTERNS, STREAMS, TABLES, Column
+from branchdrive.contract.columns import PATTERNS, RECORDABLE, STREAMS, TABLES, Column
 from branchdrive.contract.descriptor import DeclaredEncoding, Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
@@ -184,7 +184,7 @@ def encoding_documents() -> SearchStrategy[Document]:
 def _collection_documents() -> SearchStrategy[Document]:
     """What a collector switched on; scenario types do not repeat."""
     declared = load_resource("descriptor.schema.json")["properties"]["collection"]
-    return conforming(declared, scenario_types=st.lists(named_text("name"), unique=True, max_size=4))
+    return conforming(declared, scenario_types=st.lists(named_text("label"), unique=True, max_size=4))
 
 
 @cache
@@ -193,6 +193,7 @@ def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
     return conforming(
         "descriptor.schema.json",
         streams=st.just([]),
+        unrecorded=st.lists(st.sampled_from(RECORDABLE), unique=True),
         cameras=st.just([]),
         action_bank=bank_documents(max_policies=3),
         action_encoding=st.none() | encoding_documents(),
@@ -205,17 +206,15 @@ def _camera_documents() -> SearchStrategy[Document]:
     return conforming(load_resource("descriptor.schema.json")["$defs"]["camera"])
 
 
-@cache
-def _claims() -> SearchStrategy[set[str]]:
-    return st.sets(st.sampled_from([name for name, stream in STREAMS.items() if not stream.required]))
-
-
 @st.composite
 def descriptor_documents(draw: DrawFn) -> Document:
     """Descriptors of small banks, optional properties there or not."""
     document = draw(_unclaiming_descriptor_documents())
+    if (document.get("driver") or {}).get("kind") == "log":
+        document["unrecorded"] = list(RECORDABLE)
     required = [name for name, stream in STREAMS.items() if stream.required]
-    document["streams"] = draw(st.permutations([*required, *sorted(draw(_claims()))]))
+    optional = [name for name in STREAMS if name not in required]
+    document["streams"] = draw(st.permutations([*required, *sorted(draw(st.sets(st.sampled_from(optional))))]))
     names = {camera for name in document["streams"] for camera in STREAMS[name].cameras}
     if names or "cameras" in document:
         names |= draw(st.sets(identifiers(), max_size=2))

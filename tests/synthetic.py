@@ -36,6 +36,7 @@ from tests.driving import (
     drive,
     group_name,
     plans,
+    route_columns,
 )
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
@@ -93,24 +94,18 @@ def _actor_columns(scene: Scene, ticks: Array, moved_m: float) -> dict[str, Any]
 
 def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array) -> dict[str, Any]:
     x, y, yaw, speed = (values[ticks, i] for values in (driven.x_m, driven.y_m, driven.yaw_rad, driven.speed_mps))
-    progress, offset, heading = route.locate(x, y)
     past = np.maximum(ticks - 1, 0)
     yaw_step = (yaw - driven.yaw_rad[past, i] + np.pi) % (2 * np.pi) - np.pi
     columns: dict[str, Any] = {
         "tick": ticks, "x_m": x, "y_m": y, "yaw_rad": yaw, "speed_mps": speed,
         "accel_longitudinal_mps2": (speed - driven.speed_mps[past, i]) / TICK_S,
         "accel_lateral_mps2": speed * yaw_step / TICK_S, "yaw_rate_radps": yaw_step / TICK_S,
-        "speed_limit_mps": np.full(len(ticks), 13.5), "route_progress_m": np.maximum(progress, 0.0),
-        "route_offset_m": offset, "route_heading_error_rad": (yaw - heading + np.pi) % (2 * np.pi) - np.pi,
+        "speed_limit_mps": np.full(len(ticks), 13.5), **route_columns(x, y, yaw, route_polyline(route)),
         "command": np.where(ticks < TRIGGER_TICK, "follow", "left" if np.isfinite(route.radius_m) else "straight"),
         "target_speed_mps": np.where(ticks < TRIGGER_TICK, 8.0, 4.0),
         "vehicle_hazard": ticks >= TRIGGER_TICK, "pedestrian_hazard": ticks >= TRIGGER_TICK + 30,
         "traffic_light_hazard": np.zeros(len(ticks), bool),
     }  # fmt: skip
-    for number, lead_m in ((1, 8.0), (2, 16.0)):
-        to_x, to_y, _ = route.point(progress + lead_m)
-        columns[f"target_point_{number}_x_m"] = np.cos(yaw) * (to_x - x) + np.sin(yaw) * (to_y - y)
-        columns[f"target_point_{number}_y_m"] = np.cos(yaw) * (to_y - y) - np.sin(yaw) * (to_x - x)
     return {
         name: values.astype(np.float32) if values.dtype == float and name not in ("x_m", "y_m") else values
         for name, values in columns.items()
@@ -160,7 +155,7 @@ def evidence_columns(
 
 
 def _record(
-    index: int, scene: Scene, plan: Plan, bank: ActionBank, num_ticks: int, num_observations: int
+    index: int, scene: Scene, plan: Plan, bank: ActionBank, driven: Drive, progress_m: float, num_collisions: int
 ) -> dict[str, Any]:
     group_id = group_name(index)
     policy = bank[plan.action_key]
@@ -170,6 +165,9 @@ def _record(
         rule = getattr(policy, actuator)
         effective[f"effective_{actuator}_rule"], effective[f"effective_{actuator}_value"] = rule.rule, rule.value
     x, y = route_polyline(scene.route)
+    num_ticks = len(driven.active)
+    trigger_tick = min(max(TRIGGER_TICK, plan.branch_tick), plan.branch_tick + 20)
+    brake = float(driven.expert[trigger_tick, 0, 2])
     return {
         "rollout_id": plan.rollout_id(group_id), "group_id": group_id, "role": plan.role, "status": "complete",
         "status_reason": None, "attempt": plan.attempt, "protocol_variant": "v1", "action_key": plan.action_key,
@@ -178,12 +176,13 @@ def _record(
         "environment": "ClearNoon", "seed": 2**53 + index, "repetition": index, "ego_length_m": EGO_BOX_M[0],
         "ego_width_m": EGO_BOX_M[1], "ego_height_m": EGO_BOX_M[2], "branch_tick": plan.branch_tick,
         "branch_frame": plan.branch_tick // STRIDE, "trigger_definition": "first-brake/1",
-        "trigger_rollout_id": nominal_id, "trigger_tick": max(TRIGGER_TICK, plan.branch_tick),
-        "trigger_signal": "brake", "trigger_value": 0.5, "trigger_threshold": 0.25, "trigger_confidence": 0.75,
+        "trigger_rollout_id": nominal_id, "trigger_tick": trigger_tick,
+        "trigger_signal": "brake", "trigger_value": brake, "trigger_threshold": brake / 2, "trigger_confidence": 0.75,
         **effective, "effective_duration_ticks": policy.duration_ticks, "effective_recovery": policy.recovery,
-        "num_ticks": num_ticks, "num_observations": num_observations, "simulator_version": "1.0",
-        "collector_version": "1.0", "provenance": "written by a test", "result_completion": "completed",
-        "result_termination": "end of recording", "result_route_fraction": 0.5, "result_num_vehicle_collisions": 0,
+        "num_ticks": num_ticks, "num_observations": -(-num_ticks // STRIDE), "simulator_version": "1.0",
+        "collector_version": "1.0", "provenance": "written by a test", "result_completion": "timeout",
+        "result_termination": "end of recording", "result_route_fraction": progress_m / scene.route.length_m,
+        "result_num_vehicle_collisions": num_collisions,
         "result_num_pedestrian_collisions": 0, "result_num_static_collisions": 0, "result_num_red_light_infractions": 0,
         "result_num_stop_sign_infractions": None, "result_num_off_road_infractions": 0,
     }  # fmt: skip
@@ -238,7 +237,20 @@ def make_group(
         streams["evidence"].append(evidence_columns(observations, actors, route))
     tables = {
         "rollouts": pa.Table.from_pylist(
-            [_record(index, scene, plan, bank, num_ticks, len(ticks)) for plan in planned],
+            [
+                _record(
+                    index,
+                    scene,
+                    plan,
+                    bank,
+                    driven,
+                    float(observations["route_progress_m"].max()),
+                    int(evidence["collision"].any()),
+                )
+                for plan, observations, evidence in zip(
+                    planned, streams["observations"], streams["evidence"], strict=True
+                )
+            ],
             schema=table_schema("rollouts"),
         )
     }
@@ -280,7 +292,7 @@ def descriptor() -> dict[str, Any]:
         "streams": ["ego_route_state", "controls", "route_result", "actor_risk_evidence"], "layers": ["raw"],
         "action_bank": copy.deepcopy(load_resource("action-bank.json")),
         "action_encoding": {"name": "bd29", "width": 29, "sha256": encoding_digest(load_action_bank())},
-        "collection": {"seed": 7},
+        "collection": {"seed": 7, "replay_noise": {"kind": "natural"}},
     }  # fmt: skip
 
 

@@ -60,7 +60,8 @@ class World:
         cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         points = {  # ahead on the route, turned into the ego frame of this tick
             f"target_point_{number}_{axis}_m": value
-            for number, ahead_m in ((1, 8.0), (2, 16.0))
+            for number, lead_m in ((1, 8.0), (2, 16.0))
+            for ahead_m in (min(lead_m, ROUTE_X_M[-1] - self.x_m),)  # at the end of the route, its last vertex
             for axis, value in (("x", cos * ahead_m - sin * self.y_m), ("y", -sin * ahead_m - cos * self.y_m))
         }
         return {

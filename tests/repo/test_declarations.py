@@ -33,7 +33,7 @@ each_schema = each("schema_name", SCHEMAS)
 each_column = each(("table", "column"), COLUMNS, ids=[f"{table.name}.{column.name}" for table, column in COLUMNS])
 
 
-@pytest.mark.parametrize("document", ["rules", "columns", "layers", "limits", "metrics", "action-bank"])
+@pytest.mark.parametrize("document", ["rules", "clauses", "columns", "layers", "limits", "metrics", "action-bank"])
 def test_declarations_meet_their_schema(document: str) -> None:
     assert schema_mismatches(load_resource(f"{document}.json"), f"{document}.schema.json") == []
 

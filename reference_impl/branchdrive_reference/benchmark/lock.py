@@ -8,9 +8,11 @@ from typing import Any
 
 from branchdrive.benchmark.lock import LockFacts, changed_checkpoints, lock_mismatches
 from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.contract.identity import claimed_files, content_identity
+from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LOCK_FILE
 from branchdrive.errors import UsageError
-from branchdrive.formats.manifest import derived_identity
+from branchdrive.layers.content import layers_content
 from branchdrive_reference.benchmark.document import stored_document
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace
@@ -20,9 +22,11 @@ __all__ = ["changed_checkpoints_of", "lock_facts", "read_lock"]
 
 def lock_facts(release: Release, protocol: BenchmarkProtocol) -> LockFacts:
     """What a lock of this release says of it."""
+    listed = {path for path in release.manifest.files if path.split("/")[0] in LAYERS}
+    content = layers_content(release.root, listed & claimed_files(release.layer.descriptor.derived_layers, listed))
     return LockFacts(
         protocol_digest(protocol),
-        derived_identity(release.manifest.files),
+        content_identity(content, content),
         release.layer.scalings().scalars.split_digest,
         release.manifest.files["model/normalisation.json"],
         release.manifest.files["model/features.json"],

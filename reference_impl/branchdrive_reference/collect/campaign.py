@@ -14,7 +14,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.contract.descriptor import Collection, DeclaredEncoding, Descriptor, Software
+from branchdrive.contract.descriptor import (
+    Collection,
+    DeclaredEncoding,
+    Descriptor,
+    Driver,
+    ReplayNoise,
+    Software,
+    Vehicle,
+)
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
@@ -27,6 +35,7 @@ from branchdrive_reference.collect.pool import execute_groups, num_workers
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.town import TOWN_NAMES, town
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
+from branchdrive_reference.world.vehicle import MAX_BRAKE_MPS2, MAX_DRIVE_MPS2, MAX_STEER_RAD, WHEELBASE_M
 
 __all__ = ["CampaignReport", "collect", "collection_descriptor", "town_maps"]
 
@@ -193,8 +202,16 @@ def collection_descriptor(
         action_encoding=DeclaredEncoding(name=ENCODING_NAME, width=ENCODING_WIDTH, sha256=encoding_digest(bank)),
         collection=Collection(
             seed=seed,
-            replay_noise=replay_noise,
+            replay_noise=ReplayNoise.of_strength(replay_noise),
             faults={str(name): rate for name, rate in sorted((faults or {}).items())},
             scenario_types=select_scenarios(scenario_types),
         ),
+        vehicle=Vehicle(
+            wheelbase_m=WHEELBASE_M,
+            max_steer_rad=MAX_STEER_RAD,
+            max_accel_mps2=MAX_DRIVE_MPS2,
+            max_decel_mps2=MAX_BRAKE_MPS2,
+            actuation="pedals",
+        ),
+        driver=Driver(kind="expert"),
     )

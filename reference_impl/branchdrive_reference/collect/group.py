@@ -73,7 +73,7 @@ class _Collection:
     def replay(self, attempt: Attempt, nominal: Rollout) -> None:
         """One matched replay against the nominal rollout."""
         if self._reuse(attempt) is None:
-            noise = self.descriptor.collection.replay_noise
+            noise = self.descriptor.collection.replay_noise.strength or 0.0
             executed = execute_attempt(attempt, self.plan.spec, noise, nominal)
             shared = {name: nominal.record[name] for name in _BRANCH_COLUMNS}
             self._write(attempt, executed, nominal, lambda _: {**shared, "nominal_rollout_id": nominal.rollout_id})

@@ -14,26 +14,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.driving.route import RoutePosition
+from branchdrive.driving.route import project as route_position
 from branchdrive_reference.kernel import Records, kernel
 
-__all__ = ["VERTEX", "Array", "Polyline", "RoutePosition", "bezier", "interpolate", "join", "locate", "project"]
+__all__ = ["VERTEX", "Array", "Polyline", "bezier", "interpolate", "join", "locate", "project"]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RoutePosition:
-    """Points relative to a polyline, each field ``[points]``.
-
-    Attributes:
-        progress_m: Arc length of the foot point.
-        offset_m: Distance from the polyline, positive to the left of its direction.
-        heading_rad: Direction of the segment that holds the foot point.
-    """
-
-    progress_m: Array
-    offset_m: Array
-    heading_rad: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,21 +99,8 @@ class Polyline:
         return Polyline(self.x_m[::-1].copy(), self.y_m[::-1].copy())
 
     def position(self, x_m: Array, y_m: Array) -> RoutePosition:
-        """Nearest foot points of world points ``[points]``; the first segment wins a tie.
-
-        For a segment from ``a`` with vector ``e``: ``t = clip((p - a) . e / |e|^2, 0, 1)``, and the
-        offset carries the sign of ``e x (p - a)``.
-        """
-        ex, ey = np.diff(self.x_m), np.diff(self.y_m)
-        square = ex * ex + ey * ey
-        px, py = x_m[:, None] - self.x_m[None, :-1], y_m[:, None] - self.y_m[None, :-1]
-        along = np.clip((px * ex + py * ey) / square, 0.0, 1.0)
-        distance = np.hypot(px - along * ex, py - along * ey)
-        best = distance.argmin(axis=1)
-        row = np.arange(len(best))
-        side = np.where(ex[best] * py[row, best] - ey[best] * px[row, best] < 0, -1.0, 1.0)
-        progress = self.arc_m[best] + along[row, best] * np.sqrt(square[best])
-        return RoutePosition(progress, side * distance[row, best], np.arctan2(ey, ex)[best])
+        """Where world points ``[points]`` lie relative to the polyline."""
+        return route_position(x_m, y_m, self.x_m, self.y_m)
 
 
 def bezier(x_m: Array, y_m: Array, count: int) -> Polyline:

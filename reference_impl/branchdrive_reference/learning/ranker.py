@@ -22,6 +22,7 @@ from torch.nn import functional
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import Profile, Scale, utility
 from branchdrive.errors import UsageError
+from branchdrive.model.features import recorded_features
 from branchdrive.model.normalisation_document import Scalings
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.checkpoint import Checkpoint
@@ -99,6 +100,7 @@ class BankNetwork(nn.Module):
     """
 
     bank: Tensor
+    state_recorded: Tensor | None
     embed: Tensor
     embed_bias: Tensor
     embed_norm: Tensor
@@ -127,6 +129,8 @@ class BankNetwork(nn.Module):
         self._width = max(lane.recur.hidden_size for lane in lanes)
         self._features = max(lane.embed.in_features for lane in lanes)
         self._keep_scalings(release.scalings())
+        is_recorded = recorded_features("state", release.descriptor)
+        self.register_buffer("state_recorded", None if is_recorded.all() else torch.from_numpy(is_recorded))
         actions = torch.from_numpy(release.actions())
         with torch.no_grad():
             self._keep_lanes(lanes)
@@ -135,7 +139,8 @@ class BankNetwork(nn.Module):
 
     def forward(self, state: Tensor, controls: Tensor) -> Tensor:
         """From a context in physical units."""
-        scaled = self._scaled("state", state), self._scaled("controls", controls).reshape(-1, STEP_CONTROLS)
+        known = state if self.state_recorded is None else torch.where(self.state_recorded, state, 0.0)
+        scaled = self._scaled("state", known), self._scaled("controls", controls).reshape(-1, STEP_CONTROLS)
         rows = torch.stack([functional.pad(part, (0, self._features - part.shape[1])) for part in scaled])
         rows = rows.repeat(self.bank.shape[0], 1, 1)
         steps = _normed(torch.baddbmm(self.embed_bias, rows, self.embed), self.embed_norm, self.embed_shift)

@@ -30,7 +30,7 @@ class RolloutLog:
         vehicle: `VEHICLE` rows ``[observations]``.
         plan: `PLAN` rows ``[observations]``: the decision of the observation's tick.
         touched: Whether the ego touched anything since the previous observation ``[observations]``.
-        collided: Whether the ego ever touched a body ``[bodies]``.
+        collided: Whether the ego ever touched a body, up to the last observation ``[bodies]``.
         light: `Light` of the signal that governs the ego, `NO_LIGHT` where none does ``[observations]``.
         num_red_lights_run: Stop lines that the ego crossed at a red light.
         num_stop_signs_run: Stop lines that the ego crossed without having stopped at their stop sign.
@@ -74,7 +74,7 @@ class Logger:
         self._touched = np.zeros(frames, np.bool_)
         self._collided = np.zeros(num_bodies, np.bool_)
         self._light = np.full(frames, NO_LIGHT, np.int64)
-        self._touching = False
+        self._touching = np.zeros(num_bodies, np.bool_)
         self._infractions = LineMonitor()
 
     def begin_tick(self, world: World) -> NDArray[np.float32]:
@@ -94,19 +94,17 @@ class Logger:
             world.noise.disturb_observation(self._bodies[frame], tick)
             self._vehicle[frame] = world.vehicle[0]
             self._plan[frame] = plan
-            self._touched[frame] = self._touching
+            self._touched[frame] = self._touching.any()
+            self._collided |= self._touching
             self._light[frame] = governing_light(world)
-            self._touching = False
+            self._touching[:] = False
         return command
 
     def end_tick(self, world: World, applied: NDArray[np.float32]) -> None:
         """Log what was applied and touched; call it after the world has acted."""
         self._applied[world.tick - 1] = applied
         self._infractions.watch(world)
-        touching = world.contacts.touching
-        if touching.any():
-            self._touching = True
-            self._collided |= touching
+        self._touching |= world.contacts.touching
 
     def finish(self, num_ticks: int) -> RolloutLog:
         """The log of the first `num_ticks` ticks."""

@@ -31,6 +31,7 @@ __all__ = [
     "EGO_SIZE",
     "GRAVITY_MPS2",
     "MAX_BRAKE_MPS2",
+    "MAX_DRIVE_MPS2",
     "MAX_STEER_RAD",
     "VEHICLE",
     "WHEELBASE_M",

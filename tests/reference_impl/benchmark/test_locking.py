@@ -10,9 +10,13 @@ from tests.reference_impl.benchmark.small_release import contents, invoke, make_
 
 from branchdrive import DatasetError, UsageError
 from branchdrive.benchmark.tables import result_sections
-from branchdrive.contract.layout import layer_of
-from branchdrive.formats.manifest import Manifest, build_manifest, write_manifest
+from branchdrive.contract.identity import content_identity
+from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.layers.content import layers_content
 from branchdrive.text.table import Table
+
+LAYERS = ("canonical/", "quality/", "model/")
+SUFFIXES = (".json", ".parquet")
 
 
 def _finish(root: Path) -> None:
@@ -21,8 +25,10 @@ def _finish(root: Path) -> None:
 
 def test_it_names_the_release_without_its_raw_layer(done: Path) -> None:
     lock = json.loads((done / "benchmark" / "lock.json").read_bytes())
-    files = {path: digest for path, digest in build_manifest(done).files.items() if layer_of(path) != "raw"}
-    assert lock["release_identity"] == Manifest.of(files).identity
+    derived = {path for path in build_manifest(done).files if path.startswith(LAYERS) and path.endswith(SUFFIXES)}
+    content = layers_content(done, derived)
+    assert set(content) == {layer.rstrip("/") for layer in LAYERS if any(path.startswith(layer) for path in derived)}
+    assert lock["release_identity"] == content_identity(content, content)
     assert [(one["model"], one["seed"]) for one in lock["checkpoints"]] == [
         ("M0", 0), *((model, seed) for model in ("M1", "M2", "M3") for seed in (11, 23)),
     ]  # fmt: skip

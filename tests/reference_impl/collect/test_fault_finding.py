@@ -57,7 +57,7 @@ EXPECTED = {
     Fault.DUPLICATE: Expected("", rules(), num_rollouts=30),
     Fault.ABANDONED: Expected("bank", rules("BNK-001"), num_rollouts=1),
     Fault.SEED_DISAGREEMENT: Expected("eligibility", rules("GRP-003")),
-    Fault.ONLINE_STEERING: Expected("controls", rules("CTL-014"), rules("CTL-005")),
+    Fault.ONLINE_STEERING: Expected("controls", rules("CTL-014", "GRP-007"), rules("CTL-005")),
 }
 
 

@@ -33,6 +33,6 @@ def test_the_benchmark_is_milder_than_the_paper() -> None:
 def test_a_descriptor_declares_what_is_switched_on(name: str) -> None:
     preset = PRESETS[name]
     declared = collection_descriptor(1, replay_noise=preset.replay_noise, faults=preset.faults).collection
-    assert (declared.replay_noise, declared.faults) == (preset.replay_noise, preset.faults)
+    assert (declared.replay_noise.strength or 0.0, declared.faults) == (preset.replay_noise, preset.faults)
     assert list(declared.faults) == sorted(declared.faults)
     assert all(type(key) is str for key in declared.faults)

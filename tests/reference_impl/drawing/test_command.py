@@ -139,7 +139,7 @@ def test_a_title_names_the_decision(invented: Path) -> None:
     assert title(scene_of(open_dataset(invented))) == (
         "CutIn  ·  g0",
         "town Town12  ·  route route-0  ·  ClearNoon  ·  branch at tick 100 (5.00 s)  ·  "
-        "trigger brake = 0.500 (threshold 0.250, confidence 0.75) at tick 120",
+        "trigger brake = 0.930 (threshold 0.465, confidence 0.75) at tick 120",
     )
 
 

@@ -229,7 +229,7 @@ def test_one_other_bit_is_a_difference(tmp_path: Path, table: str, column: str, 
 def test_without_evidence_the_rest_is_still_told(tmp_path: Path) -> None:
     study = samples.studied(tmp_path / "dataset", document=bare_descriptor())
     assert study.population.num_integrity_complete == 3
-    assert study.overall.completed == 1
+    assert study.overall.completed == 0
     assert set(study.overall.collided.values()) == {None}
     assert (study.overall.num_ranked, set(study.overall.best.values())) == (0, {None})
     assert [spread.variable for spread in study.nominal_replays][-1] == "tick_offset"
@@ -241,7 +241,7 @@ def test_results_that_are_not_monitored_soil_no_nominal(tmp_path: Path) -> None:
     edits = {
         "rollouts": lambda table: samples.replaced(
             "result_num_vehicle_collisions", {nominals[0]: None, nominals[1]: 2}
-        )(samples.replaced("result_completion", {nominals[0]: "blocked"})(table))
+        )(samples.replaced("result_completion", dict.fromkeys(nominals, "completed"))(table))
     }
     study = samples.studied(tmp_path / "dataset", edits)
     assert study.not_monitored == ("vehicle collisions", "stop signs")

@@ -34,15 +34,16 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     [(None, "-"), (0.0, "0"), (1e-5, "<0.1"), (0.0004, "<0.1"), (0.5, "50.0"), (0.99996, ">99.9"), (1.0, "100")],
 )
 def test_a_share_that_is_not_quite_all_or_none_says_so(study: Study, rate: float | None, shown: str) -> None:
-    text = render_study(replace(study, overall=replace(study.overall, completed=rate)), io.StringIO())
+    text = render_study(replace(study, overall=replace(study.overall, completed=rate, clean=1.0)), io.StringIO())
     (row,) = [line for line in text.splitlines() if line.startswith("all") and len(line.split()) == 4]
     assert row.split() == ["all", "3", shown, "100" if rate in (None, 0, 1) else "100.0"]
 
 
 def test_types_whose_every_rate_is_none_or_all_have_no_decimals(study: Study) -> None:
     def rows(completed: float, overall: float) -> list[list[str]]:
-        types = (replace(study.scenarios[0], completed=completed),)
-        text = render_study(replace(study, scenarios=types, overall=replace(study.overall, completed=overall)), STREAM)
+        types = (replace(study.scenarios[0], completed=completed, clean=1.0),)
+        everything = replace(study.overall, completed=overall, clean=1.0)
+        text = render_study(replace(study, scenarios=types, overall=everything), STREAM)
         lines = [line.split() for line in text.splitlines() if line.startswith(("CutIn ", "all "))]
         return [words[2:] for words in lines if len(words) == 4]
 

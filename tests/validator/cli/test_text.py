@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
+from tests import synthetic
 from tests.validator.engine.datasets import DEPARTURES, edited, with_column, write
 from tests.validator.engine.test_report import HOSTILE, SITUATIONS
 
@@ -39,7 +40,9 @@ class Terminal(io.StringIO):
 def shown(report: Report) -> str:
     """The report as plain text, with place, size and digest taken out."""
     text = render_report(report, io.StringIO())
-    text = text.replace(report.dataset.path, "PLACE").replace(str(report.dataset.identity), "DIGEST")
+    facts = report.dataset
+    text = text.replace(facts.path, "PLACE").replace(str(facts.identity), "DIGEST")
+    text = text.replace(str(facts.descriptor_digest), "SHA256").replace(str(facts.content_identity), "CONTENT")
     return re.sub(r"[0-9.]+ KiB", "SIZE", text)
 
 
@@ -64,6 +67,7 @@ synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
 2 shards, 12 files, SIZE
 identity DIGEST
+content  CONTENT
 
 Funnel
 Stage                  Groups  Lost  Reasons (groups)
@@ -96,6 +100,7 @@ The same in every observation: speed_limit_mps 13.5
 Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 2 skipped, {NUM_UNCLAIMED} not-claimed
 {UNCLAIMED}
 Verdict: valid - the dataset conforms to the specification
+  descriptor SHA256
 """
 
 
@@ -108,6 +113,7 @@ synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
 2 shards, 12 files, SIZE
 identity DIGEST
+content  CONTENT
 
 Violations
   BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows
@@ -161,6 +167,8 @@ The same in every observation: speed_limit_mps 13.5
 Rules: {NUM_RULES - NUM_UNCLAIMED - 4} pass, 1 fail, 2 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
 {UNCLAIMED}
 Verdict: invalid - the dataset breaks the specification
+  descriptor SHA256
+  at least 2 groups required to qualify
 1 of 2 required branch groups qualify
 """
 
@@ -183,6 +191,7 @@ def test_waivers_are_printed(tmp_path: Path) -> None:
     assert "BD-VAL-002 at *: used, 1 of at most 2, until 2999-01-01 - a [bold]sensor[/] that saturates" in text
     assert "BD-VAL-001 at *: expired, 0 of at most 1, until 2020-01-01 - no longer needed" in text
     assert "Verdict: valid-with-waivers - it conforms except where a waiver accepts that it does not" in text
+    assert "  1 violation of 1 rule waived\n" in text
 
 
 def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
@@ -191,6 +200,14 @@ def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
     assert "skipped: digests were not computed - BD-LAY-002" in text
     assert "skipped: deselected - BD-DOC-004, BD-CTL-001, BD-CTL-002, BD-CTL-003, BD-CTL-004, BD-CTL-005 and" in text
     assert "Verdict: partial - nothing wrong was found, but not everything was judged" in text
+    assert "  15 rules deselected, of them 1 that decide\n  digests of files were not compared\n" in text
+
+
+def test_declared_tolerances_stand_beside_the_verdict(tmp_path: Path) -> None:
+    descriptor = {**synthetic.descriptor(), "tolerances": {"actuator": 0.015625, "evidence": 1e-6}}
+    report = validate(write(tmp_path / "dataset", document=descriptor))
+    assert "  declared tolerance of actuator: 0.015625 instead of 0.0\n" in shown(report)
+    assert report.to_json()["dataset"]["tolerances"] == {"actuator": 0.015625, "evidence": 1e-6}
 
 
 def test_left_out_findings_are_counted_in_rows_where_rows_are_counted(tmp_path: Path) -> None:

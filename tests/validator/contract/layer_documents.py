@@ -59,6 +59,7 @@ def _thresholds() -> dict[str, Any]:
                 "unit": LAYER_TABLES["pairs"][variable.name].unit,
                 "criterion": "core" if variable in CORE else "extended",
                 "judged": variable.name != "pedestrian_gap_m",
+                "floor": 0.001,
                 "value": None if variable.name == "pedestrian_gap_m" else 0.25,
             }
             for variable in VARIABLES
@@ -162,7 +163,7 @@ def _features() -> dict[str, Any]:
             "privileged": ["state", "past_controls", "expert"],
         },
         "histories": {
-            table: {"rows": rows, "features": [feature.record for feature in features]}
+            table: {"rows": rows, "features": [{**feature.record, "recorded": True} for feature in features]}
             for table, (rows, features) in profiles.items()
         },
         "candidate_order": list(load_action_bank().keys),

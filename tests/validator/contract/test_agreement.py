@@ -55,6 +55,13 @@ def camera_names_repeat(descriptor: Any) -> bool:
     return len(set(names)) < len(names)
 
 
+def a_log_computes(descriptor: Any) -> bool:
+    computed = ("target_speed_mps", "vehicle_hazard", "pedestrian_hazard", "traffic_light_hazard")
+    unrecorded = descriptor.get("unrecorded", [])
+    is_log = (descriptor.get("driver") or {}).get("kind") == "log"
+    return is_log and not {f"observations.{name}" for name in computed} <= set(unrecorded)
+
+
 BANK_CONDITIONS = (keys_repeat, nominal_is_not_one, nominal_intervenes, intervention_does_not_recover)
 
 
@@ -91,6 +98,7 @@ DESCRIPTOR = View(
     strategies.descriptor_documents(),
     (
         camera_names_repeat,
+        a_log_computes,
         *(lambda descriptor, broken=broken: broken(descriptor["action_bank"]) for broken in BANK_CONDITIONS),
     ),
 )
@@ -128,13 +136,22 @@ def full_descriptor() -> dict[str, Any]:
         "rates": {"tick_s": 0.05, "observation_stride_ticks": 5},
         "streams": ["rgb_top_down", "controls", "ego_route_state", "route_result"],
         "cameras": [{"name": "top_down", "width_px": 64, "height_px": 64, "fov_rad": 1.5, **pose}],
+        "unrecorded": ["observations.command", "actors.height_m"],
         "layers": ["raw"],
         "action_bank": {"name": bank["name"], "policies": [bank["policies"][index] for index in (0, 1, 7)]},
         "action_encoding": {"name": "bd29", "width": 29, "sha256": "0" * 64},
         "tolerances": {"actuator": 0.0, "evidence": 1e-06},
+        "vehicle": {
+            "wheelbase_m": 2.8,
+            "max_steer_rad": 0.6,
+            "max_accel_mps2": 4.0,
+            "max_decel_mps2": 8.0,
+            "actuation": "single_axis",
+        },
+        "driver": {"kind": "learned"},
         "collection": {
             "seed": 7,
-            "replay_noise": 0.0,
+            "replay_noise": {"kind": "injected", "strength": 1.0},
             "faults": {"late_control": 0.25},
             "scenario_types": ["HardBrake", "ParkedObstacle"],
         },

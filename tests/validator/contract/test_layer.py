@@ -18,6 +18,7 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import (
     LAYER_TABLES,
     PATTERNS,
+    RECORDABLE,
     TABLES,
     Column,
     Table,
@@ -170,7 +171,9 @@ def test_table_has_unique_columns_and_a_key_that_is_never_null(table: Table) -> 
 
 @each_column
 def test_mask_is_a_column_of_flags_of_the_same_table(table: Table, column: Column) -> None:
-    if column.available is not None:
+    if column.available is not None and column.available.when == "recorded":
+        assert column.available.column in RECORDABLE
+    elif column.available is not None:
         assert column.available.mask is not None
         mask = table[column.available.mask]
         assert mask.type == "bool"

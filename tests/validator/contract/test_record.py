@@ -17,7 +17,9 @@ from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.policy import ACTUATORS, Command
 
 ROLLOUT_SCHEMA = "rollout.schema.json"
-CONDITIONAL = [c for c in TABLES["rollouts"].columns if c.available and c.available.when != "optional"]
+CONDITIONAL = [
+    c for c in TABLES["rollouts"].columns if c.available and c.available.when not in ("optional", "recorded")
+]
 NEVER_NULL = [column for column in TABLES["rollouts"].columns if not column.nullable]
 
 

@@ -1,4 +1,4 @@
-"""Distance from boxes to route polylines: against shapely and at edge cases."""
+"""Route polylines, distance of boxes and position of points: against shapely and at edge cases."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 from tests.validator.driving.oracle import boxes, polygons
 
 from branchdrive.driving.box import Boxes
-from branchdrive.driving.route import polyline_box_distance_m
+from branchdrive.driving.route import feet_within, polyline_box_distance_m, project
 
 NUM_BOXES = 300
 
@@ -83,3 +83,62 @@ def test_many_boxes_are_measured_piece_by_piece(monkeypatch: pytest.MonkeyPatch)
     at_once = polyline_box_distance_m(these, x, y)
     monkeypatch.setattr("branchdrive.driving.route._MAX_CELLS", 50)
     np.testing.assert_array_equal(polyline_box_distance_m(these, x, y), at_once)
+
+
+CORNER = (np.array([0.0, 10.0, 10.0]), np.array([0.0, 0.0, 10.0]))
+"""Ten metres along x, then ten to the left."""
+
+
+@pytest.mark.parametrize(
+    ("point", "progress_m", "offset_m", "heading_rad"),
+    [
+        pytest.param((4, 2), 4, 2, 0, id="to the left of a segment"),
+        pytest.param((4, -2), 4, -2, 0, id="to the right of a segment"),
+        pytest.param((4, 0), 4, 0, 0, id="on a segment"),
+        pytest.param((-3, 4), 0, 5, 0, id="before the first vertex"),
+        pytest.param((13, 14), 20, -5, math.pi / 2, id="behind the last vertex"),
+        pytest.param((13, -4), 10, -5, 0, id="outside of a corner: the segment that ends there"),
+        pytest.param((8, 2), 8, 2, 0, id="as near to both segments: the smaller progress"),
+        pytest.param((9, 4), 14, 1, math.pi / 2, id="on the next segment"),
+    ],
+)
+def test_position_is_the_nearest_foot(
+    point: tuple[float, float], progress_m: float, offset_m: float, heading_rad: float
+) -> None:
+    found = project(*np.array(point, float)[:, None], *CORNER)
+    assert np.concatenate(found) == pytest.approx([progress_m, offset_m, heading_rad], abs=1e-12)
+
+
+def test_position_where_a_route_crosses_itself_or_comes_back_is_the_first() -> None:
+    x, y = np.array([0.0, 20.0, 20.0, 10.0, 10.0]), np.array([0.0, 0.0, 10.0, 10.0, -10.0])
+    assert project(np.array([10.0]), np.array([0.0]), x, y).progress_m.tolist() == [10.0]
+    back_x, back_y = np.array([0.0, 20.0, 0.0]), np.zeros(3)
+    assert project(np.array([5.0]), np.array([1.0]), back_x, back_y).progress_m.tolist() == [5.0]
+
+
+@pytest.mark.parametrize("num_vertices", [2, 11, 12, 60])
+def test_position_agrees_with_shapely(num_vertices: int) -> None:
+    rng = np.random.default_rng(num_vertices)
+    x, y = np.cumsum(rng.normal(1.0, 1.0, (2, num_vertices)), axis=1)
+    points = rng.uniform(-20, 60, (500, 2))
+    line = shapely.LineString(np.stack([x, y], axis=1))
+    found = project(*points.T, x, y)
+    np.testing.assert_allclose(np.abs(found.offset_m), shapely.distance(line, shapely.points(points)), atol=1e-9)
+    feet = shapely.line_interpolate_point(line, found.progress_m)
+    np.testing.assert_allclose(shapely.distance(feet, shapely.points(points)), np.abs(found.offset_m), atol=1e-9)
+
+
+def test_feet_within_reach_are_all_that_are_near() -> None:
+    rng = np.random.default_rng(7)
+    x, y = np.cumsum(rng.normal(1.0, 1.0, (2, 40)), axis=1)
+    points = rng.uniform(0, 40, (200, 2))
+    segments = [shapely.LineString(np.stack([x[k : k + 2], y[k : k + 2]], axis=1)) for k in range(39)]
+    distance = shapely.distance(shapely.points(points)[:, None], np.array(segments)[None, :])
+    reach = distance.min(axis=1) + 0.01
+    point, position = feet_within(*points.T, x, y, reach)
+    assert np.bincount(point, minlength=200).tolist() == (distance <= reach[:, None]).sum(axis=1).tolist()
+    assert (np.abs(position.offset_m) <= reach[point]).all()
+
+
+def test_no_points_have_no_position() -> None:
+    assert [len(values) for values in project(np.zeros(0), np.zeros(0), *CORNER)] == [0, 0, 0]

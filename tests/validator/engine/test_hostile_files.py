@@ -249,7 +249,7 @@ def unreadable(monkeypatch: pytest.MonkeyPatch) -> set[str]:
         return real_open(path, *rest, **more)
 
     def checked_scan(path: Any = ".") -> Any:
-        if Path(path).name in names:
+        if (Path(f"/proc/self/fd/{path}").readlink() if isinstance(path, int) else Path(path)).name in names:
             raise PermissionError(13, "Permission denied", str(path))
         return real_scan(path)
 

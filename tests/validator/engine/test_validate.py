@@ -90,7 +90,7 @@ def test_a_refuted_claim_is_invalid(tmp_path: Path) -> None:
 def test_deselected_rules_say_so(valid_root: Path) -> None:
     report = validate(valid_root, select=["BD-VAL", "BD-LAY-003"], ignore=["BD-VAL-005"])
     judged = {tally.rule_id for tally in report.tallies if tally.status == "pass"}
-    assert judged == {"BD-VAL-001", "BD-VAL-002", "BD-VAL-003", "BD-VAL-004", "BD-LAY-003"}
+    assert judged == {*(f"BD-VAL-00{number}" for number in (1, 2, 3, 4, 6)), "BD-LAY-003"}
     assert {tally.reason for tally in report.tallies if tally.status == "skipped"} == {"deselected"}
     assert report.options.selected == ("BD-VAL", "BD-LAY-003")
     assert report.options.ignored == ("BD-VAL-005",)

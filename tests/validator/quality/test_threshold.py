@@ -51,11 +51,22 @@ def test_the_threshold_is_the_higher_order_statistic(num_groups: int, num_above:
 def test_the_plain_definition_agrees(rows: list[list[float]]) -> None:
     found = fit_thresholds(discrepancies(len(rows), 3, steer=rows), has_pedestrian=[True] * len(rows))
     worst = sorted(map(max, rows))
-    expected = worst[math.ceil(0.99 * (len(rows) - 1))]
+    expected = max(0.001, worst[math.ceil(0.99 * (len(rows) - 1))])
     assert found.values[NAMES.index("steer")] == expected
     passed = passes(discrepancies(len(rows), 3, steer=rows), found)
     assert passed.core.tolist() == [[value <= expected and value < math.inf for value in row] for row in rows]
     assert passed.extended_bank.tolist() == [all(row) for row in passed.extended.tolist()]
+
+
+@each("name", NAMES)
+def test_exact_training_groups_leave_room_for_numerical_noise(name: str) -> None:
+    floor = {"heading_deg": 0.01, "vehicle_gap_m": 0.002, "vehicle_rel_speed_mps": 0.002, "pedestrian_gap_m": 0.002}
+    counted = ("tick_offset", "actor_count_share", "traffic_light_share")
+    least = 0.0 if name in counted else floor.get(name, 0.001)
+    fitted = fit_thresholds(discrepancies(100, 2), has_pedestrian=[True] * 100)
+    assert fitted.values[NAMES.index(name)] == least
+    off = discrepancies(1, 2, **{name: [[least, np.nextafter(least, 1.0)]]})
+    assert passes(off, fitted).extended.tolist() == [[True, False]]
 
 
 @given(st.integers(0, 1000))

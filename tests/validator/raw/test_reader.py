@@ -137,7 +137,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "no descriptor": (lambda root: (root / "branchdrive.json").unlink(), "'branchdrive.json' does not exist"),
     "descriptor is no JSON": (lambda root: (root / "branchdrive.json").write_text("{"), "is not a descriptor"),
     "descriptor is deep": (lambda root: (root / "branchdrive.json").write_text("[" * 100_000), "nests deeper"),
-    "descriptor is wrong": (lambda root: (root / "branchdrive.json").write_text("{}"), "dataset_id: Field required"),
+    "descriptor is wrong": (lambda root: (root / "branchdrive.json").write_text("{}"), "/dataset_id: expected a value"),
     "descriptor is a link": (lambda root: _link(root / "branchdrive.json"), "without following links"),
     "raw is a link": (lambda root: _link(root / "raw"), "without following links"),
     "shard is a link": (lambda root: _link(root / "raw/shard-00001"), "without following links"),

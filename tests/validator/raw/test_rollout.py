@@ -2,12 +2,16 @@ from __future__ import annotations
 
 import pickle
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.validator.writer.invented import make_descriptor, write_rollout
 
+from branchdrive.contract.columns import RECORDABLE, TABLES
+from branchdrive.errors import ContractError
 from branchdrive.raw.rollout import Rollout, canonical_key
+from branchdrive.writer.buffer import RowBuffer
 from branchdrive.writer.writer import DatasetWriter
 
 
@@ -53,6 +57,35 @@ def test_a_column_that_may_be_null_is_masked_exactly_at_nulls(
     assert values.dtype == dtype
     assert values.tolist() == rollout.tables[table].column(column).to_pylist()
     assert 0 < values.count() < values.size
+
+
+def test_a_real_number_that_lost_its_mask_is_no_number(rollout: Rollout) -> None:
+    for table, column in (("controls", "intended_brake"), ("evidence", "separation_m")):
+        values = rollout.column(table, column)
+        assert (np.isnan(np.asarray(values)) == np.ma.getmaskarray(values)).all()
+
+
+def test_a_world_that_offers_a_column_must_give_it() -> None:
+    rows = {"tick": 0, "actor_id": 1, "actor_class": "vehicle"}
+    for name in ("x_m", "y_m", "yaw_rad", "length_m", "width_m", "vel_x_mps", "vel_y_mps"):
+        rows[name] = 1.0
+    with pytest.raises(ContractError, match=r"missing columns \['height_m'\].*`unrecorded`"):
+        RowBuffer(TABLES["actors"], ()).append(rows)
+    flat = RowBuffer(TABLES["actors"], RECORDABLE)
+    flat.append(rows)
+    assert flat.to_table("r")["height_m"].to_pylist() == [None]
+
+
+def test_a_column_of_no_world_is_masked_throughout(tmp_path: Path) -> None:
+    descriptor = make_descriptor()
+    bare = descriptor.model_copy(update={"unrecorded": RECORDABLE})
+    with DatasetWriter(tmp_path, bare) as writer, writer.begin_group("g") as group:
+        found = write_rollout(group, "nominal", "nominal", without=RECORDABLE, num_ticks=60)
+    assert found.record["ego_height_m"] is None
+    for table, column in (("observations", "speed_limit_mps"), ("actors", "height_m")):
+        assert np.isnan(np.asarray(found.column(table, column))).all()
+    for column in ("command", "vehicle_hazard"):
+        assert np.ma.getmaskarray(found.column("observations", column)).all()
 
 
 def test_a_rollout_shows_identity_and_shapes(rollout: Rollout) -> None:

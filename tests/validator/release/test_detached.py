@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.synthetic import seal_dataset
+from tests.synthetic import seal_dataset, write_dataset
 from tests.validator.release.running import build, call_validate, contents
-from tests.validator.release.test_stages import another_raw_layer
+from tests.validator.release.test_stages import another_raw_layer, stored_otherwise
 
-from branchdrive.contract.document import schema_mismatches
+from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.worker import in_process
 
@@ -68,6 +68,13 @@ def test_with_its_raw_layer_it_is_valid(detached: Path, raw: Path) -> None:
 
 def test_the_whole_dataset_serves_as_its_raw_layer_too(detached: Path, built: Path) -> None:
     assert call_validate(detached, "--raw", built)[0] == 0
+
+
+def test_a_raw_layer_that_is_stored_otherwise_is_the_same(detached: Path, raw: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    write_dataset(other, stored_otherwise(raw), parse_json((raw / "branchdrive.json").read_bytes()))
+    code, out, _ = call_validate(detached, "--raw", other)
+    assert (code, "Verdict: valid" in out) == (0, True)
 
 
 def test_with_another_raw_layer_it_is_invalid(detached: Path, raw: Path, tmp_path: Path) -> None:

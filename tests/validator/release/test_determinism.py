@@ -82,9 +82,6 @@ def test_neither_the_order_of_shards_nor_of_rows_decides_anything(raw: Path, bui
     write_dataset(root, dict(sorted(renumbered.items())), parse_json((raw / "branchdrive.json").read_bytes()))
     build(root)
     found, expected = derived(root), derived(built)
-    sources = [parse_json(files.pop("canonical/source.json")) for files in (found, expected)]
-    assert sources[0].pop("raw_layer") != sources[1].pop("raw_layer")
-    assert sources[0] == sources[1]
     naming_shards = ["canonical/records.parquet", "model/media_index.parquet"]
     assert [path for path in sorted(expected) if found[path] != expected[path]] == naming_shards
     for path in naming_shards:

@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from tests.synthetic import seal_dataset, write_dataset
 from tests.synthetic_release import NUM_GROUPS, SEED, raw_descriptor, raw_tables
@@ -22,6 +23,14 @@ from branchdrive.release.builder import STAGES
 CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonical/source.json"}
 
 
+@pytest.fixture(scope="module")
+def rebuilt(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of the same release after a second build with another seed; read-only by agreement."""
+    root = shutil.copytree(built, tmp_path_factory.mktemp("rebuilt") / "dataset")
+    build(root, seed=1)
+    return root
+
+
 def entries(root: Path) -> list[dict[str, object]]:
     """Entries of the ledger."""
     found: list[dict[str, object]] = parse_json((root / LEDGER).read_bytes())["entries"]
@@ -29,11 +38,21 @@ def entries(root: Path) -> list[dict[str, object]]:
 
 
 def another_raw_layer(raw: Path, root: Path) -> Path:
-    """A dataset with the same groups in shards that are stored in another order."""
-    folders = sorted(path.relative_to(raw).as_posix() for path in (raw / "raw").iterdir())
-    tables = {folder: shuffled(raw, folder, 9) for folder in folders}
+    """A dataset with the same groups, one of whose attempts ended for another reason."""
+    tables = stored_otherwise(raw)
+    rollouts = next(iter(tables.values()))["rollouts"]
+    place = rollouts.schema.get_field_index("result_termination")
+    reasons = ["recorded again", *rollouts["result_termination"].to_pylist()[1:]]
+    changed = rollouts.set_column(place, rollouts.schema.field(place), pa.array(reasons, pa.string()))
+    next(iter(tables.values()))["rollouts"] = changed
     write_dataset(root, tables, parse_json((raw / "branchdrive.json").read_bytes()))
     return root
+
+
+def stored_otherwise(raw: Path) -> dict[str, dict[str, pa.Table]]:
+    """Tables of the shards of a dataset, with rows in another order."""
+    folders = sorted(path.relative_to(raw).as_posix() for path in (raw / "raw").iterdir())
+    return {folder: shuffled(raw, folder, 9) for folder in folders}
 
 
 def test_stages_alone_and_in_order_make_the_same_release(dataset: Path, audited: Path) -> None:
@@ -161,8 +180,8 @@ def test_an_audit_that_is_left_out_is_gone(audited: Path, built: Path, tmp_path:
     "path", ["canonical/records.parquet", "quality/pairs.parquet", "quality/split.json", "canonical/source.json"]
 )
 @pytest.mark.parametrize("damage", ["gone", "cut", "other"])
-def test_the_ledger_outlives_a_broken_file(release: Path, built: Path, path: str, damage: str) -> None:
-    build(release, seed=1)
+def test_the_ledger_outlives_a_broken_file(rebuilt: Path, built: Path, tmp_path: Path, path: str, damage: str) -> None:
+    release = shutil.copytree(rebuilt, tmp_path / "release")
     match damage:
         case "gone":
             (release / path).unlink()

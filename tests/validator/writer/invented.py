@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.contract.descriptor import Collection, Descriptor, Software
+from branchdrive.contract.descriptor import Collection, Descriptor, ReplayNoise, Software
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
@@ -36,7 +36,7 @@ def make_descriptor(*, has_evidence: bool = True, dataset_id: str = "invented") 
         collector=Software(name="tests", version="1"),
         streams=("ego_route_state", "controls", "route_result", *evidence),
         action_bank=load_action_bank(),
-        collection=Collection(seed=1),
+        collection=Collection(seed=1, replay_noise=ReplayNoise(kind="natural")),
     )
 
 
@@ -161,19 +161,29 @@ def generator(*identity: object) -> np.random.Generator:
     return np.random.default_rng(zlib.crc32(repr(identity).encode()))
 
 
+def _without(unrecorded: Container[str], table: str, columns: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: values for name, values in columns.items() if f"{table}.{name}" not in unrecorded}
+
+
 def fill(
-    rollout: RolloutWriter, identity: tuple[object, ...], *, num_ticks: int, is_active: bool, has_evidence: bool
+    rollout: RolloutWriter,
+    identity: tuple[object, ...],
+    *,
+    num_ticks: int,
+    is_active: bool,
+    has_evidence: bool,
+    without: Container[str] = (),
 ) -> None:
-    """Append the streams of one invented rollout."""
+    """Append the streams of one invented rollout, the columns `without` left out."""
     rng = generator(*identity)
     ticks = np.arange(num_ticks)
     active = is_active & (ticks >= BRANCH_TICK) & (ticks < BRANCH_TICK + ACTIVE_TICKS)
     rollout.append_ticks(**control_rows(rng, num_ticks, active))
-    rollout.append_observations(**observation_rows(rng, num_ticks))
+    rollout.append_observations(**_without(without, "observations", observation_rows(rng, num_ticks)))
     for tick in range(0, num_ticks if has_evidence else 0, OBSERVATION_STRIDE_TICKS):
         num_actors = tick // OBSERVATION_STRIDE_TICKS % 3
         for actor_id in range(num_actors):
-            rollout.append_actors(**actor_row(rng, tick, actor_id))
+            rollout.append_actors(**_without(without, "actors", actor_row(rng, tick, actor_id)))
         rollout.append_evidence(**evidence_row(rng, tick, num_actors))
 
 
@@ -185,12 +195,14 @@ def write_rollout(
     num_ticks: int = 12,
     has_evidence: bool = True,
     more: Mapping[str, object] | None = None,
+    without: Container[str] = (),
 ) -> Rollout:
     """Write one invented rollout; it depends on group, role, action key and attempt only."""
     nominal_id = f"{group.group_id}.nominal.v1.a1"
-    rollout = group.begin_rollout(**identity_fields(role, action_key, nominal_id))
+    rollout = group.begin_rollout(**_without(without, "rollouts", identity_fields(role, action_key, nominal_id)))
     identity = (group.group_id, role, action_key, rollout.attempt)
-    fill(rollout, identity, num_ticks=num_ticks, is_active=role == "intervention", has_evidence=has_evidence)
+    is_active = role == "intervention"
+    fill(rollout, identity, num_ticks=num_ticks, is_active=is_active, has_evidence=has_evidence, without=without)
     return rollout.finish(**result_fields(), **branch_fields(nominal_id), **(more or {}))
 
 

@@ -33,7 +33,7 @@ def rows(draw: st.DrawFn, table: str, fixed: list[Row]) -> list[Row]:
             if column.name in row or column.name == "rollout_id":
                 continue
             available = column.available
-            if available is None or (available.when == "active" and row["active"]):
+            if column.is_required(()) or (available.when == "active" and row["active"]):
                 row[column.name] = draw(values(column))
             elif available.mask is not None:
                 row[column.name] = draw(values(column)) if row[available.mask] else None

@@ -38,6 +38,7 @@ from branchdrive.benchmark.view import (
 )
 from branchdrive.benchmark.warning import warnings
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
+from branchdrive.contract.identity import claimed_files, content_identity, derived_content
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import (
     BENCHMARK,
@@ -52,7 +53,6 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.errors import DatasetError
-from branchdrive.formats.manifest import derived_identity
 from branchdrive.layers.compare import document_check, text_agrees, text_mismatches
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.rules import FEATURES, NORMALISATION
@@ -77,10 +77,10 @@ def lock_is_of_this_release(view: ReleaseView) -> Iterator[Check]:
     if (other := other_kind(view, LOCK_FILE)) is not None:
         yield other
         return
-    document = lock_of(view)
+    document, derived = lock_of(view), view.descriptor.derived_layers
     facts = LockFacts(
         digest_of(view, PROTOCOL_FILE),
-        derived_identity(view.digests) if view.digests else None,
+        content_identity(derived_content(view.content, claimed_files(derived, view.files)), derived),
         view.document(SPLIT)["digest"],
         digest_of(view, NORMALISATION),
         digest_of(view, FEATURES),

@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Any
 
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
-from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.descriptor import Descriptor, ReplayNoise, Vehicle
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.text import count_text, counted, percent
 from branchdrive.leakage.text import leakage_sentences
@@ -99,7 +99,10 @@ def _about(descriptor: Descriptor) -> list[str]:
         "Collector": f"{_plain(descriptor.collector.name)} {_plain(descriptor.collector.version)}",
         "Action bank": f"`{bank.name}`, {len(bank.policies)} candidates",
         "Streams": ", ".join(f"`{name}`" for name in descriptor.streams),
-        "Replay noise": f"{descriptor.collection.replay_noise:g}",
+        "Driver": _DRIVERS[descriptor.driver.kind] if descriptor.driver else "not declared",
+        "Vehicle": _vehicle(descriptor.vehicle),
+        "Not recorded": ", ".join(f"`{name}`" for name in descriptor.unrecorded) or "nothing; every column is recorded",
+        "Replay noise": _noise(descriptor.collection.replay_noise),
         "Injected faults": _rates(descriptor.collection.faults),
         "Licence": _plain(descriptor.licence),
     }
@@ -111,6 +114,28 @@ def _about(descriptor: Descriptor) -> list[str]:
         "",
         *grid(_texts("Item", "Value"), facts.items()),
     ]
+
+
+_DRIVERS = {"expert": "privileged expert", "log": "recorded log", "learned": "learned policy"}
+
+
+def _vehicle(vehicle: Vehicle | None) -> str:
+    """What is known of the vehicle, each part with what it is."""
+    if vehicle is None:
+        return "not declared"
+    known = (
+        ("wheelbase", vehicle.wheelbase_m, "m"),
+        ("wheel angle at full steering", vehicle.max_steer_rad, "rad"),
+        ("acceleration at full throttle", vehicle.max_accel_mps2, "m/s2"),
+        ("deceleration at full brake", vehicle.max_decel_mps2, "m/s2"),
+    )
+    actuation = {None: "unknown", "pedals": "pedals of their own", "single_axis": "one axis"}[vehicle.actuation]
+    numbers = (f"{name} {'unknown' if value is None else f'{value:g} {unit}'}" for name, value, unit in known)
+    return "; ".join([*numbers, f"throttle and brake {actuation}"])
+
+
+def _noise(noise: ReplayNoise) -> str:
+    return noise.kind if noise.strength is None else f"{noise.kind}, strength {noise.strength:g}"
 
 
 def _rates(faults: Mapping[str, float]) -> str:

@@ -35,11 +35,12 @@ _BUILT_IN = {
     "validate": "branchdrive.cli.validate",
     "build": "branchdrive.cli.build",
     "rules": "branchdrive.cli.rules",
+    "diff": "branchdrive.cli.diff",
 }
 
 _WORKFLOW = (
-    "collect", "study", "draw", "validate", "rules", "build", "benchmark", "train", "lock", "predict", "evaluate",
-    "export",
+    "collect", "study", "draw", "validate", "diff", "rules", "build", "benchmark", "train", "lock", "predict",
+    "evaluate", "export",
 )  # fmt: skip
 """Order in which the help lists commands; those that it does not name follow by name."""
 

@@ -17,7 +17,7 @@ from branchdrive.cli.response import print_response
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import location_text
-from branchdrive.engine.report import Report
+from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.engine.verdict import Verdict, is_waived
 from branchdrive.text.table import Column, Table
@@ -80,6 +80,7 @@ def _print_report(console: Console, report: Report) -> None:
     if report.population is not None:
         console.print()
         print_population(console, report.population)
+        console.print(Text(f"Funnel: {FUNNEL_BASIS}. Population: {POPULATION_BASIS}.", style="dim"))
     _print_waivers(console, report)
     _print_rules(console, report)
     for message in report.errors:
@@ -118,6 +119,8 @@ def _print_head(console: Console, report: Report) -> None:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
     if facts.identity:
         console.print(Text(f"identity {facts.identity}", style="dim"))
+    if facts.content_identity:
+        console.print(Text(f"content  {facts.content_identity}", style="dim"))
 
 
 def _print_findings(console: Console, report: Report) -> None:
@@ -203,6 +206,8 @@ def _print_verdict(console: Console, report: Report) -> None:
     console.print(
         Text.assemble("Verdict: ", (report.verdict, _STYLE[report.verdict]), f" - {_MEANING[report.verdict]}")
     )
+    for condition in report.conditions:
+        console.print(Padding(Text(condition, style="dim"), (0, 0, 0, 2)))
     if report.lacks_groups:
         found = report.num_qualified or 0
         required = report.options.require_groups

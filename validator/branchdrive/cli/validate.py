@@ -39,6 +39,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
     parser.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
+    parser.add_argument(
+        "--follow-links",
+        action="store_true",
+        help="follow links inside the dataset, and into allowed folders",
+    )
+    parser.add_argument(
+        "--allow", metavar="FOLDER", type=Path, action="append", default=[],
+        help="a folder that links may lead into, such as the blobs of a download cache (repeatable)",
+    )  # fmt: skip
     parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
     parser.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
     parser.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
@@ -66,6 +75,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             waivers=waivers,
             require_groups=args.require_groups,
             strict=args.strict,
+            follow_links=args.follow_links,
+            allow=args.allow,
             executor=isolated(args.jobs),
             progress=progress,
         )

@@ -6,7 +6,7 @@ Arrow schemas, record schemas, value rules and the spec's tables all derive from
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "LAYER_TABLES", "PATTERNS", "STREAMS", "TABLES", "Availability", "Column", "Stream", "Table", "declared_table",
-    "table_schema", "tables_of",
+    "LAYER_TABLES", "PATTERNS", "RECORDABLE", "STREAMS", "TABLES", "Availability", "Column", "Stream", "Table",
+    "declared_table", "table_schema", "tables_of",
 ]  # fmt: skip
 
 
@@ -30,13 +30,15 @@ class Availability:
     Attributes:
         mask: Boolean column of the same row that is true exactly where the value is present.
         when: Named condition: ``branched``, ``not_complete``, ``not_nominal``, ``valued``,
-            ``active`` or ``optional`` (spec/06-masks.md).
+            ``active``, ``recorded`` or ``optional`` (spec/06-masks.md).
         rule: For ``valued``: the column whose actuator rule carries the value.
+        column: For ``recorded``: the column of the raw layer, as ``table.column``, that a descriptor can list.
     """
 
     mask: str | None = None
     when: str | None = None
     rule: str | None = None
+    column: str | None = None
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,15 @@ class Column:
     def nullable(self) -> bool:
         """Whether the column may hold nulls at all."""
         return self.available is not None
+
+    def is_recorded(self, unrecorded: Collection[str]) -> bool:
+        """Whether the world offers the column: a descriptor lists those that it does not as `unrecorded`."""
+        return self.available is None or self.available.column not in unrecorded
+
+    def is_required(self, unrecorded: Collection[str]) -> bool:
+        """Whether every row has a value, given what the descriptor lists as `unrecorded`."""
+        when = None if self.available is None else self.available.when
+        return self.available is None or (when == "recorded" and self.is_recorded(unrecorded))
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -115,9 +126,11 @@ class Stream:
     cameras: tuple[str, ...] = ()
 
 
-def _column(declared: Mapping[str, Any]) -> Column:
+def _column(table: str, declared: Mapping[str, Any]) -> Column:
     fields = dict(declared)
     available = fields.pop("available", None)
+    if available == {"when": "recorded"}:
+        available = {**available, "column": f"{table}.{fields['name']}"}
     return Column(
         **{**fields, "shape": tuple(fields.get("shape", ())), "values": tuple(fields.get("values", ()))},
         available=Availability(**available) if available else None,
@@ -133,7 +146,7 @@ def tables_of(declared: Mapping[str, Any]) -> Mapping[str, Table]:
                 table["title"],
                 table["rate"],
                 tuple(table["key"]),
-                tuple(map(_column, table["columns"])),
+                tuple(_column(name, column) for column in table["columns"]),
             )
             for name, table in declared.items()
         }
@@ -172,6 +185,14 @@ LAYER_TABLES: Mapping[str, Table] = tables_of(
 
 STREAMS: Mapping[str, Stream] = _streams()
 """Every stream that a descriptor can claim, by name."""
+
+RECORDABLE: tuple[str, ...] = tuple(
+    f"{table.name}.{column.name}"
+    for table in TABLES.values()
+    for column in table.columns
+    if column.available is not None and column.available.when == "recorded"
+)
+"""Columns that a world may be unable to offer, as ``table.column``: those that a descriptor can list."""
 
 PATTERNS: Mapping[str, str] = MappingProxyType(
     {**load_resource("columns.json")["patterns"], **load_resource("layers.json")["patterns"]}

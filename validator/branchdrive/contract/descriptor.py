@@ -6,24 +6,54 @@ Source: spec/03-layout.md.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from branchdrive.contract.bank import ActionBank
-from branchdrive.contract.columns import STREAMS, TABLES
+from branchdrive.contract.columns import RECORDABLE, STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.refusal import refusal
 from branchdrive.contract.resources import SPEC_VERSION
 
-__all__ = ["Camera", "Collection", "DeclaredEncoding", "Descriptor", "Rates", "Software", "Tolerances"]
+__all__ = [
+    "Camera", "Collection", "DeclaredEncoding", "Descriptor", "Driver", "Rates", "ReplayNoise", "Software",
+    "Tolerances", "Vehicle",
+]  # fmt: skip
 
 _Identifier = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._:/+-]{0,127}$")]
+_Label = Annotated[str, Field(pattern=r"^[!-~]([ -~]{0,126}[!-~])?$")]
 
 
-class _Document(BaseModel):
+_OF_EXPERT = tuple(f"observations.{c.name}" for c in TABLES["observations"].columns if c.track == "mixed")
+"""Columns that only a driver who plans can compute."""
+
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class _PlainlyRefused(ModelMetaclass):
+    """Calls with values that break the format raise findings in plain words, not pydantic's own text."""
+
+    def __call__(self, *arguments: Any, **fields: Any) -> Any:
+        """An instance.
+
+        Raises:
+            ContractError: With one finding for each problem.
+        """
+        try:
+            return super().__call__(*arguments, **fields)
+        except ValidationError as error:
+            raise refusal(f"`{self.__name__}`", error) from None
+
+
+class _Document(BaseModel, metaclass=_PlainlyRefused):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
@@ -72,8 +102,63 @@ class DeclaredEncoding(_Document):
 class Tolerances(_Document):
     """Declared tolerances; 0 asks for exact equality in float32."""
 
-    actuator: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    evidence: Annotated[float, Field(ge=0, le=0.1)] = 1e-6
+    actuator: Annotated[float, Field(ge=0, le=0.02)] = 0.0
+    evidence: Annotated[float, Field(ge=0, le=0.001)] = 1e-6
+
+
+class Vehicle(_Document):
+    """What the commands of the ego vehicle mean; ``None`` where it is not known.
+
+    Attributes:
+        wheelbase_m: Distance of the axles.
+        max_steer_rad: Angle of the front wheels at a steering command of 1.
+        max_accel_mps2: Largest acceleration, at a throttle command of 1.
+        max_decel_mps2: Largest deceleration, at a brake command of 1.
+        actuation: ``pedals`` for throttle and brake of their own, ``single_axis`` where both are one axis.
+    """
+
+    wheelbase_m: Annotated[float, Field(gt=0, le=50)] | None = None
+    max_steer_rad: Annotated[float, Field(gt=0, le=1.5708)] | None = None
+    max_accel_mps2: Annotated[float, Field(gt=0, le=100)] | None = None
+    max_decel_mps2: Annotated[float, Field(gt=0, le=100)] | None = None
+    actuation: Literal["pedals", "single_axis"] | None = None
+
+
+class Driver(_Document):
+    """Who drove where no policy of the bank did: a privileged expert, a recorded log, or a learned policy."""
+
+    kind: Literal["expert", "log", "learned"]
+
+
+class ReplayNoise(_Document):
+    """What tells a replay from the drive that it repeats.
+
+    Attributes:
+        kind: ``exact``: nothing; ``injected``: noise of the collector; ``natural``: whatever the simulator has.
+        strength: Strength of injected noise, in the collector's own unit; of no other kind.
+    """
+
+    kind: Literal["exact", "injected", "natural"]
+    strength: Annotated[float, Field(gt=0, le=100)] | None = None
+
+    @classmethod
+    def of_strength(cls, strength: float) -> ReplayNoise:
+        """Injected noise of a strength; 0 is exact."""
+        return cls(kind="injected", strength=strength) if strength else cls(kind="exact")
+
+    @model_validator(mode="after")
+    def _strength_is_of_injected_noise(self) -> Self:
+        if (self.strength is not None) != (self.kind == "injected"):
+            raise ValueError(f"injected noise, and no other, has a strength; found {self.kind} and {self.strength}")
+        return self
+
+
+def _from_number(value: Any) -> Any:
+    """A number alone is short for the strength of injected noise."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number:
+        return value
+    return {"kind": "injected", "strength": value} if value else {"kind": "exact"}
 
 
 class Collection(_Document):
@@ -81,17 +166,17 @@ class Collection(_Document):
 
     Attributes:
         seed: Seed of the collection.
-        replay_noise: Strength of the noise of replays; 0 is off.
+        replay_noise: What tells a replay from the drive that it repeats.
         faults: Rates of injected faults by name.
         scenario_types: Scenario types that the plan was restricted to; empty if it was not.
     """
 
     seed: Annotated[Integer, Field(ge=0, le=9223372036854775807)]
-    replay_noise: Annotated[float, Field(ge=0, le=100)] = 0.0
+    replay_noise: Annotated[ReplayNoise, BeforeValidator(_from_number)] = ReplayNoise(kind="exact")
     faults: Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)] = Field(
         default_factory=dict
     )
-    scenario_types: Annotated[tuple[_Name, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
+    scenario_types: Annotated[tuple[_Label, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
 
     @model_validator(mode="after")
     def _scenario_types_differ(self) -> Self:
@@ -106,7 +191,10 @@ class Descriptor(_Document):
     Attributes:
         streams: Claimed streams; every shard holds the tables of a claimed stream and no others.
         layers: Claimed layers in the order of derivation; a detached release has no ``raw``.
+        unrecorded: Columns that the world does not offer, as ``table.column``; they are null throughout.
         action_encoding: ``None`` if the bank declares no encoding.
+        vehicle: What is known of the ego vehicle; ``None`` where nothing is declared.
+        driver: Who drove; ``None`` where it is not declared.
     """
 
     spec_version: Literal["0.1"] = SPEC_VERSION  # type: ignore[assignment]
@@ -119,11 +207,14 @@ class Descriptor(_Document):
     rates: Rates = Rates()
     streams: Annotated[tuple[str, ...], Field(strict=False, max_length=len(STREAMS))]
     cameras: Annotated[tuple[Camera, ...], Field(strict=False, max_length=64, fail_fast=True)] = ()
+    unrecorded: Annotated[tuple[str, ...], Field(strict=False, max_length=len(RECORDABLE))] = ()
     layers: Annotated[tuple[str, ...], Field(strict=False, min_length=1, max_length=5)] = ("raw",)
     action_bank: ActionBank
     action_encoding: DeclaredEncoding | None = None
     tolerances: Tolerances = Tolerances()
     collection: Collection
+    vehicle: Vehicle | None = None
+    driver: Driver | None = None
 
     @model_validator(mode="after")
     def _claims_agree(self) -> Self:
@@ -150,6 +241,18 @@ class Descriptor(_Document):
             raise ValueError(
                 f"layers are the first ones of {list(chain)}, with or without raw; found {list(self.layers)}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _absences_agree(self) -> Self:
+        unknown = sorted(set(self.unrecorded) - set(RECORDABLE))
+        if unknown:
+            raise ValueError(f"columns {unknown} cannot be unrecorded; those that can are {list(RECORDABLE)}")
+        if len(set(self.unrecorded)) != len(self.unrecorded):
+            raise ValueError("unrecorded columns must not repeat")
+        invented = [column for column in _OF_EXPERT if column not in self.unrecorded]
+        if self.driver is not None and self.driver.kind == "log" and invented:
+            raise ValueError(f"a log has no expert that computes {invented}; list them as unrecorded")
         return self
 
     @property

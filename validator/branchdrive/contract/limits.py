@@ -1,16 +1,19 @@
-"""Spec limits: how much of anything a reader of an untrusted dataset must accept.
+"""Spec limits: how much a reader of an untrusted dataset must accept, how far a world may be off, what is noise.
 
-Source: spec/09-security.md; values in `schemas/v0.1/limits.json`.
+Source: spec/09-security.md, spec/05-raw-streams.md#bounds, spec/11-fidelity.md#thresholds; values in
+`schemas/v0.1/limits.json`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 from branchdrive.contract.resources import load_resource
 
-__all__ = ["Limits", "spec_limits"]
+__all__ = ["Bounds", "Limits", "physical_bounds", "spec_limits", "threshold_floors"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,8 @@ class Limits:
     max_document_bytes: int
     max_document_depth: int
     max_manifest_bytes: int
+    max_ignore_bytes: int
+    max_ignore_patterns: int
     max_table_bytes: int
     max_table_rows: int
     max_table_decoded_bytes: int
@@ -41,3 +46,36 @@ def spec_limits() -> Limits:
     """The limits of the implemented spec version."""
     declared = load_resource("limits.json")["limits"]
     return Limits(**{name: int(limit["value"]) for name, limit in declared.items()})
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds within which recorded columns agree; `limits.json` says what each one bounds, and why."""
+
+    route_tolerance_m: float
+    route_tolerance_rad: float
+    displacement_m: float
+    displacement_share: float
+    turn_rad: float
+    acceleration_mps2: float
+    same_centre_m: float
+    gap_observations: float
+    gap_margin_m: float
+    trigger_delay_ticks: float
+    signal: float
+    route_fraction: float
+    route_end_m: float
+
+
+@cache
+def physical_bounds() -> Bounds:
+    """The bounds of the implemented spec version."""
+    declared = load_resource("limits.json")["bounds"]
+    return Bounds(**{name: float(bound["value"]) for name, bound in declared.items()})
+
+
+@cache
+def threshold_floors() -> Mapping[str, float]:
+    """Least threshold of every variable of replay fidelity, in its unit: a smaller discrepancy is numerical noise."""
+    declared = load_resource("limits.json")["floors"]
+    return MappingProxyType({name: float(floor["value"]) for name, floor in declared.items()})

@@ -17,7 +17,8 @@ Which variables they are is this project's choice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -107,6 +108,11 @@ class Feature:
         return max((_declared(self.table, column).track for column in self.columns), key=_TRACKS.index)
 
     @property
+    def sources(self) -> frozenset[str]:
+        """The columns, as ``table.column``."""
+        return frozenset(f"{self.table}.{column}" for column in self.columns)
+
+    @property
     def record(self) -> dict[str, Any]:
         """The feature as JSON data: name, unit, frame, track, source columns, normalised, description."""
         return {
@@ -185,6 +191,11 @@ class Profile:
                     self.contract.admit(table, column)
         if any(len(feature.columns) != 1 for feature in self.controls):
             raise UsageError(f"profile {self.name!r}: a control is one column that reached the vehicle")
+
+    def without(self, unrecorded: Collection[str]) -> Profile:
+        """This profile without the state variables that need a column, as ``table.column``, that is not recorded."""
+        kept = tuple(feature for feature in self.state if not feature.sources & set(unrecorded))
+        return replace(self, state=kept)
 
     @property
     def state_columns(self) -> tuple[str, ...]:

@@ -36,7 +36,7 @@ from branchdrive.driving.feature import Feature, Profile
 from branchdrive.driving.target import STEP_S
 from branchdrive.errors import UsageError
 
-__all__ = ["CONTROL_WINDOW", "STATE_WINDOW", "HistoryInput", "control_history", "state_history"]
+__all__ = ["CONTROL_WINDOW", "STATE_WINDOW", "HistoryInput", "control_history", "history_of", "state_history"]
 
 Array = NDArray[np.float64]
 
@@ -193,6 +193,16 @@ def _checked_columns(
             values = codes
         window[name] = values.astype(np.float64)
     return window
+
+
+def history_of(values: Array) -> HistoryInput:
+    """Histories ``[groups, rows, features]`` with what is no number; a feature that nowhere is one is not recorded.
+
+    A row is available where all recorded features are finite.
+    """
+    is_number = np.isfinite(values)
+    available = np.asarray((is_number | ~is_number.any(axis=(0, 1))).all(axis=2))
+    return HistoryInput(values, available)
 
 
 def _masked(values: Array) -> HistoryInput:

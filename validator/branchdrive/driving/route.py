@@ -1,21 +1,128 @@
-"""Distance of boxes to route polylines, for the route corridor.
+"""Route polylines: where a point lies along them, and how far boxes are from them.
 
-Source: spec/05-raw-streams.md#evidence (static objects are relevant in the corridor).
+The foot of a point ``p`` on the segment from ``a`` to ``b`` at arc length ``s_a``, with ``e = b - a``::
+
+    t        = clip((p - a) . e / |e|^2, 0, 1)
+    progress = s_a + t |e|
+    offset   = |p - a - t e|, negative where e x (p - a) < 0, that is to the right
+    heading  = atan2(e_y, e_x)
+
+The position of a point is its nearest foot, and the one of smallest progress among the nearest. A point
+before the first vertex or beyond the last has its foot there.
+
+Source: spec/05-raw-streams.md#projection, and #evidence (static objects are relevant in the corridor).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.driving.box import Boxes
 
-__all__ = ["polyline_box_distance_m"]
+__all__ = ["Feet", "RoutePosition", "feet_within", "polyline_box_distance_m", "project"]
 
 Array = NDArray[np.float64]
 
 _MAX_CELLS = 1 << 20
-"""Pairs of a box and a vertex that are held at once: 8 MiB per intermediate array."""
+"""Pairs of a box or a point and a vertex that are held at once: 8 MiB per intermediate array."""
+
+_BLOCK_SEGMENTS = 10
+"""Neighbouring segments that one circle encloses."""
+
+_ABOVE = 1 + 1e-9
+"""Factor by more than rounding."""
+
+
+class RoutePosition(NamedTuple):
+    """Points relative to a polyline, each field ``[points]``.
+
+    Attributes:
+        progress_m: Arc length of the foot.
+        offset_m: Distance from the foot, positive to the left.
+        heading_rad: Direction of the segment that holds the foot.
+    """
+
+    progress_m: Array
+    offset_m: Array
+    heading_rad: Array
+
+
+class Feet(NamedTuple):
+    """Feet of points on segments, each field ``[feet]``, in no order.
+
+    Attributes:
+        point: Which point.
+        position: The foot.
+    """
+
+    point: NDArray[np.intp]
+    position: RoutePosition
+
+
+def project(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array) -> RoutePosition:
+    """Positions of points ``[points]`` on a polyline ``[vertices]``, at least two, no two neighbours equal."""
+    point, position = feet_within(x_m, y_m, route_x_m, route_y_m, np.full(len(x_m), np.inf))
+    order = np.lexsort((position.progress_m, np.abs(position.offset_m), point))
+    first = order[np.diff(point[order], prepend=-1) > 0]
+    return RoutePosition(*(values[first] for values in position))
+
+
+def feet_within(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array, reach_m: Array) -> Feet:
+    """Feet of points that are no further from them than `reach_m` ``[points]``.
+
+    Where a point's reach is beyond a circle around some part of the route, feet outside of that circle may be left
+    out: they are not the nearest.
+    """
+    num_segments = len(route_x_m) - 1
+    first = np.arange(0, num_segments, _BLOCK_SEGMENTS)
+    vertex = np.minimum(first[:, None] + np.arange(_BLOCK_SEGMENTS + 1), num_segments)  # [blocks, vertices]
+    xs, ys = route_x_m[vertex], route_y_m[vertex]
+    centre_x, centre_y = (xs.min(axis=1) + xs.max(axis=1)) / 2, (ys.min(axis=1) + ys.max(axis=1)) / 2
+    radius = np.hypot(xs - centre_x[:, None], ys - centre_y[:, None]).max(axis=1) * _ABOVE
+    at_once = max(1, _MAX_CELLS // num_segments)
+    parts = []
+    for start in range(0, max(len(x_m), 1), at_once):
+        here = slice(start, start + at_once)
+        dx, dy = x_m[here, None] - centre_x, y_m[here, None] - centre_y
+        distance = np.sqrt(dx * dx + dy * dy)
+        reach = np.minimum(reach_m[here], (distance + radius).min(axis=1)) * _ABOVE
+        point, block = np.nonzero(distance <= reach[:, None] + radius)
+        segment = (first[block][:, None] + np.arange(_BLOCK_SEGMENTS)).ravel()
+        point = point.repeat(_BLOCK_SEGMENTS) + start
+        kept = np.flatnonzero(segment < num_segments)
+        parts.append(_feet(point[kept], segment[kept], x_m, y_m, route_x_m, route_y_m, reach_m))
+    return _joined(parts)
+
+
+def _joined(parts: list[Feet]) -> Feet:
+    position = RoutePosition(*map(np.concatenate, zip(*(part.position for part in parts), strict=True)))
+    return Feet(np.concatenate([part.point for part in parts]), position)
+
+
+def _arc_m(route_x_m: Array, route_y_m: Array) -> Array:
+    return np.concatenate([np.zeros(1), np.cumsum(np.hypot(np.diff(route_x_m), np.diff(route_y_m)))])
+
+
+def _feet(
+    point: NDArray[np.intp], segment: NDArray[np.intp], x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array,
+    reach_m: Array,
+) -> Feet:  # fmt: skip
+    ex, ey = np.diff(route_x_m), np.diff(route_y_m)
+    square = ex * ex + ey * ey
+    length, arc = np.hypot(ex, ey), _arc_m(route_x_m, route_y_m)
+    px, py = x_m[point] - route_x_m[segment], y_m[point] - route_y_m[segment]
+    sx, sy = ex[segment], ey[segment]
+    along = np.clip((px * sx + py * sy) / square[segment], 0.0, 1.0)
+    off_x, off_y = px - along * sx, py - along * sy
+    distance = np.sqrt(off_x * off_x + off_y * off_y)
+    kept = np.flatnonzero(distance <= reach_m[point])
+    point, segment, distance = point[kept], segment[kept], distance[kept]
+    is_right = sx[kept] * py[kept] - sy[kept] * px[kept] < 0
+    progress = arc[segment] + along[kept] * length[segment]
+    return Feet(point, RoutePosition(progress, np.where(is_right, -distance, distance), np.arctan2(ey, ex)[segment]))
 
 
 def _point_segment(px: Array, py: Array, ax: Array, ay: Array, bx: Array, by: Array) -> Array:

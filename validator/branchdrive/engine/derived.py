@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from branchdrive.contract.layout import RAW_DIR
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
 from branchdrive.engine.finding import Finding
@@ -21,7 +20,7 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.worker import Executor, Failed
 from branchdrive.files.survey import Survey
-from branchdrive.formats.manifest import Manifest
+from branchdrive.raw.content import raw_content
 
 __all__ = ["MAX_GROUPS_AT_ONCE", "Derived", "judge_derived", "layer_files_task", "layers_tasks", "needs_raw"]
 
@@ -44,12 +43,14 @@ class Derived:
         digests: SHA-256 of their files, by path.
         unreadable: Why files could not be read, by path.
         population: The stored population by partition; ``None`` without one that recomputes.
+        content: Digest of what each table and document says, by path.
     """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
     digests: dict[str, str] = field(default_factory=dict)
     unreadable: dict[str, str] = field(default_factory=dict)
     population: dict[str, Any] | None = None
+    content: dict[str, str] = field(default_factory=dict)
 
 
 def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
@@ -57,7 +58,9 @@ def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | No
     if spool is None or survey.descriptor is None or not survey.descriptor.derived_layers:
         return None
     names = tuple(entry.path for entry in survey.files)
-    return LayerFilesTask(survey.root, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)
+    return LayerFilesTask(
+        survey.root, survey.release_files, names, survey.descriptor, survey.is_hashed, spool, survey.links
+    )
 
 
 def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:
@@ -97,9 +100,14 @@ def judge_derived(
         else:
             if isinstance(outcome, Failed):
                 reading.errors.append(f"derived layers: {outcome.message}")
-            return Derived(_unjudged(rules, is_killed=not isinstance(outcome, Failed)), files.digests, files.unreadable)
+            return Derived(
+                _unjudged(rules, is_killed=not isinstance(outcome, Failed)),
+                files.digests,
+                files.unreadable,
+                content=files.content,
+            )
     judged = {rule_id: tallies[rule_id] for rule_id in rules if rule_id in tallies}
-    return Derived(judged, files.digests, files.unreadable, population)
+    return Derived(judged, files.digests, files.unreadable, population, files.content)
 
 
 def _unjudged(rules: Sequence[str], *, is_killed: bool) -> dict[str, Tally]:
@@ -136,6 +144,7 @@ def layers_tasks(
         digests=files.digests,
         sizes=files.sizes,
         broken=files.broken,
+        content=files.content,
     )
     if shards and sum(len(shard.group_ids) for shard in shards) <= MAX_GROUPS_AT_ONCE:
         yield replace(every, rules=tuple(whole))
@@ -158,7 +167,7 @@ def layers_tasks(
 def _raw_rows(source: Survey, shards: Sequence[ShardResult]) -> RawRows:
     if not shards:
         return RawRows(reason="the raw layer is not available; give its dataset with --raw")
-    digest = Manifest.of(source.digests).layers.get(RAW_DIR) if source.is_hashed else None
+    digest = raw_content(shards)
     reason = next((shard.no_frames for shard in shards if not shard.frames), "")
     if not reason and source.descriptor is None:
         reason = "the descriptor beside the raw layer is unusable"

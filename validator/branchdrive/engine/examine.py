@@ -54,7 +54,7 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[d
         requires = (result.failed[other] for other in CATALOGUE[rule_id].requires if other in result.failed)
         subjects = subjects & ~_any(requires, view.num_rollouts)
         bad = judge(claimed[rule_id], partial(RULES[rule_id], view, subjects), partial(_of_rollouts, view), place=place)
-        if bad:
+        if bad and _excludes(rule_id):
             result.failed[rule_id] = _any((_marked(check.bad, view.num_rollouts) for check in bad), view.num_rollouts)
 
     result.complies = view.complete & ~_any(result.failed.values(), view.num_rollouts)
@@ -64,10 +64,15 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[d
     for rule_id in in_scope["group"]:
         tally = claimed[rule_id]
         bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)
-        if not tally.errors:
+        if not tally.errors and CATALOGUE[rule_id].stage:
             result.failed_groups[rule_id] = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
     result.outcomes = group_outcomes(view, selection, result.failed, result.failed_groups)
     return tallies, result
+
+
+def _excludes(rule_id: str) -> bool:
+    """Whether an attempt that fails the rule is kept from later ones; others judge what the dataset says of it."""
+    return CATALOGUE[rule_id].kind in ("structure", "qualification")
 
 
 def _any(masks: Iterable[Mask], size: int) -> Mask:

@@ -18,7 +18,8 @@ from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.identity import document_digest
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Mismatch
@@ -29,9 +30,10 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.untrusted import open_file
+from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.layers.view import RawLayer, ReleaseView
-from branchdrive.tables.schema import CHECKED_METADATA, metadata_mismatches, type_mismatches
+from branchdrive.tables.content import table_digest
+from branchdrive.tables.schema import CHECKED_METADATA, COLUMNS_KEY, metadata_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -66,6 +68,7 @@ class LayerFilesTask:
         descriptor: The dataset's descriptor.
         is_hashed: Whether to digest the files.
         spool: Where tables and documents go.
+        links: Folders that links may lead into.
     """
 
     root: Path
@@ -74,6 +77,7 @@ class LayerFilesTask:
     descriptor: Descriptor
     is_hashed: bool
     spool: Spool
+    links: Links = None
 
 
 @dataclass
@@ -89,6 +93,7 @@ class LayerFiles:
         documents: Documents in the spool that conform to their schema.
         contents: Documents, texts and heads of checkpoints whose bytes are in the spool.
         sizes: Bytes of the checkpoints, by path.
+        content: Digest of what each table and document says, by path.
     """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
@@ -99,6 +104,7 @@ class LayerFiles:
     documents: tuple[str, ...] = ()
     contents: tuple[str, ...] = ()
     sizes: dict[str, int] = field(default_factory=dict)
+    content: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -129,6 +135,11 @@ def read_layers(task: LayerFilesTask) -> LayerFiles:
     for path in (CARD_FILE, LICENCE_FILE):
         if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
             files.contents[path] = content
+    if task.is_hashed:
+        result.content = {
+            **{table_path(name): table_digest(name, table) for name, table in files.tables.items()},
+            **{path: document_digest(document) for path, document in files.documents.items()},
+        }
     view = ReleaseView(
         task.descriptor,
         files.tables,
@@ -154,7 +165,7 @@ def _read(task: LayerFilesTask, path: str, limit: int, result: LayerFiles) -> by
     if path not in task.files:
         return None
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             content = stream.read(min(os.fstat(stream.fileno()).st_size, limit) + 1)
     except (DatasetError, OSError) as error:
         result.unreadable[path] = str(error)
@@ -173,7 +184,7 @@ def _read_free(task: LayerFilesTask, path: str, files: _Files, result: LayerFile
         return
     digest = hashlib.sha256()
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             size = os.fstat(stream.fileno()).st_size
             if size > limits.max_media_bytes:
                 result.unreadable[path] = f"has {size} bytes; the limit is {limits.max_media_bytes}"
@@ -213,7 +224,7 @@ def _read_table(task: LayerFilesTask, path: str, name: str, files: _Files, resul
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
     """What a table of a derived layer stores beside its rows and the declared metadata of its columns."""
-    for key in schema.metadata or {}:
+    for key in (schema.metadata or {}).keys() - {COLUMNS_KEY.encode()}:
         yield Mismatch({"column": ""}, "no metadata of the file", printable(key.decode("utf-8", "replace")))
     for column in LAYER_TABLES[name].columns:
         declared = {key.encode(): value.encode() for key, value in column.metadata.items()}

@@ -47,7 +47,7 @@ class RawRows:
         shards: Prefixes of the shards in the spool.
         names: Frames of each shard.
         reason: Why there are none.
-        digest: Digest of the raw layer; ``None`` where it was not computed.
+        digest: Digest of the content of the raw layer; ``None`` where it is not known.
         descriptor: Its dataset's descriptor; ``None`` where it is unusable.
     """
 
@@ -75,6 +75,7 @@ class LayersTask:
         digests: SHA-256 of the files of the layers; empty where digests were not computed.
         sizes: Bytes of the checkpoints.
         broken: Tables that fail each rule on structure.
+        content: Digest of what each table and document says; empty where digests were not computed.
     """
 
     rules: tuple[str, ...]
@@ -89,6 +90,7 @@ class LayersTask:
     digests: Mapping[str, str]
     sizes: Mapping[str, int]
     broken: Mapping[str, frozenset[str]]
+    content: Mapping[str, str]
 
 
 @dataclass
@@ -121,6 +123,7 @@ def view_of(task: LayersTask) -> ReleaseView:
         frozenset(task.names),
         digests=task.digests,
         sizes=task.sizes,
+        content=task.content,
     )
 
 

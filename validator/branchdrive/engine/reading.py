@@ -59,7 +59,9 @@ def read_dataset(
     tasks: list[ShardTask | LayerFilesTask] = [] if layers is None else [layers]
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
-        tasks.append(ShardTask(survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool))
+        tasks.append(
+            ShardTask(survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links)
+        )
     results: dict[int, ShardResult] = {}
     reading = Reading([], None, [])
     num_shards = len(survey.shard_folders)
@@ -94,7 +96,7 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
     """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
     result = _unjudged(task)
     for path in task.files:
-        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed)
+        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed, links=task.links)
         for _, outcome in executor(_read, [part]):
             if isinstance(outcome, Failed):
                 errors.append(f"{path}: {outcome.message}")

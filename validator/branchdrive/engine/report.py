@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from branchdrive.contract.descriptor import Tolerances
 from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.contract.text import counted, quote
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.tally import Tally
@@ -13,15 +17,21 @@ from branchdrive.engine.verdict import EXIT_CODES, Verdict
 from branchdrive.engine.waiver import WaiverOutcome
 from branchdrive.raw.funnel import Funnel
 
-__all__ = ["DatasetFacts", "Report", "RunOptions"]
+__all__ = ["FUNNEL_BASIS", "POPULATION_BASIS", "DatasetFacts", "Report", "RunOptions"]
+
+FUNNEL_BASIS = "recomputed from the raw layer"
+POPULATION_BASIS = "claimed by the release, recomputed from its stored tables alone"
 
 
 @dataclass(frozen=True)
 class DatasetFacts:
     """What was validated.
 
-    `raw_path` is ``None`` unless the raw layer lies elsewhere; `identity` is computed from the digests of this
-    run, ``None`` without them.
+    `raw_path` is ``None`` unless the raw layer lies elsewhere. `identity` and `descriptor_digest` are computed from the
+    digests of this run, and `content_identity` from what the data say, with the digest of each layer in `content`;
+    ``None`` where digests were not computed. `tolerances` are those that the descriptor declares or leaves at their
+    defaults, by name; empty without a usable descriptor. `num_beside` counts names in the folder that are no part of
+    the dataset.
     """
 
     path: str
@@ -29,8 +39,13 @@ class DatasetFacts:
     dataset_id: str | None
     dataset_version: str | None
     identity: str | None
+    descriptor_digest: str | None
+    tolerances: dict[str, float]
+    content_identity: str | None
+    content: dict[str, str]
     num_shards: int
     num_files: int
+    num_beside: int
     num_bytes: int
     num_groups: int
     num_rollouts: int
@@ -39,13 +54,18 @@ class DatasetFacts:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How it was validated."""
+    """How it was validated; `links` are the folders that links may lead into, ``None`` where none is followed."""
 
     selected: tuple[str, ...] | None
     ignored: tuple[str, ...]
     hashed: bool
     require_groups: int | None
     is_strict: bool = False
+    links: tuple[str, ...] | None = None
+
+
+def _deciding(rule_ids: Sequence[str]) -> int:
+    return sum(CATALOGUE[rule_id].decides for rule_id in rule_ids)
 
 
 @dataclass(frozen=True)
@@ -100,6 +120,32 @@ class Report:
         return None if self.funnel is None else self.funnel.qualified
 
     @property
+    def conditions(self) -> tuple[str, ...]:
+        """What the verdict depends on beside the data, one line each."""
+        defaults = Tolerances().model_dump()
+        deselected = [tally.rule_id for tally in self.tallies if tally.unjudged == "deselected"]
+        waived = [tally for tally in self.tallies if any(f.waived for f in tally.findings)]
+        digest = self.dataset.descriptor_digest
+        lines = [f"descriptor {digest}" if digest else None]
+        lines += [
+            f"declared tolerance of {name}: {quote(value)} instead of {quote(defaults[name])}"
+            for name, value in self.dataset.tolerances.items()
+            if value != defaults[name]
+        ]
+        if deselected:
+            lines.append(f"{counted(len(deselected), 'rule')} deselected, of them {_deciding(deselected)} that decide")
+        if not self.options.hashed:
+            lines.append("digests of files were not compared")
+        if waived:
+            num_waived = sum(tally.places(f for f in tally.findings if f.waived) for tally in waived)
+            lines.append(f"{counted(num_waived, 'violation')} of {counted(len(waived), 'rule')} waived")
+        if self.options.require_groups is not None:
+            lines.append(f"at least {counted(self.options.require_groups, 'group')} required to qualify")
+        if self.options.is_strict:
+            lines.append("diagnostics and recommendations required to hold")
+        return tuple(line for line in lines if line)
+
+    @property
     def exit_code(self) -> int:
         """Exit code of the command line: the verdict's, or 1 where too few groups qualify or `--strict` forbids."""
         code = EXIT_CODES[self.verdict]
@@ -120,7 +166,9 @@ class Report:
                 "hashed": self.options.hashed,
                 "require_groups": self.options.require_groups,
                 "strict": self.options.is_strict,
+                "links": None if self.options.links is None else list(self.options.links),
             },
+            "conditions": list(self.conditions),
             "rules": [
                 {
                     "id": tally.rule_id,
@@ -137,9 +185,10 @@ class Report:
                 for tally in self.tallies
             ],
             "findings": [finding.to_json() for finding in self.findings],
-            "funnel": None if self.funnel is None else self.funnel.to_json(),
+            "funnel": None if self.funnel is None else {"basis": FUNNEL_BASIS, **self.funnel.to_json()},
             "response": None if self.response is None else self.response.to_json(),
             "population": self.population,
+            "population_basis": None if self.population is None else POPULATION_BASIS,
             "waivers": [outcome.to_json() for outcome in self.waivers],
             "errors": list(self.errors),
         }

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.rule import RULES, rules_of
+from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine.examine import examine
 from branchdrive.engine.finding import Finding
 from branchdrive.errors import BranchDriveError
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["check_rollout", "check_rollout_structure"]
 
-_CONTEXT_RULES = tuple(rule_id for rule_id in rules_of("group") if rule_id.startswith("BD-GRP-"))
+_CONTEXT_RULES = tuple(
+    rule_id for rule_id in rules_of("group") if rule_id.startswith("BD-GRP-") and CATALOGUE[rule_id].stage
+)
 """Rules on what an intervention shares with its nominal."""
 
 _NEEDS_NOMINAL = frozenset({"BD-KEY-005", "BD-CTL-010", "BD-TRG-002", "BD-GRP-006"})

@@ -10,11 +10,28 @@ from branchdrive.model import near_duplicate_rules
 from branchdrive.model import rules as model_rules
 from branchdrive.quality import fidelity_rules, split_rules
 from branchdrive.quality import rules as quality_rules
-from branchdrive.raw.rules import controls, evidence, groups, keys, maps, media, nulls, responses, status, ticks, values
+from branchdrive.raw.rules import (
+    controls,
+    evidence,
+    groups,
+    keys,
+    maps,
+    media,
+    motion,
+    nulls,
+    replays,
+    responses,
+    results,
+    route,
+    status,
+    ticks,
+    tracks,
+    values,
+)
 
 RULE_MODULES = (
-    file_rules, keys, nulls, values, ticks, status, controls, evidence, groups,
-    responses, media, maps, layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules,
-    near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
+    file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
+    replays, media, maps, route, motion, tracks, results, layer_rules, canonical_rules, quality_rules, split_rules,
+    fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

@@ -30,20 +30,21 @@ from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.survey import ShardFacts
 from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.untrusted import open_file
+from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.inputs import inputs_of
 from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
+from branchdrive.raw.content import attempt_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.response import observed_extremes, responses, tracks
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import map_digests
 from branchdrive.tables.frame import Frame
-from branchdrive.tables.schema import metadata_mismatches, type_mismatches
+from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -68,6 +69,7 @@ class ShardTask:
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
         spool: Where rows for the derived layers go; ``None`` where they need none.
+        links: Folders that links may lead into.
     """
 
     root: Path
@@ -77,6 +79,7 @@ class ShardTask:
     selected: frozenset[str]
     is_hashed: bool
     spool: Spool | None = None
+    links: Links = None
 
 
 @dataclass
@@ -119,11 +122,12 @@ def audit_shard(task: ShardTask) -> ShardResult:
             result.rows[name] = table.num_rows
             wrong = result.type_mismatches[path] = list(type_mismatches(table.schema, name))
             result.metadata_mismatches[path] = [] if wrong else list(metadata_mismatches(table.schema, name))
+            result.trace_mismatches[path] = list(trace_mismatches(table.schema))
             tables[name] = table
     frames = tables.get("frames")
     if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
         result.num_images = frames.num_rows
-        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames))
+        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames, task.links))
     _judge(task, tables, result)
     return result
 
@@ -132,7 +136,7 @@ def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
     if not task.is_hashed:
         return
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             if os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
                 result.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 return
@@ -144,7 +148,7 @@ def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
     max_bytes = spec_limits().max_table_bytes
     try:
-        with open_file(task.root, path) as stream:
+        with open_file(task.root, path, task.links) as stream:
             content = stream.read(min(os.fstat(stream.fileno()).st_size, max_bytes) + 1)
     except (DatasetError, OSError) as error:
         result.undecodable[path] = str(error)
@@ -189,10 +193,17 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     view = ShardView(claimed, task.descriptor, file_prefix=task.folder)
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
+    if task.is_hashed:
+        result.attempts = attempt_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
     tallies, examination = examine(view, None if task.spool else task.selected)
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
+    result.judged = {
+        rule_id: (tally.num_findings, tally.examined)
+        for rule_id, tally in tallies.items()
+        if tally.info.scope == "rollout"
+    }
     result.responses, result.tracks = responses(view, examination.selection), tracks(view)
     result.extremes = observed_extremes(view)
     result.maps = map_digests(view)

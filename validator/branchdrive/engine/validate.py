@@ -14,6 +14,8 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from branchdrive.contract.identity import claimed_files, content_identity, derived_content
+from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
 from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
@@ -31,6 +33,8 @@ from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import Survey, take_survey
 from branchdrive.formats.manifest import Manifest
+from branchdrive.formats.untrusted import Links, linked_folders
+from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
 
 __all__ = ["judge_files", "select_rules", "validate"]
@@ -63,6 +67,8 @@ def validate(
     waivers: Sequence[Waiver] = (),
     require_groups: int | None = None,
     strict: bool = False,
+    follow_links: bool = False,
+    allow: Sequence[Path | str] = (),
     executor: Executor = in_process,
     progress: Progress | None = None,
     today: date | None = None,
@@ -78,6 +84,8 @@ def validate(
         waivers: Accepted failures.
         require_groups: Groups that must qualify for exit code 0.
         strict: Whether exit code 0 takes that no diagnostic and no recommendation fails.
+        follow_links: Whether links are followed: those that stay in their dataset, and those into `allow`.
+        allow: Folders that links may lead into.
         executor: How shards are run; `branchdrive.engine.worker.isolated` bounds memory.
         progress: Called after every shard.
         today: The date against which waivers expire; the current date by default.
@@ -93,7 +101,8 @@ def validate(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
     # Without the rule on digests, the rule on decoding checks a damaged table.
-    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected)
+    links = linked_folders(follow_links, allow)
+    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected, links=links)
     source = _raw_survey(survey, raw)
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
@@ -116,8 +125,15 @@ def validate(
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
         decide(tallies.values(), errors),
-        _facts(survey, source),
-        RunOptions(tuple(select) if select is not None else None, tuple(ignore), hash_files, require_groups, strict),
+        _facts(survey, source, derived.content),
+        RunOptions(
+            tuple(select) if select is not None else None,
+            tuple(ignore),
+            hash_files,
+            require_groups,
+            strict,
+            _shown(links),
+        ),
         tuple(tallies.values()),
         funnel if is_judged else None,
         ResponseSummary.of(results, source.descriptor.action_bank.keys) if is_judged and source.descriptor else None,
@@ -128,13 +144,17 @@ def validate(
     )
 
 
+def _shown(links: Links) -> tuple[str, ...] | None:
+    return None if links is None else tuple(printable(str(folder)) for folder in links)
+
+
 def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     """The survey whose shards are the raw layer: of `survey` itself, or of the dataset at `raw`."""
     if raw is None:
         return survey
     if survey.has_raw:
         raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
-    source = take_survey(Path(raw), hash_files=survey.is_hashed)
+    source = take_survey(Path(raw), hash_files=survey.is_hashed, links=survey.links)
     if not source.shard_folders:
         raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
     return source
@@ -189,20 +209,30 @@ def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> No
         judge(tally, lambda: RULES[tally.rule_id](survey))
 
 
-def _facts(survey: Survey, source: Survey) -> DatasetFacts:
+def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetFacts:
     rows: dict[str, int] = {}
     for shard in survey.shards:
         for name, count in shard.rows.items():
             rows[name] = rows.get(name, 0) + count
     descriptor = survey.descriptor
+    claimed = descriptor.layers if descriptor else ()
+    content = derived_content(files, claimed_files(claimed, survey.paths))
+    raw = raw_content(survey.shards) if survey.shards else None
+    if raw is not None:
+        content[RAW_DIR] = raw
     return DatasetFacts(
         path=printable(str(survey.root)),
         raw_path=None if source is survey or source.root == survey.root else printable(str(source.root)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
+        descriptor_digest=survey.digests.get(DESCRIPTOR_FILE) if survey.is_hashed else None,
+        tolerances=descriptor.tolerances.model_dump() if descriptor else {},
+        content_identity=content_identity(content, claimed),
+        content=content,
         num_shards=len(survey.shards),
         num_files=len(survey.files),
+        num_beside=survey.num_beside,
         num_bytes=sum(entry.size for entry in survey.files),
         num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.companion import IGNORE_FILE
 from branchdrive.contract.encoding import ENCODING_NAME, encoding_digest
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import (
@@ -21,6 +22,7 @@ from branchdrive.contract.layout import (
     unsafe_reason,
 )
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.machine_trace import trace_of
 from branchdrive.contract.mismatch import Check, Location, Mismatch
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import rule
@@ -110,11 +112,23 @@ def paths_are_safe(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-006")
 def only_files_and_folders(survey: Survey) -> Iterator[Check]:
     """No links, devices, sockets or pipes, and no folder that cannot be listed."""
-    kinds = {"link": "a symbolic link", "special": "a special file", "unreadable": "nothing that can be read"}
+    kinds = {
+        "link": "a symbolic link",
+        "stray_link": "a symbolic link to nothing that it may lead to",
+        "special": "a special file",
+        "unreadable": "nothing that can be read",
+    }
     found = [
         Mismatch({"file": e.path}, "a regular file or folder", kinds[e.kind]) for e in survey.entries if e.kind in kinds
     ]
     yield Check.of(len(survey.entries), tuple(found))
+
+
+@rule("BD-LAY-010")
+def ignore_file_is_bounded(survey: Survey) -> Iterator[Check]:
+    """The ignore file, where there is one, is bounded text of patterns of names."""
+    wanted, error = "patterns of names, one a line, within the limits", survey.ignore_error
+    yield Check.of(1, () if error is None else (Mismatch({"file": IGNORE_FILE}, wanted, error),))
 
 
 @rule("BD-LAY-007")
@@ -240,6 +254,32 @@ def descriptor_agrees_with_itself(survey: Survey) -> Iterator[Check]:
     yield Check.of(int(judged), (found.within(_DESCRIPTOR) for found in survey.conflicts))
 
 
+def _texts(value: object, pointer: str = "") -> Iterator[tuple[str, str]]:
+    """Every text of a document with its JSON pointer."""
+    if isinstance(value, str):
+        yield pointer or "/", value
+    elif isinstance(value, dict):
+        for key, member in value.items():
+            yield from _texts(member, f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}")
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from _texts(item, f"{pointer}/{index}")
+
+
+@rule("BD-DOC-005")
+def descriptor_names_no_machine(survey: Survey) -> Iterator[Check]:
+    """No text of the descriptor holds a path, a host or a time of the machine that wrote it."""
+    judged = survey.document_error is None
+    yield Check.of(
+        int(judged),
+        (
+            Mismatch({**_DESCRIPTOR, "pointer": pointer}, f"a text without {trace}", quote(text))
+            for pointer, text in (_texts(survey.document) if judged else ())
+            if (trace := trace_of(text))
+        ),
+    )
+
+
 @rule("BD-ENC-001")
 def encoding_recomputes(survey: Survey) -> Iterator[Check]:
     """The digest of a declared `bd29` encoding is that of the bank's matrix."""
@@ -314,3 +354,18 @@ def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
     if not survey.shards:
         found.append(Mismatch({"file": "raw"}, "at least one shard", "none"))
     yield Check.of(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))
+
+
+@rule("BD-TAB-005")
+def metadata_name_no_machine(survey: Survey) -> Iterator[Check]:
+    """No key-value pair of a file's footer holds a path, a host or a time of the machine that wrote it."""
+    yield _columns(survey, [shard.trace_mismatches for shard in survey.shards])
+
+
+@rule("BD-TAB-006")
+def raw_layer_holds_an_attempt(survey: Survey) -> Iterator[Check]:
+    """The rollouts tables of all shards have a row."""
+    num_attempts = sum(shard.rows.get("rollouts", 0) for shard in survey.shards)
+    is_empty = bool(survey.shards) and not num_attempts
+    lacking = Mismatch({"table": "rollouts"}, "at least one attempt", "no row in any shard")
+    yield Check.of(int(bool(survey.shards)), (lacking,) if is_empty else ())

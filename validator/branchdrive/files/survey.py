@@ -1,7 +1,9 @@
 """The dataset as files and documents: what the parent process sees before and after the shards.
 
-Nothing here trusts a name: folders are walked without following links, files are opened relative
-to the root step by step, documents are bounded. Source: spec/03-layout.md, spec/09-security.md.
+Nothing here trusts a name: folders are walked and files are opened relative to the root step by step, links are
+followed only where the caller asks for it, documents are bounded, and what lies beside the dataset is not looked at.
+
+Source: spec/03-layout.md, spec/09-security.md.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
@@ -32,22 +35,23 @@ from branchdrive.contract.layout import (
 )
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.refusal import mismatches_of
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.driving.response import Responses
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.file_error import machine_faults
 from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
-from branchdrive.formats.untrusted import open_file, read_file
+from branchdrive.formats.untrusted import Links, linked_status, open_file, open_folder, read_file
 
 __all__ = ["Entry", "ShardFacts", "Survey", "take_survey"]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One name below the root."""
+    """One name below the root; a link that is followed is what it leads to, and a stray one may not be followed."""
 
     path: str
-    kind: Literal["file", "folder", "link", "special", "unreadable"]
+    kind: Literal["file", "folder", "link", "stray_link", "special", "unreadable"]
     size: int
 
 
@@ -64,10 +68,14 @@ class ShardFacts:
         over_limit: How files exceed the limits.
         type_mismatches: Columns that are missing, undeclared or of another type.
         metadata_mismatches: Columns whose unit, frame, shape or track is not recorded as declared.
+        trace_mismatches: Metadata of files that hold a trace of the machine that wrote them.
         present: Tables that are there.
         rows: Rows of each table.
         rollout_ids: Identities of the attempts.
         group_ids: Identities of the groups.
+        judged: Of every rule on single attempts, how many fail it and how many were examined.
+        attempts: Digest of the content of each attempt by its identity; ``None`` where they were not computed, or rows
+            have no place in them.
         responses: What its interventions do, where its rows could be judged.
         tracks: What the ego did in the attempts of each group, as digests.
         extremes: Smallest and largest value of every column of numbers of the observations.
@@ -84,10 +92,13 @@ class ShardFacts:
     over_limit: dict[str, str] = field(default_factory=dict)
     type_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
     metadata_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
+    trace_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
     present: tuple[str, ...] = ()
     rows: dict[str, int] = field(default_factory=dict)
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
+    judged: dict[str, tuple[int, int]] = field(default_factory=dict)
+    attempts: dict[str, str] | None = None
     responses: Responses = field(default_factory=Responses.none)
     tracks: dict[str, frozenset[int]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -102,8 +113,11 @@ class Survey:
 
     Attributes:
         root: The dataset folder.
-        entries: Every name below the root, sorted by path; cut off at the limit on files.
+        links: Folders that links may lead into.
+        entries: Every name below the root that is no companion, sorted by path; cut off at the limit on files.
         is_cut: Whether `entries` is cut off.
+        num_beside: Names that are companions of the dataset; what lies in them was not looked at.
+        ignore_error: What is wrong with the ignore file.
         manifest: What the manifest states; ``None`` if there is none.
         manifest_mismatches: What is wrong with the manifest's text.
         document: The descriptor's JSON; ``None`` if it does not parse.
@@ -118,8 +132,11 @@ class Survey:
     """
 
     root: Path
+    links: Links = None
     entries: tuple[Entry, ...] = ()
     is_cut: bool = False
+    num_beside: int = 0
+    ignore_error: str | None = None
     manifest: Manifest | None = None
     manifest_mismatches: tuple[Mismatch, ...] = ()
     document: Any = None
@@ -203,45 +220,70 @@ class Survey:
         return replace(self, shards=shards, digests=digests, unreadable=unreadable)
 
 
-def _walk(root: Path, limits: Limits) -> tuple[list[Entry], bool]:
+def _walk(root: Path, links: Links, companions: Companions, limits: Limits) -> Iterator[tuple[str, Any]]:
+    """Fields of a `Survey` that say what lies below the root."""
     entries: list[Entry] = []
+    num_beside = 0
     folders = [""]
     while folders:
         folder = folders.pop()
         try:
-            with machine_faults(root / folder), os.scandir(root / folder) as listing:
+            with (
+                machine_faults(root / folder),
+                open_folder(root, folder, links) as descriptor,
+                os.scandir(descriptor) as listing,
+            ):
                 names = sorted(islice(listing, 2 * limits.max_files + 1), key=lambda entry: entry.name)
+                found = [_entry(root, f"{folder}/{name.name}" if folder else name.name, name, links) for name in names]
         except OSError:
             if not folder:
                 raise
             entries.append(Entry(folder, "unreadable", 0))
             continue
-        for name in names:
-            path = f"{folder}/{name.name}" if folder else name.name
-            entries.append(_entry(path, name))
+        for entry in found:
+            if entry.path in companions:
+                num_beside += 1
+                continue
+            entries.append(entry)
             # One folder below the deepest allowed one, so that what lies too deep is seen.
-            if entries[-1].kind == "folder" and path.count("/") <= limits.max_depth:
-                folders.append(path)
+            if entry.kind == "folder" and entry.path.count("/") <= limits.max_depth:
+                folders.append(entry.path)
             if len(entries) > 2 * limits.max_files:
-                return entries, True
-    return sorted(entries, key=lambda entry: entry.path), False
+                yield "is_cut", True
+                folders.clear()
+                break
+    yield "entries", tuple(sorted(entries, key=lambda entry: entry.path))
+    yield "num_beside", num_beside
 
 
-def _entry(path: str, name: os.DirEntry[str]) -> Entry:
+def _entry(root: Path, path: str, name: os.DirEntry[str], links: Links) -> Entry:
     try:
-        with machine_faults(name.path):
+        with machine_faults(root / path):
             status = name.stat(follow_symlinks=False)
     except OSError:
         return Entry(path, "unreadable", 0)
+    if stat.S_ISLNK(status.st_mode):
+        return Entry(path, "link", 0) if links is None else _followed(root, path, links)
+    return Entry(path, *_kind(status))
+
+
+def _followed(root: Path, path: str, links: tuple[Path, ...]) -> Entry:
+    """What a link leads to."""
+    try:
+        with machine_faults(root / path):
+            return Entry(path, *_kind(linked_status(root, path, links)))
+    except OSError:
+        return Entry(path, "stray_link", 0)
+
+
+def _kind(status: os.stat_result) -> tuple[Literal["file", "folder", "special"], int]:
     if stat.S_ISREG(status.st_mode):
-        return Entry(path, "file", status.st_size)
-    if stat.S_ISDIR(status.st_mode):
-        return Entry(path, "folder", 0)
-    return Entry(path, "link" if stat.S_ISLNK(status.st_mode) else "special", 0)
+        return "file", status.st_size
+    return ("folder" if stat.S_ISDIR(status.st_mode) else "special"), 0
 
 
-def _digest(root: Path, path: str) -> str:
-    with open_file(root, path) as stream:
+def _digest(root: Path, path: str, links: Links) -> str:
+    with open_file(root, path, links) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
@@ -249,17 +291,13 @@ def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
     try:
         return Descriptor.model_validate(document), ()
     except ValidationError as error:
-        found = (
-            Mismatch({"pointer": "".join(f"/{part}" for part in e["loc"]) or "/"}, e["msg"], ascii(e["input"])[:160])
-            for e in error.errors(include_url=False, include_context=False)
-        )
-        return None, tuple(found)
+        return None, mismatches_of(error)
 
 
-def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
+def _read_descriptor(root: Path, links: Links, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Fields of a `Survey` that describe the descriptor, as far as reading gets."""
     try:
-        content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes)
+        content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes, links)
         yield "digests", {DESCRIPTOR_FILE: hashlib.sha256(content).hexdigest()}
         document = parse_json(content, limits)
     except (DatasetError, OSError, ValueError, RecursionError) as error:
@@ -276,8 +314,38 @@ def _read_descriptor(root: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
         yield "conflicts", conflicts
 
 
-def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
+def _read_manifest(root: Path, links: Links, limits: Limits) -> Iterator[tuple[str, Any]]:
+    """Fields of a `Survey` that describe the manifest."""
+    if not os.path.lexists(root / MANIFEST_FILE):
+        return
+    try:
+        content = read_file(root, MANIFEST_FILE, limits.max_manifest_bytes, links)
+    except (DatasetError, OSError) as error:
+        yield "manifest_mismatches", (malformed(0, str(error)),)
+        return
+    manifest, mismatches = parse_manifest(content, limits)
+    yield "manifest", manifest
+    yield "manifest_mismatches", tuple(mismatches)
+
+
+def _read_patterns(root: Path, links: Links, limits: Limits) -> tuple[tuple[str, ...], str | None]:
+    """Patterns of the ignore file, and what is wrong with it."""
+    if not os.path.lexists(root / IGNORE_FILE):
+        return (), None
+    try:
+        return ignored_names(read_file(root, IGNORE_FILE, limits.max_ignore_bytes, links)), None
+    except (DatasetError, OSError, ValueError) as error:
+        return (), str(error)
+
+
+def take_survey(root: Path, *, hash_files: bool = True, links: Links = None, limits: Limits | None = None) -> Survey:
     """Survey of the dataset at `root`, without its shards.
+
+    Args:
+        root: The dataset folder.
+        hash_files: Whether to compute digests.
+        links: Folders that links may lead into.
+        limits: Bounds; those of the specification by default.
 
     Raises:
         UsageError: There is no dataset at `root`.
@@ -289,14 +357,11 @@ def take_survey(root: Path, *, hash_files: bool = True, limits: Limits | None = 
         raise UsageError(
             f"{str(root)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
         )
-    entries, is_cut = _walk(root, limits)
-    survey = Survey(root, tuple(entries), is_cut, is_hashed=hash_files, **dict(_read_descriptor(root, limits)))
-    if any(entry.path == MANIFEST_FILE for entry in entries):
-        try:
-            manifest, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, limits.max_manifest_bytes), limits)
-            survey = replace(survey, manifest=manifest, manifest_mismatches=tuple(mismatches))
-        except (DatasetError, OSError) as error:
-            survey = replace(survey, manifest_mismatches=(malformed(0, str(error)),))
+    fields = {**dict(_read_manifest(root, links, limits)), **dict(_read_descriptor(root, links, limits))}
+    patterns, ignore_error = _read_patterns(root, links, limits)
+    listed = fields["manifest"].files if "manifest" in fields else ()
+    fields |= dict(_walk(root, links, Companions(listed, patterns), limits))
+    survey = Survey(root, links, ignore_error=ignore_error, is_hashed=hash_files, **fields)
     return _hash_outside(survey) if hash_files else replace(survey, digests={})
 
 
@@ -311,7 +376,7 @@ def _hash_outside(survey: Survey) -> Survey:
             unreadable[path] = f"has {size} bytes; the limit is {limit}"
             continue
         try:
-            digests[path] = _digest(survey.root, path)
+            digests[path] = _digest(survey.root, path, survey.links)
         except (DatasetError, OSError) as error:
             unreadable[path] = str(error)
     return replace(survey, digests=digests, unreadable=unreadable)

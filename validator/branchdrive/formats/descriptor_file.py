@@ -11,10 +11,11 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.refusal import mismatches_of
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import Links, read_file
 
-__all__ = ["differing_fields", "read_descriptor", "render_descriptor"]
+__all__ = ["differing_fields", "differing_values", "read_descriptor", "render_descriptor"]
 
 _SHOWN_CHARACTERS = 40
 
@@ -24,19 +25,19 @@ def render_descriptor(descriptor: Descriptor) -> bytes:
     return dump_json(descriptor.model_dump(mode="json"))
 
 
-def read_descriptor(root: Path) -> Descriptor:
+def read_descriptor(root: Path, links: Links = None) -> Descriptor:
     """The descriptor of the dataset at `root`.
 
     Raises:
         DatasetError: There is none, or it does not conform to its schema.
     """
-    content = read_file(root, DESCRIPTOR_FILE, spec_limits().max_document_bytes)
+    content = read_file(root, DESCRIPTOR_FILE, spec_limits().max_document_bytes, links)
     try:
         return Descriptor.model_validate(parse_json(content))
     except ValidationError as error:
-        first = error.errors()[0]
-        place = "/".join(map(str, first["loc"])) or "the document"
-        problem = f"{place}: {first['msg']} ({error.error_count()} problems)"
+        first, *others = mismatches_of(error)
+        more = f" ({len(others)} more problems)" if others else ""
+        problem = f"{first.location['pointer']}: expected {first.expected}, found {first.found}{more}"
     except ValueError as error:
         problem = str(error)
     raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is not a descriptor: {problem}; run `branchdrive-validate`")
@@ -49,8 +50,13 @@ def differing_fields(root: Path, descriptor: Descriptor) -> list[str]:
         DatasetError: The dataset's descriptor cannot be read.
     """
     found = read_descriptor(root).model_dump(mode="json")
-    texts = _differences("", found, descriptor.model_dump(mode="json"))
+    texts = differing_values(found, descriptor.model_dump(mode="json"))
     return texts or [f"{DESCRIPTOR_FILE!r} is formatted otherwise"]
+
+
+def differing_values(found: Any, given: Any) -> list[str]:
+    """What tells two JSON values apart, one text for every member of objects in them that differs."""
+    return _differences("", found, given)
 
 
 def _differences(place: str, found: Any, given: Any) -> list[str]:
@@ -61,4 +67,5 @@ def _differences(place: str, found: Any, given: Any) -> list[str]:
     if found == given:
         return []
     texts = [repr(value) if len(repr(value)) <= _SHOWN_CHARACTERS else "" for value in (found, given)]
+    place = place or "all of it"
     return [f"{place} is {texts[0]}, not {texts[1]}" if all(texts) else f"{place} differs"]

@@ -15,15 +15,15 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
 from branchdrive.contract.layout import (
     IDENTITY_LAYERS,
     LAYERS,
     MANIFEST_FILE,
-    RAW_DIR,
     STAGING_DIR,
     layer_of,
     unsafe_reason,
@@ -96,12 +96,6 @@ class Manifest:
 
     def __repr__(self) -> str:
         return f"Manifest({len(self.files)} files, layers {list(self.layers)}, identity {self.identity!r})"
-
-
-def derived_identity(files: Mapping[str, str]) -> str:
-    """Identity that a release of these files has without its raw layer, so that it is one in place and detached."""
-    derived = {path: digest for path, digest in files.items() if layer_of(path) in {*IDENTITY_LAYERS} - {RAW_DIR}}
-    return Manifest.of(derived).identity
 
 
 def _file_line(digest: str, path: str) -> str:
@@ -237,13 +231,23 @@ class _Reading:
             self.is_over = True
 
 
-def build_manifest(root: Path) -> Manifest:
-    """Digest every file below `root`, except the manifest itself and a writer's working area.
+def build_manifest(root: Path, listed: Collection[str] = ()) -> Manifest:
+    """Digest every file below `root`, except the manifest itself, a writer's working area and companions.
+
+    Args:
+        root: The dataset folder.
+        listed: Paths of files that are part of the dataset, whatever they are called.
 
     Raises:
-        DatasetError: The dataset holds a link, a special file or an unsafe path.
+        DatasetError: The dataset holds a link, a special file or an unsafe path, or its ignore file is malformed.
     """
-    return Manifest.of({path: _file_digest(root, path) for path in _files_under(root)})
+    patterns: tuple[str, ...] = ()
+    if os.path.lexists(root / IGNORE_FILE):
+        try:
+            patterns = ignored_names(read_file(root, IGNORE_FILE, spec_limits().max_ignore_bytes))
+        except ValueError as error:
+            raise DatasetError(f"{root}: {IGNORE_FILE!r} {error}; correct it") from error
+    return Manifest.of({path: _file_digest(root, path) for path in _files_under(root, Companions(listed, patterns))})
 
 
 def check_against_manifest(root: Path) -> Manifest:
@@ -253,7 +257,7 @@ def check_against_manifest(root: Path) -> Manifest:
         DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
     """
     listed, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
-    found = build_manifest(root)
+    found = build_manifest(root, listed.files)
     if mismatches or listed != found:
         paths = sorted(path for path, _ in set(listed.files.items()) ^ set(found.files.items()))
         what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
@@ -261,7 +265,7 @@ def check_against_manifest(root: Path) -> Manifest:
     return found
 
 
-def _files_under(root: Path) -> Iterator[str]:
+def _files_under(root: Path, companions: Companions) -> Iterator[str]:
     not_listed = {MANIFEST_FILE, partial_path(root / MANIFEST_FILE).name, STAGING_DIR}
     folders = [""]
     while folders:
@@ -271,6 +275,8 @@ def _files_under(root: Path) -> Iterator[str]:
                 if not folder and entry.name in not_listed:
                     continue
                 path = f"{folder}/{entry.name}" if folder else entry.name
+                if path in companions:
+                    continue
                 reason = unsafe_reason(path)
                 if reason is not None:
                     raise DatasetError(f"{root}: path {path!r} {reason}; rename it before the dataset is finished")

@@ -12,7 +12,7 @@ from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.parquet import decode_table, written_out_bytes
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import Links, read_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 __all__ = ["conform", "read_table"]
 
 
-def read_table(root: Path, path: str, name: str) -> pa.Table:
+def read_table(root: Path, path: str, name: str, links: Links = None) -> pa.Table:
     """The table `name` in the file `path` below `root`, as stored: text as dictionaries, with the file's metadata.
 
     Raises:
         DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
             text would be larger than a decoded table may be, written out for every row.
     """
-    content = read_file(root, path, spec_limits().max_table_bytes)
+    content = read_file(root, path, spec_limits().max_table_bytes, links)
     try:
         table = decode_table(content, name)
     except DecodeError as error:

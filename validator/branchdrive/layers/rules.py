@@ -15,7 +15,11 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.layers.view import ReleaseView
-from branchdrive.raw.rules.nulls import masks_agree_with_values, required_columns_hold_no_null
+from branchdrive.raw.rules.nulls import (
+    masks_agree_with_values,
+    required_columns_hold_no_null,
+    unrecorded_columns_are_null,
+)
 from branchdrive.raw.rules.values import (
     categories_are_declared,
     text_matches_pattern,
@@ -88,8 +92,8 @@ def layer_values_are_as_declared(view: ReleaseView) -> Iterator[Check]:
 
 @rule("BD-LYR-008")
 def layer_nulls_follow_masks(view: ReleaseView) -> Iterator[Check]:
-    """A masked column is null exactly where its mask is off, and no other column holds a null."""
-    for check in (required_columns_hold_no_null, masks_agree_with_values):
+    """A masked column is null exactly where its mask is off, an unrecorded one throughout, no other anywhere."""
+    for check in (required_columns_hold_no_null, masks_agree_with_values, unrecorded_columns_are_null):
         yield from check(view)
 
 

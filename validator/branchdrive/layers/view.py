@@ -36,7 +36,7 @@ class RawLayer:
     Attributes:
         rows: Rows that it gives, by table; ``None`` where it is not available.
         reason: Why it is not.
-        digest: Digest of the layer; ``None`` where it was not computed.
+        digest: Digest of the content of the layer; ``None`` where it is not known.
         descriptor: Its dataset's descriptor; ``None`` where it is not available.
     """
 
@@ -67,6 +67,7 @@ class ReleaseView:
         files: Paths of all files of the derived layers and of the root.
         digests: SHA-256 of the files that were read, by path; empty where digests were not computed.
         sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
+        content: Digest of what each table and document says, by path; empty where digests were not computed.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class ReleaseView:
         *,
         digests: Mapping[str, str] | None = None,
         sizes: Mapping[str, int] | None = None,
+        content: Mapping[str, str] | None = None,
     ) -> None:
         self.descriptor = descriptor
         self.tables = tables
@@ -90,6 +92,7 @@ class ReleaseView:
         self.files = files
         self.digests = dict(digests or {})
         self.sizes = dict(sizes or {})
+        self.content = dict(content or {})
         self.mismatches = dict(mismatches or {})
         self._frames: dict[str, dict[str, Values]] = {}
         self._expected: dict[str, Frame] = {}

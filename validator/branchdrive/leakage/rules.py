@@ -164,6 +164,8 @@ def _history_variables(view: ReleaseView) -> tuple[NDArray[np.float64], list[str
     variables = np.concatenate([arrays.state.reshape(size, -1), arrays.controls.reshape(size, -1)], axis=1)
     names = [f"state {f.name} at tick {offset}" for offset in HISTORY_OFFSETS for f in SENSOR_PROFILE.state]
     names += [f"past_controls {f.name} at tick {offset}" for offset in CONTROL_WINDOW for f in SENSOR_PROFILE.controls]
+    is_recorded = np.isfinite(variables).any(axis=0)
+    variables, names = variables[:, is_recorded], [name for name, kept in zip(names, is_recorded, strict=True) if kept]
     available = arrays.scalars.available
     return variables, names, (np.where(available, arrays.scalars.values, 0.0), available)
 

@@ -17,6 +17,9 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from branchdrive.contract.columns import LAYER_TABLES, STREAMS, TABLES, Column
 from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.descriptor import Descriptor
@@ -30,7 +33,7 @@ from branchdrive.errors import UsageError
 
 __all__ = [
     "CONTRACT_TABLES", "EXPERT_PROFILE", "HISTORIES", "History", "admit_column", "contract_tables",
-    "feature_mismatches", "features_document", "target_mask",
+    "feature_mismatches", "features_document", "recorded_features", "target_mask",
 ]  # fmt: skip
 
 
@@ -93,6 +96,12 @@ def contract_tables(contract: InputContract, descriptor: Descriptor) -> tuple[st
     return tuple(name for name in CONTRACT_TABLES[contract] if name != "surroundings" or _has_evidence(descriptor))
 
 
+def recorded_features(table: str, descriptor: Descriptor) -> NDArray[np.bool_]:
+    """Which features of a table of histories the dataset records ``[features]``."""
+    unrecorded = set(descriptor.unrecorded)
+    return np.array([not feature.sources & unrecorded for feature in HISTORIES[table].features], np.bool_)
+
+
 def admit_column(contract: InputContract, table: str, column: str) -> Column:
     """The declaration of a column of the model layer that inputs under the contract may hold.
 
@@ -139,7 +148,12 @@ def features_document(descriptor: Descriptor) -> dict[str, Any]:
         "histories": {
             name: {
                 "rows": len(HISTORIES[name].offsets),
-                "features": [feature.record for feature in HISTORIES[name].features],
+                "features": [
+                    {**feature.record, "recorded": bool(is_recorded)}
+                    for feature, is_recorded in zip(
+                        HISTORIES[name].features, recorded_features(name, descriptor), strict=True
+                    )
+                ],
             }
             for name in contracts[InputContract.PRIVILEGED.value]
         },

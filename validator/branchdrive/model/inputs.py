@@ -53,11 +53,18 @@ def _window(
 
 
 def _state(view: ShardView, nominals: Index) -> dict[str, Values]:
-    columns, tick = _window(view, "observations", SENSOR_PROFILE.state_columns, nominals, STATE_WINDOW)
-    history = state_history(SENSOR_PROFILE, columns, tick=tick, branch_tick=view.branch_tick[nominals])
+    profile = SENSOR_PROFILE.without(view.descriptor.unrecorded)
+    columns, tick = _window(view, "observations", profile.state_columns, nominals, STATE_WINDOW)
+    history = state_history(profile, columns, tick=tick, branch_tick=view.branch_tick[nominals])
     values = history.values.reshape(-1, history.values.shape[2])
-    names = [feature.name for feature in SENSOR_PROFILE.state]
-    return {**_keys(view, nominals, HISTORY_OFFSETS), **dict(zip(names, values.T, strict=True))}
+    recorded: dict[str, NDArray[Any]] = dict(zip((feature.name for feature in profile.state), values.T, strict=True))
+    absent = np.full(len(values), np.nan)
+    frame = _keys(view, nominals, HISTORY_OFFSETS)
+    for column in LAYER_TABLES["state"].columns:
+        if column.name not in frame:
+            cells = recorded.get(column.name, absent)
+            frame[column.name] = np.ma.masked_array(cells, cells is absent) if column.nullable else cells
+    return frame
 
 
 def _controls(view: ShardView, nominals: Index) -> dict[str, Values]:

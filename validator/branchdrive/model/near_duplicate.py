@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.contract.comparison import TOLERANCE
 from branchdrive.driving.feature import SENSOR_PROFILE
-from branchdrive.driving.history import HistoryInput
+from branchdrive.driving.history import history_of
 from branchdrive.model.arrays import pack_history
 from branchdrive.model.normalisation import fit_controls, fit_state, training
 from branchdrive.statistics.split import TRAINING
@@ -190,8 +190,8 @@ def duplicates_among(
     fitted_on = training(groups, assignment)
     scaled = []
     for values, fit in zip(histories, (fit_state, fit_controls), strict=True):
-        history = HistoryInput(values, np.asarray(np.isfinite(values).all(axis=2)))
-        scaled.append(fit(history, SENSOR_PROFILE, fitted_on).apply(values))
+        scaled.append(fit(history_of(values), SENSOR_PROFILE, fitted_on).apply(values))
+    scaled = [part[..., np.isfinite(part).any(axis=(0, 1))] for part in scaled]  # what is not recorded tells nothing
     return near_duplicates(history_vectors(*scaled), [assignment[group] for group in groups])
 
 

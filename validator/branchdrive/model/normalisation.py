@@ -8,8 +8,9 @@ Every scaling is affine, ``z = (value - offset) / scale``, then limited where a 
     trajectory  mean and sd per step and component; sin and cos as they are
 
 Standard deviations are of the population and at least 1e-3, interquartile ranges at least 1e-6. What is
-left as it is has offset 0 and scale 1 and passes unchanged, to the bit. A scaling holds the digest of the
-split it was fitted on, and it can be fitted in no other way than through the training rows of that split.
+left as it is has offset 0 and scale 1 and passes unchanged, to the bit; so has a feature that is not recorded,
+which no row of a history has. A scaling holds the digest of the split it was fitted on, and it can be fitted in
+no other way than through the training rows of that split.
 Sums run in the order of the rows: with the groups in sorted order the statistics are reproducible to the bit.
 
 Source: paper III-E and IV (training statistics only); floors and limits are this project's choice.
@@ -149,8 +150,12 @@ def _fit_history(history: HistoryInput, features: Sequence[Feature], fitted_on: 
     values = _training_rows(np.where(history.available[..., None], history.values, np.nan), fitted_on, 3)
     if values.shape[2] != len(features):
         raise ValueError(f"a history of {values.shape[2]} features does not match a profile of {len(features)}")
-    mean, sd = _moments(values.reshape(-1, values.shape[2]))
-    kept = np.array([not feature.normalised for feature in features])
+    if not history.available[fitted_on.rows].any():
+        raise ValueError("no training row is available to fit a scaling on")
+    is_recorded = np.isfinite(history.values).any(axis=(0, 1))
+    mean, sd = np.zeros(len(features)), np.ones(len(features))
+    mean[is_recorded], sd[is_recorded] = _moments(values.reshape(-1, values.shape[2])[:, is_recorded])
+    kept = np.array([not feature.normalised for feature in features]) | ~is_recorded
     return _standard(mean, sd, kept, HISTORY_LIMIT, fitted_on)
 
 

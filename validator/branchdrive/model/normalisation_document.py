@@ -3,6 +3,7 @@
 It is built from packed arrays and the whole assignment of the split, whose digest it holds, by the functions of
 `branchdrive.model.normalisation`. Groups are taken in sorted order, so that the order of the arrays changes
 no bit. What the privileged expert computes is scaled as state is: target speed standardised, flags as they are.
+What the world does not record is left as it is.
 A number is written with the digits that give it back exactly; unknown and unlimited are null.
 
 Source: paper III-E and IV (training statistics only); spec/12-model.md#normalisation.
@@ -21,7 +22,7 @@ from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.feature import SENSOR_PROFILE
-from branchdrive.driving.history import HistoryInput
+from branchdrive.driving.history import history_of
 from branchdrive.driving.target import TARGETS, TRAJECTORY, Targets, Trajectory
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import ModelArrays
@@ -64,9 +65,9 @@ def normalisation_document(arrays: ModelArrays, assignment: Mapping[str, str]) -
     order = np.argsort(np.array(arrays.groups, object), kind="stable")
     fitted_on = training([arrays.groups[i] for i in order], assignment)
     histories = {
-        "state": fit_state(_history(arrays.state[order]), SENSOR_PROFILE, fitted_on),
-        "past_controls": fit_controls(_history(arrays.controls[order]), SENSOR_PROFILE, fitted_on),
-        "expert": fit_state(_history(arrays.expert[order]), EXPERT_PROFILE, fitted_on),
+        "state": fit_state(history_of(arrays.state[order]), SENSOR_PROFILE, fitted_on),
+        "past_controls": fit_controls(history_of(arrays.controls[order]), SENSOR_PROFILE, fitted_on),
+        "expert": fit_state(history_of(arrays.expert[order]), EXPERT_PROFILE, fitted_on),
     }
     targets, paths = arrays.scalars, arrays.trajectories
     scalars = fit_targets(Targets(targets.values[order], targets.available[order]), fitted_on)
@@ -152,10 +153,6 @@ def normalisation_mismatches(
 
 def _names(table: str) -> tuple[str, ...]:
     return tuple(feature.name for feature in HISTORIES[table].features)
-
-
-def _history(values: Array) -> HistoryInput:
-    return HistoryInput(values, np.asarray(np.isfinite(values).all(axis=2)))
 
 
 def _trajectory_places() -> list[tuple[int, int, str]]:

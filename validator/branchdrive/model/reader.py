@@ -9,6 +9,7 @@ Source: paper III-E and III-F; spec/12-model.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +27,10 @@ from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.table_file import conform, read_table
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import Links, linked_folders, read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
-from branchdrive.model.features import admit_column, feature_mismatches
+from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
 from branchdrive.model.normalisation_document import Scalings, scalings_of
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
@@ -48,38 +49,47 @@ NORMALISATION_FILE = "model/normalisation.json"
 VARIANTS_FILE = "quality/variants.json"
 
 
-def open_model(root: str | Path) -> ModelLayer:
+def open_model(root: str | Path, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> ModelLayer:
     """Open the model layer of the dataset or detached release in the folder `root`.
+
+    Args:
+        root: The dataset folder.
+        follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
+        allow: Folders that links may lead into, such as the folder of blobs of a download cache.
 
     Raises:
         DatasetError: There is no dataset or it has no model layer, or its features are not those of its descriptor.
+        UsageError: Folders are allowed although links are not followed, or one is no folder.
     """
     path = Path(root)
     if not path.is_dir():
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    descriptor = read_descriptor(path)
+    links = linked_folders(follow_links, allow)
+    descriptor = read_descriptor(path, links)
     if LAYER not in descriptor.layers:
         raise DatasetError(
             f"{root}: has the layers {list(descriptor.layers)} and no model layer; run `branchdrive build`"
         )
-    for wrong in feature_mismatches(_document(path, FEATURES_FILE), descriptor):
+    for wrong in feature_mismatches(_document(path, FEATURES_FILE, links), descriptor):
         raise _not_expected(root, FEATURES_FILE, wrong)
-    return ModelLayer(path, descriptor)
+    return ModelLayer(path, descriptor, links)
 
 
 class ModelLayer:
     """The model layer of a release; made by `open_model`.
 
-    Every array has one row for each group of `groups` with the same `partition` and `variant`, in that order.
+    Every array has one row for each group of `groups` with the same `partition` and `variant`, in that order. A
+    feature that the dataset does not record (`features.json` says which) is NaN in its units and 0 where normalised.
 
     Attributes:
         root: Folder of the dataset or detached release.
         descriptor: What the dataset is.
     """
 
-    def __init__(self, root: Path, descriptor: Descriptor) -> None:
+    def __init__(self, root: Path, descriptor: Descriptor, links: Links = None) -> None:
         self.root = root
         self.descriptor = descriptor
+        self._links = links
 
     @property
     def candidate_order(self) -> tuple[str, ...]:
@@ -176,7 +186,7 @@ class ModelLayer:
     ) -> NDArray[Any]:
         """One input column in its own type, as `contract` admits it: ``[N, rows]``, and ``[A]`` for an encoding.
 
-        A column that may be null is a masked array.
+        A column that may be null is a masked array; one that the dataset records throughout is not.
 
         Raises:
             UsageError: No such column, or the contract refuses its track: identifiers and outcomes always.
@@ -184,7 +194,7 @@ class ModelLayer:
         """
         declared = admit_column(InputContract.named(contract), table, column)
         packed = arrays.pack_column(self._frame(table), table, column, self._group_ids, self.candidate_order)
-        values = packed if declared.nullable else np.ma.getdata(packed)
+        values = np.ma.getdata(packed) if declared.is_required(self.descriptor.unrecorded) else packed
         return values if table == "actions" else values[self._rows(partition, variant)]
 
     def scalings(self) -> Scalings:
@@ -206,7 +216,7 @@ class ModelLayer:
     def _stored(self, table: str) -> pa.Table:
         if table not in LAYERS[LAYER].tables:
             raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
-        return read_table(self.root, table_path(table), table)
+        return read_table(self.root, table_path(table), table, self._links)
 
     def _frame(self, table: str) -> dict[str, Values]:
         return from_arrow(self._stored(table), table)
@@ -246,7 +256,7 @@ class ModelLayer:
         return np.flatnonzero(wanted)
 
     def _variant(self, name: str) -> frozenset[str]:
-        document = _document(self.root, VARIANTS_FILE)
+        document = _document(self.root, VARIANTS_FILE, self._links)
         try:
             declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
         except UsageError as error:
@@ -255,7 +265,7 @@ class ModelLayer:
             ) from error
         if name not in declared:
             raise UsageError(f"{self.root}: no variant {name!r}; there are {list(declared)}")
-        table = read_table(self.root, table_path("group_quality"), "group_quality")
+        table = read_table(self.root, table_path("group_quality"), "group_quality", self._links)
         quality = from_arrow(table, "group_quality")
         found = frozenset(quality["group_id"][members(quality, declared[name].where)].tolist())
         outside = sorted(found - self._contexts.keys())
@@ -270,10 +280,16 @@ class ModelLayer:
         state, controls = self._state[rows], self._controls[rows]
         if normalised:
             state, controls = self.scalings().state.apply(state), self.scalings().controls.apply(controls)
+            state = self._zero_where_unrecorded("state", state)
         return {"state": state, "controls": controls}
 
     def _expert_rows(self, rows: NDArray[np.int64], normalised: bool) -> Array:
-        return self.scalings().expert.apply(self._expert[rows]) if normalised else self._expert[rows]
+        if not normalised:
+            return self._expert[rows]
+        return self._zero_where_unrecorded("expert", self.scalings().expert.apply(self._expert[rows]))
+
+    def _zero_where_unrecorded(self, table: str, values: Array) -> Array:
+        return np.where(recorded_features(table, self.descriptor), values, 0.0)
 
     def _history(self, table: str) -> Array:
         return arrays.pack_history(self._frame(table), table, self._group_ids)
@@ -316,11 +332,11 @@ class ModelLayer:
 
     @cached_property
     def _scalings(self) -> Scalings:
-        return scalings_of(_document(self.root, NORMALISATION_FILE))
+        return scalings_of(_document(self.root, NORMALISATION_FILE, self._links))
 
 
-def _document(root: Path, path: str) -> dict[str, Any]:
-    content = read_file(root, path, spec_limits().max_document_bytes)
+def _document(root: Path, path: str, links: Links) -> dict[str, Any]:
+    content = read_file(root, path, spec_limits().max_document_bytes, links)
     try:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:

@@ -22,7 +22,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.driving.discrepancy import CORE
 from branchdrive.quality.partition import PARTITIONS, assignment_of
 from branchdrive.quality.retention import NUM_RESAMPLES, retention
-from branchdrive.quality.threshold import QUANTILE, VARIABLES, Thresholds, fit_thresholds, passes
+from branchdrive.quality.threshold import FLOORS, QUANTILE, VARIABLES, Thresholds, fit_thresholds, passes
 from branchdrive.statistics.split import TRAINING, split_digest
 from branchdrive.tables.frame import Frame, Values
 
@@ -71,6 +71,7 @@ def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
                 "unit": LAYER_TABLES["pairs"][variable.name].unit,
                 "criterion": CRITERIA[i >= len(CORE)],
                 "judged": bool(fitted.judged[i]),
+                "floor": float(FLOORS[i]),
                 "value": float(fitted.values[i]) if np.isfinite(fitted.values[i]) else None,
             }
             for i, variable in enumerate(VARIABLES)

@@ -2,11 +2,13 @@
 
 For a variable ``v`` with ``d[g, k, v]`` the discrepancy of replay ``k`` of group ``g``::
 
-    threshold_v = quantile of {max_k d[g, k, v] : training groups g} at 0.99, the higher order statistic
+    threshold_v = max(floor_v, q_v),  q_v = quantile of {max_k d[g, k, v] : training groups g} at 0.99, the higher
+                  order statistic
     pair passes  iff  d[g, k, v] is finite and <= threshold_v for every judged v
     bank passes  iff  all its pairs pass
 
-The offset of branch ticks has the fixed threshold 0. The gap to the nearest pedestrian is judged only if
+The floors keep replays that are exact from a threshold of 0, which the last bits of others would miss. The offset
+of branch ticks has the fixed threshold 0. The gap to the nearest pedestrian is judged only if
 at least 100 training groups have a pedestrian in range. What is missing on one side is infinitely far and
 never passes, even where the threshold itself is infinite.
 
@@ -20,9 +22,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.contract.limits import threshold_floors
 from branchdrive.driving.discrepancy import CORE, EXTENDED
 
-__all__ = ["MIN_SUPPORT", "PEDESTRIAN_GAP", "QUANTILE", "VARIABLES", "Passed", "Thresholds", "fit_thresholds", "passes"]
+__all__ = [
+    "FLOORS", "MIN_SUPPORT", "PEDESTRIAN_GAP", "QUANTILE", "VARIABLES", "Passed", "Thresholds", "fit_thresholds",
+    "passes",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,6 +44,9 @@ VARIABLES = (*CORE, *EXTENDED)
 
 PEDESTRIAN_GAP = next(variable for variable in EXTENDED if variable.name == "pedestrian_gap_m")
 """The extended variable that is judged only where it has support."""
+
+FLOORS = np.array([threshold_floors()[variable.name] for variable in VARIABLES])
+"""Least threshold of each variable ``[12]``, in its unit."""
 
 _TICK_OFFSET = [variable.name for variable in VARIABLES].index("tick_offset")
 
@@ -100,7 +109,7 @@ def fit_thresholds(discrepancies: ArrayLike, *, has_pedestrian: ArrayLike) -> Th
     judged[VARIABLES.index(PEDESTRIAN_GAP)] = support >= MIN_SUPPORT
     quantiles = np.quantile(values.max(axis=1), QUANTILE, axis=0, method="higher")
     quantiles[_TICK_OFFSET] = 0.0
-    return Thresholds(np.where(judged, quantiles, np.nan), judged, len(values), support)
+    return Thresholds(np.where(judged, np.maximum(quantiles, FLOORS), np.nan), judged, len(values), support)
 
 
 def passes(discrepancies: ArrayLike, thresholds: Thresholds) -> Passed:

@@ -16,7 +16,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import open_file
+from branchdrive.formats.untrusted import Links, open_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,7 +29,9 @@ CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
 
-def media_mismatches(root: Path, folder: str, files: Sequence[str], frames: pa.Table) -> Iterator[Mismatch]:
+def media_mismatches(
+    root: Path, folder: str, files: Sequence[str], frames: pa.Table, links: Links = None
+) -> Iterator[Mismatch]:
     """Images that are not where the index of the shard `folder` says, file by file.
 
     Args:
@@ -37,6 +39,7 @@ def media_mismatches(root: Path, folder: str, files: Sequence[str], frames: pa.T
         folder: The shard's folder, relative to the root.
         files: Regular files of the shard, relative to the root.
         frames: The shard's frames table with its declared columns.
+        links: Folders that links may lead into.
     """
     listed = set(files)
     columns = ("file", "offset_bytes", "size_bytes", "checksum", "rollout_id", "tick")
@@ -51,14 +54,14 @@ def media_mismatches(root: Path, folder: str, files: Sequence[str], frames: pa.T
             yield Mismatch({"file": path}, "a file of the shard", "no such file", len(images))
             continue
         try:
-            yield from _of_file(root, path, images)
+            yield from _of_file(root, path, images, links)
         except (DatasetError, OSError) as error:
             yield Mismatch({"file": path}, "a file that can be read", str(error), len(images))
 
 
-def _of_file(root: Path, path: str, images: list[tuple[int, int, str, str, int]]) -> Iterator[Mismatch]:
+def _of_file(root: Path, path: str, images: list[tuple[int, int, str, str, int]], links: Links) -> Iterator[Mismatch]:
     max_bytes = spec_limits().max_image_bytes
-    with open_file(root, path) as stream:
+    with open_file(root, path, links) as stream:
         for offset, size, checksum, rollout_id, tick in sorted(images):
             place: Location = {"file": path, "table": "frames", "rollout_id": rollout_id, "tick": tick}
             if not (offset >= 0 and 0 < size <= max_bytes):

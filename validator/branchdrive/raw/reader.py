@@ -1,14 +1,14 @@
 """The reader of a dataset: lazy, shard by shard, and safe on a dataset of unknown origin.
 
-Nothing is read before it is asked for, no link is followed, and files are decoded within the spec
-limits. The reader does not judge the data: `branchdrive-validate` does.
+Nothing is read before it is asked for, no link is followed unless the caller asks for it, and files are decoded
+within the spec limits. The reader does not judge the data: `branchdrive-validate` does.
 
 Source: spec/03-layout.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,7 @@ from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.untrusted import linked_folders
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.rollout import ROLLOUTS, canonical_key
 from branchdrive.raw.shard import RowsByRollout, Shard, find_shards, rollouts_of
@@ -28,16 +29,23 @@ if TYPE_CHECKING:
 __all__ = ["Dataset", "ShardedTable", "open_dataset"]
 
 
-def open_dataset(root: str | Path) -> Dataset:
+def open_dataset(root: str | Path, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> Dataset:
     """Open the dataset in the folder `root` for reading.
+
+    Args:
+        root: The dataset folder.
+        follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
+        allow: Folders that links may lead into, such as the folder of blobs of a download cache.
 
     Raises:
         DatasetError: There is no dataset, or its descriptor or layout cannot be read safely.
+        UsageError: Folders are allowed although links are not followed, or one is no folder.
     """
     path = Path(root)
     if not path.is_dir():
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    return Dataset(path, read_descriptor(path), tuple(find_shards(path)))
+    links = linked_folders(follow_links, allow)
+    return Dataset(path, read_descriptor(path, links), tuple(find_shards(path, links)))
 
 
 @dataclass(frozen=True)

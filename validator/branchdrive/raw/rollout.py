@@ -29,7 +29,7 @@ _ROLE_ORDER = ("nominal", "intervention", "nominal_replay")
 
 
 _FILLERS: Mapping[str, object] = {
-    "string": "", "bool": False, "int32": 0, "int64": 0, "float32": 0.0, "float64": 0.0,
+    "string": "", "bool": False, "int32": 0, "int64": 0, "float32": np.nan, "float64": np.nan,
 }  # fmt: skip
 """What stands under the mask of a null, by column type."""
 
@@ -50,11 +50,12 @@ class RolloutTables(Mapping[str, "pa.Table"]):
         return len(self._tables)
 
     def column(self, table: str, name: str) -> np.ndarray[Any, Any]:
-        """One column as numpy, shape ``[rows]``; its form follows from the declaration alone.
+        """One column as numpy, shape ``[rows]``; its form follows from the declaration and from what the world offers.
 
         Returns:
-            A plain array where the column is never null; where it may be null a
-            `numpy.ma.MaskedArray`, masked exactly at the nulls. Text has dtype ``object``.
+            A plain array where the column is never null, or recorded throughout; where it may be null a
+            `numpy.ma.MaskedArray`, masked exactly at the nulls, with NaN below the mask of a real number,
+            so that what loses the mask is no value. Text has dtype ``object``.
         """
         return column_values(self._tables[table].column(name), TABLES[table][name])
 
@@ -105,7 +106,8 @@ def column_values(values: pa.ChunkedArray, column: Column) -> np.ndarray[Any, An
         array = array.dictionary_decode()
     filled = array.fill_null(_FILLERS[column.type]) if array.null_count else array
     plain: np.ndarray[Any, Any] = filled.to_numpy(zero_copy_only=False)
-    if not column.nullable:
+    is_recorded = column.is_required(()) and not array.null_count
+    if is_recorded or not column.nullable:
         return plain
     masked: np.ndarray[Any, Any] = np.ma.MaskedArray(plain, mask=array.is_null().to_numpy(zero_copy_only=False))
     return masked

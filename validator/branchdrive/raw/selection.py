@@ -1,13 +1,17 @@
 """Candidates of each branch group: one attempt per policy among retries and variants.
 
-Choose the nominal first, then each action: among complete attempts that comply, the lowest attempt
-number (ties: rollout id); else the lowest complete attempt; else none. An intervention executed
-against another nominal than the chosen one does not comply. No outcome is read.
-Source: definitions (canonical selection); spec/07-rules.md#funnel.
+Attempt numbers are counted per protocol variant, so a group takes its candidates from one variant, its home. In a
+variant the nominal is chosen first, then each action: among complete attempts that comply, the lowest attempt
+number (ties: rollout id); else the lowest complete attempt; else none. An intervention executed against another
+nominal than the chosen one does not comply. Home is the variant with a nominal in which most policies comply, then
+most have an attempt, then the first name. What home lacks altogether is taken from other variants, and
+``BD-GRP-007`` tells. No outcome is read.
+Source: definitions (canonical selection); spec/07-rules.md#canonical-choice.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,26 +43,51 @@ def select_candidates(view: ShardView, compliant: NDArray[np.bool_]) -> Selectio
         view: The shard.
         compliant: Attempts without any violation ``[rollouts]``.
     """
-    bank = view.descriptor.action_bank
-    nominal_policy = bank.nominal_index
-    candidate = view.complete & ~view.role("nominal_replay") & (view.policy >= 0)
+    candidate = np.flatnonzero(view.complete & ~view.role("nominal_replay") & (view.policy >= 0)).tolist()
     attempt, names = view.rollouts["attempt"], view.rollout_ids
-    order = sorted(np.flatnonzero(candidate), key=lambda i: (not compliant[i], attempt[i], names[i]))
+    order = sorted(candidate, key=lambda i: (not compliant[i], attempt[i], names[i]))
+    codes, texts = view.rollouts.categories("protocol_variant")
+    variants = sorted(set(texts))
+    variant = np.array([*(variants.index(text) for text in texts), -1], np.int64)[codes]
+    if len(variants) < 2:
+        return _choose(view, compliant, order, view.group, np.ones(len(codes), bool))
+    pair = view.group * len(variants) + variant
+    there, dense = np.unique(pair, return_inverse=True)
+    alone = _choose(view, compliant, order, dense, np.ones(len(codes), bool))
+    chosen, nominal = alone.chosen, alone.nominal
+    complies = (chosen >= 0) & compliant[chosen] & (view.nominal[chosen] == nominal[:, None])
+    group_of, variant_of = np.divmod(there, len(variants))
+    best = np.lexsort(
+        (variant_of, -(chosen >= 0).sum(axis=1), -complies.sum(axis=1), nominal < 0, group_of)
+    )  # by the last key first
+    home = np.full(len(view.group_ids), -1, np.int64)
+    groups, first = np.unique(group_of[best], return_index=True)
+    home[groups] = variant_of[best][first]
+    at_home = variant == home[view.group]
+    return _choose(view, compliant, sorted(order, key=lambda i: not at_home[i]), view.group, at_home)
 
-    num_groups = len(view.group_ids)
-    chosen = np.full((num_groups, len(bank.policies)), -1, np.int64)
+
+def _choose(
+    view: ShardView,
+    compliant: NDArray[np.bool_],
+    order: Sequence[int],
+    group: NDArray[np.int64],
+    at_home: NDArray[np.bool_],
+) -> Selection:
+    """Choice among the attempts `order`, most wanted first, in groups of the numbers ``group`` ``[rollouts]``."""
+    nominal_policy = view.descriptor.action_bank.nominal_index
+    chosen = np.full((int(group.max(initial=-1)) + 1, len(view.descriptor.action_bank.policies)), -1, np.int64)
     for i in order:
-        if view.policy[i] == nominal_policy and chosen[view.group[i], nominal_policy] < 0:
-            chosen[view.group[i], nominal_policy] = i
+        if view.policy[i] == nominal_policy and chosen[group[i], nominal_policy] < 0:
+            chosen[group[i], nominal_policy] = i
     nominal = chosen[:, nominal_policy].copy()
-    kept: dict[tuple[int, int], tuple[bool, int, str]] = {}
+    complies = compliant & (view.nominal == nominal[group])
+    attempt, names = view.rollouts["attempt"], view.rollout_ids
+    kept: dict[tuple[int, int], tuple[bool, bool, int, str]] = {}
     for i in order:
-        group, policy = int(view.group[i]), int(view.policy[i])
-        if policy == nominal_policy:
-            continue
-        complies = bool(compliant[i]) and view.nominal[i] == nominal[group]
-        rank = (not complies, int(attempt[i]), names[i])
-        if (group, policy) not in kept or rank < kept[group, policy]:
-            kept[group, policy] = rank
-            chosen[group, policy] = i
+        place = (int(group[i]), int(view.policy[i]))
+        rank = (not at_home[i], not complies[i], int(attempt[i]), names[i])
+        if place[1] != nominal_policy and (place not in kept or rank < kept[place]):
+            kept[place] = rank
+            chosen[place] = i
     return Selection(chosen, nominal)

@@ -15,7 +15,7 @@ import numpy as np
 from branchdrive.contract.columns import TABLES, Table
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
 from branchdrive.formats.table_file import conform, read_table
-from branchdrive.formats.untrusted import list_names
+from branchdrive.formats.untrusted import Links, list_names
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
 
 if TYPE_CHECKING:
@@ -26,10 +26,11 @@ __all__ = ["RowsByRollout", "Shard", "find_shards", "rollouts_of"]
 
 @dataclass(frozen=True)
 class Shard:
-    """A raw shard of the dataset at `root`."""
+    """A raw shard of the dataset at `root`, whose links may lead into the folders of `links`."""
 
     root: Path
     index: int
+    links: Links = None
 
     @property
     def folder(self) -> Path:
@@ -47,7 +48,7 @@ class Shard:
             DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
                 text would be larger than a decoded table may be, written out for every row.
         """
-        return read_table(self.root, self.path(name), name)
+        return read_table(self.root, self.path(name), name, self.links)
 
     def table(self, name: str) -> pa.Table:
         """The table `name` with the declared schema; see `decode` for errors."""
@@ -63,10 +64,10 @@ class Shard:
         return records
 
 
-def find_shards(root: Path) -> list[Shard]:
+def find_shards(root: Path, links: Links = None) -> list[Shard]:
     """The raw shards of the dataset at `root`, by index."""
-    indices = [shard_index(name) for name in list_names(root, RAW_DIR)]
-    return [Shard(root, index) for index in sorted(index for index in indices if index is not None)]
+    indices = [shard_index(name) for name in list_names(root, RAW_DIR, links)]
+    return [Shard(root, index, links) for index in sorted(index for index in indices if index is not None)]
 
 
 class RowsByRollout:

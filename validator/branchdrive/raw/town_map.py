@@ -7,17 +7,16 @@ Source: spec/05-raw-streams.md#map.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import TABLES
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Mask, PreconditionError
 from branchdrive.driving.surface import Areas, Strips, TooLargeError
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
 
 __all__ = [
@@ -260,17 +259,5 @@ def map_digests(view: ShardView) -> dict[str, str]:
     if "map" not in view:
         return {}
     elements = view.map
-    order = np.argsort(elements["element_id"].astype(str), kind="stable")
-    cells = [(elements.valid(column.name), elements[column.name]) for column in TABLES["map"].columns]
-    digests = {}
-    for town in elements.categories("town")[1]:
-        rows = order[elements.equals("town", town)[order]]
-        digest = hashlib.sha256()
-        for valid, values in cells:
-            digest.update(valid[rows].tobytes())
-            if values.dtype != object:
-                digest.update(values[rows].tobytes())
-            else:
-                digest.update(b"\0".join(v.encode() if isinstance(v, str) else v.tobytes() for v in values[rows]))
-        digests[town] = digest.hexdigest()
-    return digests
+    towns = [town for town in elements.categories("town")[1] if town]
+    return {town: table_digest("map", elements.arrow.filter(elements.equals("town", town))) for town in towns}

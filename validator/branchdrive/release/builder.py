@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from branchdrive.card.card import render_card, render_licence
+from branchdrive.contract.companion import Companions
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import (
     BENCHMARK,
@@ -140,7 +141,8 @@ def _check_own_folder(source: Path, target: Path) -> None:
         return
     if not target.is_dir():
         raise UsageError(f"{target} is not a folder; give a detached release a folder of its own")
-    names = {entry.name for entry in target.iterdir()} - {STAGING_DIR}
+    beside = Companions()
+    names = {entry.name for entry in target.iterdir() if entry.name not in beside} - {STAGING_DIR}
     if RAW_DIR in names:
         raise UsageError(f"{target} holds a raw layer; give a detached release a folder of its own")
     if names and DESCRIPTOR_FILE not in names:

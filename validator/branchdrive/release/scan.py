@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layout import MANIFEST_FILE, RAW_DIR, layer_of
+from branchdrive.contract.layout import MANIFEST_FILE, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.reading import Progress, read_dataset
@@ -20,8 +20,9 @@ from branchdrive.engine.validate import judge_files
 from branchdrive.engine.worker import Executor
 from branchdrive.errors import DatasetError
 from branchdrive.files.survey import Survey, take_survey
-from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.manifest import parse_manifest
 from branchdrive.formats.untrusted import read_file
+from branchdrive.raw.content import raw_content
 from branchdrive.tables.frame import Frame
 
 __all__ = ["RawScan", "check_unchanged", "scan_raw"]
@@ -37,7 +38,7 @@ class RawScan:
     Attributes:
         root: The dataset folder.
         descriptor: The dataset's descriptor.
-        digest: Digest of the raw layer.
+        digest: Digest of the content of the raw layer.
         files: SHA-256 of every file of the raw layer and its media, by path.
         rows: Rows that it gives for the derived layers, by table.
     """
@@ -72,8 +73,10 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     lacking = next((shard.no_frames for shard in results if not shard.frames), None)
     if lacking is not None:
         raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and correct the raw layer first")
-    files = _raw_files(survey.digests)
-    return RawScan(root, descriptor, Manifest.of(files).layers[RAW_DIR], files, rows)
+    digest = raw_content(results)
+    if digest is None:
+        raise DatasetError(f"{root}: its attempts have no identity; run `branchdrive-validate`")
+    return RawScan(root, descriptor, digest, _raw_files(survey.digests), rows)
 
 
 def _finished(survey: Survey) -> Descriptor:

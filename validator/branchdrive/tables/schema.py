@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import declared_table, table_schema
+from branchdrive.contract.document import parse_json
+from branchdrive.contract.machine_trace import trace_of
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.text import printable, quote
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["CHECKED_METADATA", "metadata_mismatches", "type_mismatches"]
+__all__ = ["CHECKED_METADATA", "COLUMNS_KEY", "metadata_mismatches", "trace_mismatches", "type_mismatches"]
 
 CHECKED_METADATA = ("unit", "frame", "shape", "track")
 """Metadata that every column carries as declared."""
+
+COLUMNS_KEY = "branchdrive.columns"
+"""Member of a file's metadata that may carry them for all columns."""
 
 
 def type_mismatches(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
@@ -43,10 +49,53 @@ def _plain(kind: pa.DataType) -> pa.DataType:
 
 
 def metadata_mismatches(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
-    """Columns of the stored table `name` whose unit, frame, shape or track is not recorded as declared."""
-    for column in declared_table(name).columns:
-        stored = schema.field(column.name).metadata or {}
-        for key in CHECKED_METADATA:
-            wanted, found = column.metadata.get(key), stored.get(key.encode())
-            if wanted != (found.decode("utf-8", "replace") if found is not None else None):
-                yield Mismatch({"column": column.name}, f"{key} {wanted!r}", f"{found!r}")
+    """Columns of the stored table `name` whose unit, frame, shape or track is recorded otherwise than declared.
+
+    Columns record them as metadata of their fields, in a member of the file's metadata, or, where a file has neither,
+    by their names alone.
+    """
+    try:
+        carriers = [carrier for carrier in (_of_fields(schema), _of_file(schema)) if carrier]
+    except (ValueError, RecursionError) as error:
+        yield Mismatch({"column": ""}, f"JSON with an object for each column as {COLUMNS_KEY!r}", str(error))
+        return
+    for carrier in carriers:
+        for column in declared_table(name).columns:
+            for key in CHECKED_METADATA:
+                wanted, found = column.metadata.get(key), carrier.get(column.name, {}).get(key)
+                if wanted != found:
+                    yield Mismatch({"column": column.name}, f"{key} {wanted!r}", f"{found!r}")
+
+
+def _of_fields(schema: pa.Schema) -> dict[str, dict[str, str]]:
+    """Metadata of fields, of the columns that have any that is checked."""
+    found = {}
+    for field in schema:
+        stored = {key.decode("utf-8", "replace"): text for key, text in (field.metadata or {}).items()}
+        if checked := {key: stored[key].decode("utf-8", "replace") for key in CHECKED_METADATA if key in stored}:
+            found[field.name] = checked
+    return found
+
+
+def _of_file(schema: pa.Schema) -> dict[str, dict[str, Any]]:
+    """What the member `COLUMNS_KEY` of the file's metadata says of columns; nothing where there is none.
+
+    Raises:
+        ValueError: It is no JSON object of objects.
+    """
+    content = (schema.metadata or {}).get(COLUMNS_KEY.encode())
+    if content is None:
+        return {}
+    document = parse_json(content)
+    if not isinstance(document, dict) or not all(isinstance(about, dict) for about in document.values()):
+        raise ValueError("is no object of objects")
+    return document
+
+
+def trace_mismatches(schema: pa.Schema) -> Iterator[Mismatch]:
+    """Metadata of a file, key by key, that hold a trace of the machine that wrote it."""
+    for key, content in sorted((schema.metadata or {}).items()):
+        text = content.decode("utf-8", errors="replace")
+        if trace := trace_of(text):
+            name = key.decode("utf-8", errors="replace")
+            yield Mismatch({}, f"metadata `{printable(name)}` without {trace}", quote(text))

@@ -45,17 +45,20 @@ def check_names(names: Collection[str], allowed: Collection[str], required: Coll
         raise ContractError(f"{where}: unknown columns {unknown}; the declared ones are {sorted(allowed)}")
     missing = sorted(set(required) - set(names))
     if missing:
-        raise ContractError(f"{where}: missing columns {missing}; only columns with an availability may be left out")
+        raise ContractError(
+            f"{where}: missing columns {missing}; only columns with an availability, and those that the descriptor "
+            "lists as `unrecorded`, may be left out"
+        )
 
 
 class RowBuffer:
     """Rows of `table` for one rollout, without the column `rollout_id`, which is added at the end."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, unrecorded: Collection[str]) -> None:
         self._table = table
         self._schema = table_schema(table.name)
         self._columns = {column.name: column for column in table.columns if column.name != "rollout_id"}
-        self._required = frozenset(name for name, column in self._columns.items() if not column.nullable)
+        self._required = frozenset(n for n, column in self._columns.items() if column.is_required(unrecorded))
         self._scalars: dict[str, list[object]] = {name: [] for name in self._columns}
         self._arrays: dict[str, list[pa.Array]] = {name: [] for name in self._columns}
         self.num_rows = 0

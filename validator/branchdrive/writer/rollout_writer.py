@@ -25,8 +25,8 @@ class RolloutWriter:
 
     The ``append_*`` methods take the columns of their table by name, without ``rollout_id``: scalars
     for one row, or lists and numpy arrays of one length. ``None`` and masked entries are null, and
-    columns that may be null may be left out. Floats are rounded to the declared width; no other
-    type is converted.
+    columns that may be null may be left out, the descriptor's `unrecorded` among them. Floats are rounded
+    to the declared width; no other type is converted.
 
     Nothing is written before `finish`: if the process dies, the attempt is not in the dataset and
     its number goes to the next one. A rollout that the simulator ended early is finished like any
@@ -41,7 +41,7 @@ class RolloutWriter:
         self._end = end
         self._is_over = False
         streams = [TABLES[name] for name in descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
-        self._buffers = {table.name: RowBuffer(table) for table in streams}
+        self._buffers = {table.name: RowBuffer(table, descriptor.unrecorded) for table in streams}
 
     @property
     def rollout_id(self) -> str:
@@ -105,7 +105,8 @@ class RolloutWriter:
         counts = {name: self._buffers[table].num_rows for name, table in _COUNTED.items()}
         given = self._fields | fields
         allowed = {column.name for column in TABLES[ROLLOUTS].columns} - counts.keys()
-        required = {column.name for column in TABLES[ROLLOUTS].columns if not column.nullable} - counts.keys()
+        unrecorded = self._descriptor.unrecorded
+        required = {c.name for c in TABLES[ROLLOUTS].columns if c.is_required(unrecorded)} - counts.keys()
         check_names(given.keys(), allowed, required, f"rollout `{self.rollout_id}`")
         record = record_table(TABLES[ROLLOUTS], given | counts).to_pylist()[0]
         tables = {name: buffer.to_table(self.rollout_id) for name, buffer in self._buffers.items()}

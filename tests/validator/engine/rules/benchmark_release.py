@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import pickle
-import tempfile
 from collections.abc import Callable, Collection
 from functools import cache
 from pathlib import Path
@@ -27,9 +26,10 @@ from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.benchmark.results import noise_of, results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.bank import ActionBank
-from branchdrive.contract.layout import layer_of
-from branchdrive.formats.manifest import Manifest
+from branchdrive.contract.identity import claimed_files, content_identity, derived_content, document_digest
+from branchdrive.contract.layer import table_path
 from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with_benchmark_access
+from branchdrive.tables.content import table_digest
 
 FOLDER = "benchmark"
 PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS = (
@@ -212,13 +212,12 @@ def _predictions(protocol: BenchmarkProtocol, data: BenchmarkData) -> Prediction
     return PredictionSet(by_model)
 
 
-def identity(draft: ReleaseDraft) -> str:
-    """Identity of the derived layers as they are written."""
-    with tempfile.TemporaryDirectory() as folder:
-        root = draft.write(Path(folder) / "dataset")
-        files = [path for path in root.rglob("*") if path.is_file()]
-        found = {path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
-    return Manifest.of({path: digest for path, digest in found.items() if layer_of(path) in BUILT}).identity
+def identity(draft: ReleaseDraft) -> str | None:
+    """Identity of the content of the derived layers."""
+    tables = {name: table for layer in BUILT for name, table in draft.tables[layer].items()}
+    files = {table_path(name): table_digest(name, table) for name, table in tables.items()}
+    files |= {path: document_digest(document) for path, document in draft.documents.items()}
+    return content_identity(derived_content(files, claimed_files(BUILT, files)), BUILT)
 
 
 def first_of(d: BenchmarkDraft, partition: str) -> str:

@@ -161,7 +161,7 @@ class Draft:
         self.tables = {"raw/shard-00000": dict(tables)}
 
     def refresh_evidence(self, rollout_id: str) -> None:
-        """Compute the evidence of an attempt again from its rows as they are now."""
+        """Compute the evidence of an attempt again from its rows as they are now, and count its collisions."""
         record = self.take("rollouts", rollout_id=rollout_id)
         route = tuple(np.array(record[f"route_{axis}_m"][0].as_py()) for axis in "xy")
         observations, actors = (
@@ -176,6 +176,8 @@ class Draft:
         self.drop("evidence", rollout_id=rollout_id)
         columns = {**computed, "rollout_id": [rollout_id] * len(observations["tick"])}
         self.append("evidence", to_table("evidence", columns), folder=folder)
+        count = int(np.any(computed["collision"]))
+        self.set("rollouts", "result_num_vehicle_collisions", count, rollout_id=rollout_id)
 
     # Files
 

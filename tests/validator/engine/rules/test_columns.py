@@ -184,6 +184,7 @@ def test_words_of_the_vocabulary(cell: Cell) -> None:
 GOOD_TEXT = {
     "id": ["a", "0", "a" * 128, "a.b_c-d"],
     "name": ["A", "0", "a" * 128, "Town 12/x:y+z"],
+    "label": ["A", ":J0_0_0", "-E12_0", "123#1_0", "('>', '>>', 0)", "Town04_Route12", "a" * 128, "~ !"],
     "file": ["_", "A.jpg", "a" * 128],
     "checksum": ["0123456789abcdef"],
     "text": [" ", "ü", "x" * 1000, "a, b; c."],
@@ -191,6 +192,7 @@ GOOD_TEXT = {
 BAD_TEXT = {
     "id": ["", "A", ".a", "a b", "a\n", "a" * 129, "ü", "a/b"],
     "name": ["", " a", "a\n", "a" * 129, "a\x00", "ü", "a;b"],
+    "label": ["", " a", "a ", "a\n", "\na", "a" * 129, "a\x00b", "\x1b[31m", "a\x7f", "ü", "\u202eab", "a\tb"],
     "file": ["", ".hidden", "../a", "a/b", "a\n", "a" * 129],
     "checksum": ["", "0123456789ABCDEF", "0123456789abcde", "0123456789abcdef\n"],
     "text": ["", "a\nb", "a\n", "\x1b[31m", "a\x7f", "a\x9f", "x" * 1001],
@@ -216,6 +218,11 @@ def test_null_where_a_value_must_be(cell: Cell) -> None:
     also |= {"BD-VAL-005"} if cell.column.name.startswith("route_") else set()
     also |= {"BD-BOX-001"} if is_extent(cell.column) else set()
     assert_fails("BD-NUL-001", cell.table, cell.column.name, None, *also)
+
+
+@cells(lambda c: c.available and c.available.when == "recorded")
+def test_null_where_the_world_offers_a_value(cell: Cell) -> None:
+    assert_fails("BD-NUL-006", cell.table, cell.column.name, None)
 
 
 @cells(lambda c: c.available and c.available.mask)
@@ -306,7 +313,7 @@ def test_impossible_times_to_collision(ttc_s: float) -> None:
 
 def test_every_column_with_a_condition_has_a_test() -> None:
     conditions = {c.available.when for _, c in CELLS if c.available and c.available.when}
-    assert conditions == {"active", "branched", "valued", "not_nominal", "not_complete", "optional"}
+    assert conditions == {"active", "branched", "valued", "not_nominal", "not_complete", "recorded", "optional"}
 
 
 @pytest.mark.parametrize(

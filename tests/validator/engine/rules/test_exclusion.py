@@ -70,6 +70,8 @@ def test_a_broken_rollout_hides_its_own_later_faults_only(tmp_path: Path, base: 
             "BD-CTL-006",
             "BD-CTL-013",
             "BD-GRP-006",
+            "BD-RPN-001",
+            "BD-RPN-002",
         )  # a brake policy is no subject of these
         assert tallies[rule_id].examined == base[rule_id].examined - brakes, rule_id
         assert tallies[rule_id].total == base[rule_id].total
@@ -96,6 +98,7 @@ def test_a_gap_excludes_the_rollout_from_the_rules_that_require_gapless_ticks(
     assert failed(tallies) == {"BD-TIC-001": 1, "BD-CTL-008": 2, "BD-WIN-003": 1}
     requiring = {rule_id for rule_id, rule in CATALOGUE.items() if "BD-TIC-001" in rule.requires}
     assert requiring == {"BD-CTL-001", "BD-CTL-002", "BD-CTL-012"}
+    requiring |= {rule_id for rule_id, rule in CATALOGUE.items() if "BD-WIN-003" in rule.requires}
     for rule_id in rules_of("rollout"):
         assert tallies[rule_id].examined == base[rule_id].examined - (rule_id in requiring), rule_id
 

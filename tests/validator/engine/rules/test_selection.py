@@ -30,7 +30,8 @@ def records(**more: dict[str, Any]) -> list[dict[str, Any]]:
     """Attempts of a whole group, with further ones that differ from their original in some columns."""
     rows: list[dict[str, Any]] = synthetic.make_group(0)["rollouts"].to_pylist()
     by_id = {row["rollout_id"]: row for row in rows}
-    return rows + [{**by_id[changes.pop("of")], "rollout_id": name, **changes} for name, changes in more.items()]
+    further = [{**by_id[changes["of"]], "rollout_id": name, **changes} for name, changes in more.items()]
+    return rows + [{column: value for column, value in row.items() if column != "of"} for row in further]
 
 
 def chosen(rows: Sequence[dict[str, Any]], non_compliant: Sequence[str] = ()) -> dict[str, str | None]:
@@ -82,11 +83,40 @@ def test_action_without_a_complete_attempt_is_missing() -> None:
 
 
 def test_equal_numbers_are_ordered_by_identity() -> None:
+    same = {name: {"of": BRAKE, "attempt": 2} for name in ("g0.brake_0.50.b", "g0.brake_0.50.a")}
+    assert chosen(records(**same), [BRAKE])["brake_0.50"] == "g0.brake_0.50.a"
+
+
+def test_numbers_are_compared_within_a_variant() -> None:
     variants = {
         "g0.brake_0.50.b": {"of": BRAKE, "protocol_variant": "v2"},
         "g0.brake_0.50.a": {"of": BRAKE, "protocol_variant": "v3"},
     }
-    assert chosen(records(**variants))["brake_0.50"] == "g0.brake_0.50.a"
+    assert chosen(records(**variants))["brake_0.50"] == BRAKE
+    assert chosen(records(**variants), [BRAKE])["brake_0.50"] == BRAKE
+
+
+def test_a_further_nominal_under_its_own_variant_loses_nothing() -> None:
+    for variant in ("a", "v1", "z"):  # names before, equal to and after that of the group
+        assert chosen(records(**second_nominal(attempt=2, protocol_variant=variant))) == {
+            key: f"g0.{key}.a1" for key in KEYS
+        }
+    further = second_nominal(attempt=1, protocol_variant="a")
+    assert chosen(records(**further), [BRAKE])["nominal"] == NOMINAL
+
+
+def test_a_group_takes_the_variant_in_which_most_attempts_comply() -> None:
+    own = {"protocol_variant": "z", "nominal_rollout_id": "z.nominal", "attempt": 3}
+    whole = {f"z.{key}": {"of": f"g0.{key}.a1", **own} for key in KEYS if key != "nominal"}
+    whole["z.nominal"] = {"of": NOMINAL, "attempt": 3, "protocol_variant": "z"}
+    assert chosen(records(**whole))["brake_0.50"] == BRAKE
+    assert chosen(records(**whole), [BRAKE]) == {key: f"z.{key}" for key in KEYS}
+    assert chosen(records(**whole), [BRAKE, "z.nominal", "z.brake_0.50"])["nominal"] == NOMINAL
+
+
+def test_an_action_that_only_another_variant_has_is_taken_from_there() -> None:
+    rows = [{**row, "protocol_variant": "v2"} if row["rollout_id"] == BRAKE else row for row in records()]
+    assert chosen(rows) == {key: f"g0.{key}.a1" for key in KEYS}
 
 
 def test_numbers_are_compared_as_numbers() -> None:
@@ -185,4 +215,5 @@ def test_group_without_a_complete_nominal_is_lost_at_the_bank(tmp_path: Path) ->
     assert report.funnel is not None
     assert report.funnel.reasons["bank"] == {"BD-BNK-001": 1}
     unexamined = [t.rule_id for t in report.tallies if t.info.grain == "group" and t.examined == 2 and t.total == 3]
-    assert unexamined == ["BD-BNK-002", "BD-GRP-001", "BD-GRP-002", "BD-GRP-003", "BD-GRP-004", "BD-GRP-005"]
+    shared = [f"BD-GRP-00{number}" for number in (1, 2, 3, 4, 5, 7, 8)]
+    assert unexamined == ["BD-BNK-002", *shared]

@@ -1,8 +1,9 @@
-"""Everything in the repository that is written by machine: tables of the spec, record schemas, lists of metrics.
+"""Everything in the repository that is written by machine: tables and numbers of the spec, record schemas, metrics.
 
 ``python -m branchdrive.contract.generate`` writes them, ``--check`` only names the stale ones. A
 generated region of a chapter lies between ``<!-- generated: NAME -->`` and ``<!-- end generated -->``;
-`REGIONS` has a function for every name. Source of all of it: the files of `schemas/v0.1/`.
+`REGIONS` has a function for every name. Clauses without a number get one, and the ledger of clauses is written; what
+is wrong with it is printed, and ends with 1. Source of all of it: the files of `schemas/v0.1/`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
+from branchdrive.contract.generate.clause import LEDGER, ledger_faults, ledger_text, number_clauses
 from branchdrive.contract.generate.record import metric_schemas, protocol_text, record_schemas
 from branchdrive.contract.generate.region import REGIONS, render_regions
 from branchdrive.contract.resources import SPEC_VERSION, schema_dir
@@ -24,16 +26,26 @@ if TYPE_CHECKING:
 __all__ = ["REGIONS", "generated_files", "main", "record_schemas", "render_regions", "stale_files"]
 
 
+def _chapters(root: Path) -> dict[str, str]:
+    paths = sorted((root / "spec").glob("[0-9]*.md"))
+    if not paths:
+        raise UsageError(f"{root} has no spec/ folder; run this in a checkout of the repository")
+    ledger = root / "spec" / LEDGER
+    return number_clauses(
+        {path.name: render_regions(path.read_text(encoding="utf-8")) for path in paths},
+        ledger.read_text(encoding="utf-8") if ledger.is_file() else "",
+    )
+
+
 def generated_files(root: Path) -> dict[Path, str]:
     """Text that every file with generated content should have, for the checkout at `root`.
 
     Raises:
         UsageError: `root` is no checkout of this repository.
     """
-    chapters = sorted((root / "spec").glob("*.md"))
-    if not chapters:
-        raise UsageError(f"{root} has no spec/ folder; run this in a checkout of the repository")
-    files = {path: render_regions(path.read_text(encoding="utf-8")) for path in chapters}
+    chapters = _chapters(root)
+    files = {root / "spec" / name: text for name, text in chapters.items()}
+    files[root / "spec" / LEDGER] = ledger_text(chapters)
     schemas = root / "schemas" / f"v{SPEC_VERSION}"
     for name, schema in (record_schemas() | metric_schemas()).items():
         files[schemas / name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
@@ -55,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write generated content, or with ``--check`` report what is stale.
 
     Returns:
-        0 if everything is up to date (now), 1 if ``--check`` found stale files.
+        0 if everything is up to date (now), 1 if ``--check`` found stale files or the ledger of clauses has faults.
     """
     parser = argparse.ArgumentParser(
         prog="python -m branchdrive.contract.generate",
@@ -71,4 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         texts = generated_files(root)
         for path in stale:
             (root / path).write_text(texts[root / path], encoding="utf-8")
-    return 1 if check and stale else 0
+    faults = ledger_faults(_chapters(root))
+    for fault in faults:
+        sys.stdout.write(f"ledger: {fault}\n")
+    return 1 if faults or (check and stale) else 0

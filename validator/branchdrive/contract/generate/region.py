@@ -105,7 +105,7 @@ def _masks_region() -> str:
 
 def _conditions_region() -> str:
     governed: dict[str, list[str]] = {name: [] for name in CONDITIONS}
-    for table in TABLES.values():
+    for table in (*TABLES.values(), *LAYER_TABLES.values()):
         for column in table.columns:
             if column.available and column.available.when:
                 governed[column.available.when].append(f"{table.name}.{column.name}")
@@ -174,6 +174,18 @@ def _limits_region() -> str:
     return grid(["limit", "value", "unit", "what it bounds"], rows)
 
 
+def _bounds_region() -> str:
+    bounds = load_resource("limits.json")["bounds"]
+    rows = [[f"`{name}`", f"{it['value']:g}", it["unit"], it["description"]] for name, it in bounds.items()]
+    return grid(["bound", "value", "unit", "what it bounds, and why"], rows)
+
+
+def _floors_region() -> str:
+    floors = load_resource("limits.json")["floors"]
+    rows = [[f"`{name}`", f"{it['value']:g}", it.get("unit", ""), it["reason"]] for name, it in floors.items()]
+    return grid(["variable", "floor", "unit", "reason"], rows)
+
+
 def _metrics_region() -> str:
     rows = [
         [
@@ -200,6 +212,8 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
         "encoding": _encoding_region,
         "rules": _rules_region,
         "limits": _limits_region,
+        "bounds": _bounds_region,
+        "floors": _floors_region,
         "metrics": _metrics_region,
         **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
     }
@@ -230,6 +244,7 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "not_nominal": "exactly where `role` is not `nominal`",
         "valued": "exactly where the rule column of the same actuator is `absolute` or `floor`",
         "active": "exactly where `active` is true",
+        "recorded": "exactly where `unrecorded` of the descriptor lists neither the column nor the one it follows from",
         "optional": "wherever the collector could know it",
     }
 )

@@ -123,6 +123,8 @@ same_town = rule("BD-GRP-002")(_shared(_TOWN))
 same_seed = rule("BD-GRP-003")(_shared(_SEED))
 same_branch = rule("BD-GRP-004")(_shared(_BRANCH))
 same_scenario = rule("BD-GRP-005")(_shared(_SCENARIO))
+same_variant = rule("BD-GRP-007")(_shared(("protocol_variant",)))
+same_versions = rule("BD-GRP-008")(_shared(("simulator_version", "collector_version")))
 
 
 @rule("BD-GRP-006")

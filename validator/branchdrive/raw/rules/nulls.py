@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import Availability, Column, declared_table
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.mismatch import Check
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -22,6 +24,14 @@ Mask = NDArray[np.bool_]
 
 NONE = np.zeros(0, np.intp)
 """No row."""
+
+
+class DescribedTables(Tables, Protocol):
+    """Tables of a dataset whose descriptor is known."""
+
+    @property
+    def descriptor(self) -> Descriptor:
+        """What the dataset says of itself."""
 
 
 def _nullable(view: Tables, accept: Callable[[Availability], bool]) -> Iterator[tuple[TableView, Column, Availability]]:
@@ -81,6 +91,24 @@ def rollout_columns_follow_conditions(view: ShardView) -> Iterator[Check]:
     for _, column, available in _nullable(view, lambda a: a.when == "valued"):
         carries = table.equals(str(available.rule), "absolute") | table.equals(str(available.rule), "floor")
         yield _presence(table, column, carries, f"a valued `{available.rule}`")
+
+
+@rule("BD-NUL-006")
+def unrecorded_columns_are_null(view: DescribedTables) -> Iterator[Check]:
+    """A column that a world may lack is null throughout where the descriptor lists it, and nowhere else."""
+    for table, column, _ in _nullable(view, lambda a: a.when == "recorded"):
+        is_recorded = column.is_recorded(view.descriptor.unrecorded)
+        bad = NONE
+        if table.num_nulls(column.name) != (0 if is_recorded else len(table)):
+            bad = np.flatnonzero(table.valid(column.name) != is_recorded)
+        yield Check.of_rows(table.name, column.name, len(table), bad, _recorded_text(table, column, is_recorded))
+
+
+def _recorded_text(table: TableView, column: Column, is_recorded: bool) -> Callable[[int], tuple[str, str]]:
+    if is_recorded:
+        return lambda _: ("a value (the descriptor does not list the column as `unrecorded`)", "null")
+    expected = "null (the descriptor lists the column as `unrecorded`)"
+    return lambda row: (expected, quote(table[column.name][row]))
 
 
 @rule("BD-NUL-005")

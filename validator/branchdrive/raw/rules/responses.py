@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
-from branchdrive.contract.rule import rule
+from branchdrive.contract.rule import CATALOGUE, rule
 from branchdrive.driving.response import NO_RESPONSE, Responses
 from branchdrive.files.survey import Survey
 
@@ -21,6 +21,15 @@ MIN_INTERVENTIONS = 8
 
 MIN_EQUAL = 3
 """Futures equal bit for bit under other commands that are no accident, if nearly all of a policy are."""
+
+PHYSICAL = {
+    "BD-RTE-001": "observations",
+    "BD-MOT-001": "observations",
+    "BD-MOT-002": "observations",
+    "BD-MOT-003": "observations",
+    "BD-ACT-004": "actors",
+}
+"""Rules that nearly all attempts of a collector with a wrong frame, unit or clock fail, and their tables."""
 
 SHARE_PERCENT = 90
 """Percentage of interventions that must show the same for it to be no accident."""
@@ -118,3 +127,17 @@ def groups_are_no_copies(survey: Survey) -> Iterator[Check]:
             text = f"{len(copied)} of {len(groups[group_id])} tracks, as in group {other!r}"
             found.append(Mismatch({"group_id": group_id}, "tracks that no other group has", text, len(copied)))
     yield Check.of(len(groups), found)
+
+
+@rule("BD-RSP-006")
+def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
+    """What nearly every attempt breaks is no accident of an attempt, but a frame, a unit or a clock."""
+    found, examined = [], 0
+    for rule_id, table in PHYSICAL.items():
+        counts = [shard.judged[rule_id] for shard in survey.shards if rule_id in shard.judged]
+        num_failed, num_examined = (sum(part) for part in zip(*counts, strict=True)) if counts else (0, 0)
+        examined += num_examined >= MIN_INTERVENTIONS
+        if num_examined >= MIN_INTERVENTIONS and 100 * num_failed >= SHARE_PERCENT * num_examined:
+            text = f"{num_failed} of {num_examined} attempts that fail it"
+            found.append(Mismatch({"table": table}, f"{rule_id} ({CATALOGUE[rule_id].title}) in most attempts", text))
+    yield Check.of(examined, found)

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -64,8 +65,27 @@ def control_ticks_increase_by_one(view: ShardView, subjects: Mask) -> Iterator[C
 
 @rule("BD-TIC-002")
 def observations_keep_stride(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """``tick[0] = 0``, ``tick[i+1] = tick[i] + 5``."""
-    yield _steps(view.observations, OBSERVATION_STRIDE_TICKS, subjects)
+    """``tick[0] = 0``, ``tick[i+1] = tick[i] + 5``, up to the last control, or the tick after it."""
+    yield Check.of_any(_steps(view.observations, OBSERVATION_STRIDE_TICKS, subjects), _observed_end(view, subjects))
+
+
+def _observed_end(view: ShardView, subjects: Mask) -> Check:
+    """The last observation is that of the last control, or the state that the last control led to."""
+    subjects = (
+        subjects & (view.observations.stop > view.observations.start) & (view.controls.stop > view.controls.start)
+    )
+    rollouts = np.flatnonzero(subjects)
+    end, last = (np.full(view.num_rollouts, -1, np.int64) for _ in range(2))
+    end[rollouts] = view.controls.tick[view.controls.stop[rollouts] - 1].astype(np.int64) + 1
+    last[rollouts] = view.observations.tick[view.observations.stop[rollouts] - 1]
+    least = (end - 1) // OBSERVATION_STRIDE_TICKS * OBSERVATION_STRIDE_TICKS
+
+    def describe(i: int) -> Mismatch:
+        expected = f"observations up to tick {least[i]}, since the last control is at tick {end[i] - 1}"
+        place: Location = {"table": "observations", "tick": int(last[i])}
+        return Mismatch(place, expected, f"the last at tick {last[i]}")
+
+    return Check.of_subjects(subjects, subjects & ((last < least) | (last > end)), describe)
 
 
 @rule("BD-TIC-003")
@@ -109,6 +129,43 @@ def branch_precedes_trigger(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return Mismatch({"table": "rollouts", "column": "trigger_tick"}, expected, found)
 
     yield Check.of_subjects(subjects, subjects & ~(inside & (view.branch_tick <= tick)), describe)
+
+
+_SIGNALS = {"brake": "expert_brake", "throttle_release": "expert_throttle", "steer": "expert_steer"}
+"""Commands of the nominal that show a trigger signal; nothing recorded shows a lane shift."""
+
+
+@rule("BD-TRG-003")
+def trigger_shows_in_the_nominal(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The signal at ``trigger_tick`` is the nominal's command, on its side of the threshold, soon after ``t_b``."""
+    subjects, bounds, rollouts = subjects & view.branched, physical_bounds(), view.rollouts
+    tick = rollouts["trigger_tick"].astype(np.int64)
+    value, threshold = (rollouts[f"trigger_{name}"].astype(np.float64) for name in ("value", "threshold"))
+    row = view.controls.find(view.nominal, tick)
+    command = value.copy()
+    for signal, column in _SIGNALS.items():
+        here = rollouts.equals("trigger_signal", signal) & (row >= 0)
+        command[here] = view.controls[column][row[here]]
+    is_released = rollouts.equals("trigger_signal", "throttle_release")
+    passes = np.where(
+        is_released, value <= threshold + bounds.signal, np.abs(value) >= np.abs(threshold) - bounds.signal
+    )
+    is_command = np.abs(np.abs(value) - np.abs(command)) <= bounds.signal
+    is_soon = tick - view.branch_tick <= bounds.trigger_delay_ticks
+
+    def describe(i: int) -> Mismatch:
+        signal = rollouts["trigger_signal"][i]
+        if not is_command[i]:
+            expected = f"{command[i]:g}, `{_SIGNALS[signal]}` of the nominal at tick {tick[i]}"
+            return Mismatch({"table": "rollouts", "column": "trigger_value"}, expected, f"{value[i]:g}")
+        if not passes[i]:
+            side = "at most" if is_released[i] else "at least"
+            expected = f"{side} the threshold {threshold[i]:g}"
+            return Mismatch({"table": "rollouts", "column": "trigger_value"}, expected, f"{value[i]:g}")
+        expected = f"at most {bounds.trigger_delay_ticks:g} ticks after branch tick {view.branch_tick[i]}"
+        return Mismatch({"table": "rollouts", "column": "trigger_tick"}, expected, f"tick {tick[i]}")
+
+    yield Check.of_subjects(subjects, subjects & ~(is_command & passes & is_soon), describe)
 
 
 def _ticks_missing(view: ShardView, stream: StreamView, low: int, high: int) -> NDArray[np.int64]:

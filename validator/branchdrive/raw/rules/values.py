@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import PATTERNS, Column, declared_table
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.machine_trace import trace_of
 from branchdrive.contract.mismatch import Check
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -137,15 +138,28 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
     )
 
 
+@rule("BD-VAL-006")
+def texts_name_no_machine(view: ShardView) -> Iterator[Check]:
+    """No text holds a path, a host or a time of the machine that wrote it; ids count once, in their own table."""
+    for table, column in _columns(view, lambda c: c.type == "string" and not c.values and c.pattern != "checksum"):
+        if column.name != "rollout_id" or table.name == "rollouts":
+            bad = _rejected_rows(table, column, lambda text: trace_of(text) is None)
+            yield Check.of_rows(
+                table.name, column.name, len(table), bad, _describe("no path, host or clock time", table, column)
+            )
+
+
 @rule("BD-BOX-001")
 def boxes_are_positive(view: ShardView) -> Iterator[Check]:
     """Box extents are finite, above 0 and at most 100 m."""
     for table, column in _columns(view, _is_extent):
         least, most = table.extremes(column.name)
         bad = NONE
-        if table.num_nulls(column.name) or not (least > 0 and most <= MAX_EXTENT_M):
+        lacks = table.num_nulls(column.name) > 0 and not column.nullable
+        if lacks or not (least > 0 and most <= MAX_EXTENT_M):
             extent = table[column.name]
-            bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M)))
+            may_lack = column.nullable & ~table.valid(column.name)
+            bad = np.flatnonzero(~((extent > 0) & (extent <= MAX_EXTENT_M) | may_lack))
         yield Check.of_rows(
             table.name, column.name, len(table), bad, _describe("above 0 and at most 100 m", table, column)
         )

@@ -12,6 +12,8 @@ BRANCH_COLUMNS = (
     "trigger_value", "trigger_threshold", "trigger_confidence",
 )  # fmt: skip
 
+LAST_TICK = 200
+
 
 # BD-STA-001
 
@@ -46,7 +48,7 @@ def attempt_without_any_row(d: Draft) -> None:
 def complete_attempts_with_bad_results(d: Draft) -> None:
     d.set("rollouts", "result_completion", "aborted", rollout_id=BRAKE)
     d.set("rollouts", "result_num_vehicle_collisions", 3, rollout_id=BRAKE)
-    d.set("rollouts", "result_route_fraction", 0.0, rollout_id=BRAKE)
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=200)
 
 
 # BD-TIC-001
@@ -107,10 +109,21 @@ def observation_between_two(d: Draft) -> None:
     d.recount(BRAKE)
 
 
-@boundary("BD-TIC-002", "BD-WIN-002", "BD-WIN-004")
+@mutant("BD-TIC-002", at={"rollout_id": BRAKE, "table": "observations", "tick": LAST_TICK - 5})
 def observations_that_end_before_the_controls(d: Draft) -> None:
-    for tick in range(BRANCH_TICK + 55, 201, 5):
-        d.drop_observation(BRAKE, tick)
+    d.drop_observation(BRAKE, LAST_TICK)
+
+
+@mutant("BD-TIC-002", at={"rollout_id": BRAKE, "table": "observations", "tick": LAST_TICK})
+def observations_that_go_on_after_the_controls(d: Draft) -> None:
+    d.drop("controls", rollout_id=BRAKE, tick=range(LAST_TICK - 1, LAST_TICK + 1))
+    d.recount(BRAKE)
+
+
+@boundary("BD-TIC-002", "BD-WIN-002", "BD-WIN-004")
+def observation_after_the_last_control(d: Draft) -> None:
+    d.drop("controls", rollout_id=BRAKE, tick=LAST_TICK)
+    d.recount(BRAKE)
 
 
 # BD-TIC-003

@@ -148,6 +148,21 @@ def list_of_descriptors(d: Draft) -> None:
     _rewrite(d, lambda _: json.dumps({"spec_version": "0.1", "documents": [document]}).encode())
 
 
+@mutant("BD-DOC-003", at={**PLACE, "pointer": "/tolerances/evidence"})
+def tolerance_that_hides_wrong_evidence(d: Draft) -> None:
+    d.descriptor["tolerances"] = {"evidence": 0.1}
+
+
+@mutant("BD-DOC-003", at={**PLACE, "pointer": "/tolerances/actuator"})
+def tolerance_that_hides_wrong_commands(d: Draft) -> None:
+    d.descriptor["tolerances"] = {"actuator": 0.03}
+
+
+@boundary("BD-DOC-003")
+def tolerances_at_their_limits(d: Draft) -> None:
+    d.descriptor["tolerances"] = {"actuator": 0.02, "evidence": 0.001}
+
+
 @boundary("BD-DOC-003")
 def descriptor_values_at_their_limits(d: Draft) -> None:
     d.descriptor["title"] = "ü" * 200
@@ -226,6 +241,19 @@ def image_between_observations(d: Draft) -> None:
 @boundary("BD-FRM-003", base="media")
 def image_at_the_first_observation(d: Draft) -> None:
     d.set("frames", "tick", 0, rollout_id="g0.nominal.a1", camera="rear")
+
+
+# BD-DOC-005
+
+
+@mutant("BD-DOC-005", at={**PLACE, "pointer": "/title"})
+def title_with_a_path(d: Draft) -> None:
+    d.descriptor["title"] = "Runs of /data/collect/2026"
+
+
+@boundary("BD-DOC-005")
+def title_with_a_date_and_an_address(d: Draft) -> None:
+    d.descriptor["title"] = "Runs of 2026-03-01, https://example.org/runs/1 or mail@example.org"
 
 
 # BD-ENC-001

@@ -12,6 +12,7 @@ from tests.validator.engine.rules.draft import Draft
 
 G2_NOMINAL = "g2.nominal.a1"
 TOLERANCE = 1e-6
+OUTSIDE_TICK = BRANCH_TICK + 55
 ABSENT: dict[str, Any] = {
     "separation_available": False, "separation_m": None, "separation_actor_id": None,
     "ttc_available": False, "ttc_s": None, "ttc_actor_id": None,
@@ -118,6 +119,11 @@ def vehicle_where_nobody_is(d: Draft) -> None:
     )
 
 
+@mutant("BD-EVD-001", at=_place("separation_m", OUTSIDE_TICK))
+def separation_wrong_outside_of_the_window(d: Draft) -> None:
+    _state(d, OUTSIDE_TICK, separation_m=lambda value: value + 0.1)
+
+
 @boundary("BD-EVD-001", "BD-EVD-002", "BD-EVD-003")
 def evidence_off_by_less_than_the_tolerance(d: Draft) -> None:
     for column in (
@@ -132,7 +138,7 @@ def evidence_off_by_less_than_the_tolerance(d: Draft) -> None:
 
 @boundary("BD-EVD-001", "BD-EVD-002", "BD-EVD-003")
 def evidence_off_by_less_than_a_wide_declared_tolerance(d: Draft) -> None:
-    d.descriptor["tolerances"] = {"evidence": 0.1}
+    d.descriptor["tolerances"] = {"evidence": 0.001}
     for column in (
         "separation_m",
         "ttc_s",
@@ -140,16 +146,18 @@ def evidence_off_by_less_than_a_wide_declared_tolerance(d: Draft) -> None:
         "nearest_vehicle_rel_speed_mps",
         "nearest_pedestrian_gap_m",
     ):
-        _state(d, **{column: lambda value: value - 0.09 * (1 + abs(value))})
+        _state(d, **{column: lambda value: value - 0.0009 * (1 + abs(value))})
 
 
 # Pairs exactly on a cut-off: the ego at the origin, heading along x, and actors set around it.
 
 
 def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence: Any) -> None:
-    """Replace the frame at tick 0 of one attempt, with its evidence stated instead of computed."""
-    d.set("rollouts", "route_x_m", [-100.0, 300.0], group_id="g0")
-    d.set("rollouts", "route_y_m", [0.0, 0.0], group_id="g0")
+    """Replace the frame at tick 0 of one attempt, with its evidence stated instead of computed.
+
+    It is one of contact, after which no motion is judged.
+    """
+    d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
     here = {"rollout_id": BRAKE, "tick": 0}
     d.set("observations", ("x_m", "y_m", "yaw_rad"), 0.0, **here)
     d.set("observations", "speed_mps", speed_mps, **here)
@@ -162,7 +170,7 @@ def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence
     schema = d.take("actors", **here).schema
     d.drop("actors", **here)
     d.append("actors", type(d.take("actors")).from_pylist(rows, schema=schema), folder=d.folder_of(BRAKE))
-    _state(d, 0, num_actors=len(rows), **{**ABSENT, **evidence})
+    _state(d, 0, num_actors=len(rows), collision=True, **{**ABSENT, **evidence})
 
 
 def _ahead(gap_m: float, **more: Any) -> dict[str, Any]:

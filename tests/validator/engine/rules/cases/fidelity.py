@@ -174,6 +174,19 @@ def threshold_loosened_by_hand(d: ReleaseDraft) -> None:
     d.reseal("passes")
 
 
+@mutant("BD-FID-005", at={"file": THRESHOLDS, "pointer": "/variables/5/floor"})
+def floor_raised_by_hand(d: ReleaseDraft) -> None:
+    d.documents[THRESHOLDS]["variables"][5]["floor"] = 0.01
+    d.reseal("passes")
+
+
+@mutant("BD-FID-005", at={"file": THRESHOLDS, "pointer": "/variables/5/value"})
+def threshold_below_its_floor(d: ReleaseDraft) -> None:
+    assert d.documents[THRESHOLDS]["variables"][5]["value"] == 0.001
+    d.documents[THRESHOLDS]["variables"][5]["value"] = 0.0
+    d.reseal("passes")
+
+
 @mutant("BD-FID-005", at={"file": THRESHOLDS, "pointer": "/num_groups"})
 def thresholds_of_more_groups_by_word(d: ReleaseDraft) -> None:
     d.documents[THRESHOLDS]["num_groups"] += 1
@@ -211,8 +224,12 @@ def failing_pairs_waved_through(d: ReleaseDraft) -> None:
 
 @mutant("BD-FID-007", at={"table": "pairs", "rollout_id": "g18.brake_0.50.a1", "column": "core_pass"})
 def group_dropped_within_the_tolerance(d: ReleaseDraft) -> None:
-    """No replay differs in its brake, so the threshold is 0 and the last bits of one discrepancy fail a group."""
-    d.set("pairs", "brake", 9e-10, rollout_id="g18.brake_0.50.a1")
+    """A training group and another brake alike in a replay, so the last bits of one discrepancy fail the other."""
+    for group in ("g2", "g18"):
+        d.set("controls", ("expert_brake", "applied_brake"), 0.25, rollout_id=f"{group}.brake_0.50.a1", tick=60)
+    d.rebuild()
+    assert d.documents[THRESHOLDS]["variables"][5]["value"] == 0.25
+    d.set("pairs", "brake", 0.25 + 9e-10, rollout_id="g18.brake_0.50.a1")
     d.reseal("passes")
     assert not d.value("group_quality", "core_valid", group_id="g18")
 

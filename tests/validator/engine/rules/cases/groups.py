@@ -142,3 +142,40 @@ def replay_with_another_seed(d: Draft) -> None:
 @boundary("BD-GRP-006")
 def replay_of_another_collector_version(d: Draft) -> None:
     d.set("rollouts", "collector_version", "other 2", rollout_id=REPLAY)
+
+
+# BD-GRP-007
+
+
+@mutant("BD-GRP-007", at=_differs("protocol_variant"))
+def action_of_another_variant_alone(d: Draft) -> None:
+    d.set("rollouts", "protocol_variant", "online-steering", rollout_id=STEER_LEFT)
+
+
+@boundary("BD-GRP-007", "BD-BNK-002")
+def further_nominal_under_its_own_variant(d: Draft) -> None:
+    d.copy_attempt(NOMINAL, "g0.nominal.b", attempt=1, protocol_variant="a", trigger_rollout_id="g0.nominal.b")
+
+
+@boundary("BD-GRP-007")
+def retries_under_other_variants(d: Draft) -> None:
+    d.copy_attempt(STEER_LEFT, "g0.steer.b", attempt=1, protocol_variant="a")
+    d.set("rollouts", "protocol_variant", "z", rollout_id=REPLAY)
+
+
+# BD-GRP-008
+
+
+@mutant("BD-GRP-008", at=_differs("simulator_version"), lost=0)
+def simulator_updated_within_a_group(d: Draft) -> None:
+    d.set("rollouts", "simulator_version", "other 2", rollout_id=STEER_LEFT)
+
+
+@mutant("BD-GRP-008", at=_differs("collector_version"), lost=0)
+def collector_updated_within_a_group(d: Draft) -> None:
+    d.set("rollouts", "collector_version", "other 2", rollout_id=STEER_LEFT)
+
+
+@boundary("BD-GRP-008")
+def collector_updated_between_groups(d: Draft) -> None:
+    d.set("rollouts", "collector_version", "other 2", group_id="g0")

@@ -334,9 +334,9 @@ def shard_number_of_six_digits(d: Draft) -> None:
 # BD-LAY-009
 
 
-@mutant("BD-LAY-009", at={"file": "README.md"})
+@mutant("BD-LAY-009", at={"file": "NOTES.md"})
 def file_in_the_root(d: Draft) -> None:
-    d.before_seal(lambda root: (root / "README.md").write_text("hello"))
+    d.before_seal(lambda root: (root / "NOTES.md").write_text("hello"))
 
 
 @mutant("BD-LAY-009", at={"file": "raw/shard-2"})

@@ -6,6 +6,8 @@ from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
 from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, REPLAY, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.contract.columns import RECORDABLE
+
 
 def _place(table: str, column: str, rollout_id: str = BRAKE, **more: int) -> dict[str, str | int]:
     return {"table": table, "column": column, "rollout_id": rollout_id, **more}
@@ -130,6 +132,40 @@ def results_that_nobody_monitored(d: Draft) -> None:
     d.set("evidence", "lane_id", None)
 
 
+# BD-NUL-006
+
+
+@mutant("BD-NUL-006", at=_place("observations", "speed_limit_mps", tick=BRANCH_TICK))
+def limit_missing_at_one_observation(d: Draft) -> None:
+    d.set("observations", "speed_limit_mps", None, rollout_id=BRAKE, tick=BRANCH_TICK)
+
+
+@mutant("BD-NUL-006", at=_place("rollouts", "ego_height_m", NOMINAL), findings=46)
+def height_missing_and_not_declared(d: Draft) -> None:
+    d.set("rollouts", "ego_height_m", None)
+
+
+@mutant("BD-NUL-006", at={"table": "observations", "column": "command"}, findings=1886)
+def unrecorded_command_has_values(d: Draft) -> None:
+    d.descriptor["unrecorded"] = ["observations.command"]
+
+
+@mutant("BD-NUL-006", at=_place("observations", "vehicle_hazard", tick=0))
+def unrecorded_hazard_has_one_value(d: Draft) -> None:
+    d.descriptor["unrecorded"] = ["observations.vehicle_hazard"]
+    d.set("observations", "vehicle_hazard", None)
+    d.set("observations", "vehicle_hazard", False, rollout_id=BRAKE, tick=0)
+
+
+@boundary("BD-NUL-006", "BD-BOX-001", "BD-VAL-001", "BD-VAL-003", "BD-GRP-005")
+def world_that_offers_nothing_it_may_lack(d: Draft) -> None:
+    d.descriptor["unrecorded"] = list(RECORDABLE)
+    d.descriptor["driver"] = {"kind": "log"}
+    for place in RECORDABLE:
+        table, column = place.split(".")
+        d.set(table, column, None)
+
+
 # BD-NUL-005
 
 
@@ -156,6 +192,8 @@ def slowest_closing_at_the_edge_of_range(d: Draft) -> None:
     d.set("actors", "x_m", 50.0 + (4.5 + length) / 2, rollout_id=BRAKE, tick=0)
     d.set("actors", "vel_x_mps", 0.125 - 0.1, rollout_id=BRAKE, tick=0)
     d.refresh_evidence(BRAKE)
+    d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=0)
     d.set("evidence", "ttc_available", True, rollout_id=BRAKE, tick=0)
     d.set("evidence", "ttc_s", 500.0, rollout_id=BRAKE, tick=0)
     d.set("evidence", "ttc_actor_id", 1, rollout_id=BRAKE, tick=0)

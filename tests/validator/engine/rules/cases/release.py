@@ -104,7 +104,12 @@ def release_of_another_simulator(d: ReleaseDraft) -> None:
     d.reseal("card")
 
 
-@mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/collection/replay_noise"}, base="detached")
+@mutant(
+    "BD-REL-002",
+    at={"file": "branchdrive.json", "pointer": "/collection/replay_noise/kind"},
+    base="detached",
+    findings=2,
+)
 def noise_of_replays_denied(d: ReleaseDraft) -> None:
     beside(d).descriptor["collection"] = {**d.descriptor["collection"], "replay_noise": 0.5}
 
@@ -116,7 +121,7 @@ def faults_that_were_injected_denied(d: ReleaseDraft) -> None:
 
 @mutant("BD-REL-002", at={"file": "branchdrive.json", "pointer": "/tolerances/actuator"}, base="detached")
 def tolerance_tightened_after_the_fact(d: ReleaseDraft) -> None:
-    beside(d).descriptor["tolerances"] = {"actuator": 0.05, "evidence": 1e-6}
+    beside(d).descriptor["tolerances"] = {"actuator": 0.01, "evidence": 1e-6}
 
 
 # BD-REL-003, BD-REL-004: card and licence

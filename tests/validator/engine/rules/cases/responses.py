@@ -116,3 +116,19 @@ def replay_that_repeats_its_nominal(d: Draft) -> None:
             if row["rollout_id"] == REPLAY:
                 rows[i] = {**nominal[row["tick"]], "rollout_id": REPLAY}
         shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)
+
+
+# BD-RSP-006
+
+
+@mutant("BD-RSP-006", base="bare", at={"table": "observations"}, findings=2)
+def speed_in_another_unit(d: Draft) -> None:
+    """These vehicles are slow; of faster ones, nearly all fail where km/h are taken for m/s."""
+    kinds = ("vehicle", "pedestrian", "static")
+    d.set("rollouts", tuple(f"result_num_{kind}_collisions" for kind in kinds), 0)
+    d.set("observations", "speed_mps", lambda speed: 8 * speed)
+
+
+@boundary("BD-RSP-006", base="bare")
+def speedometer_that_shows_too_much(d: Draft) -> None:
+    d.set("observations", "speed_mps", lambda speed: 1.05 * speed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,55 @@ def metadata_missing(d: Draft) -> None:
     _with_metadata(d, "yaw_rad", lambda _: {})
 
 
+def _carried_by_the_file(d: Draft, change: Any) -> None:
+    """Metadata in a member of the file's own, as programs write them that have no Arrow schema."""
+
+    def edit(content: bytes) -> bytes:
+        table = pq.read_table(io.BytesIO(content))
+        document = {
+            field.name: {key.decode(): text.decode() for key, text in field.metadata.items()} for field in table.schema
+        }
+        plain = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
+        sink = io.BytesIO()
+        with pq.ParquetWriter(sink, plain.schema, store_schema=False) as writer:
+            writer.write_table(plain)
+            writer.add_key_value_metadata({"branchdrive.columns": change(document)})
+        return sink.getvalue()
+
+    _rewrite(d, OBSERVATIONS, edit)
+
+
+@mutant("BD-TAB-003", at={"file": OBSERVATIONS, "column": "speed_mps"})
+def another_unit_in_the_metadata_of_the_file(d: Draft) -> None:
+    _carried_by_the_file(d, lambda known: json.dumps({**known, "speed_mps": {**known["speed_mps"], "unit": "km/h"}}))
+
+
+@mutant("BD-TAB-003", at={"file": OBSERVATIONS, "column": "yaw_rad"}, findings=3)
+def column_that_the_metadata_of_the_file_lacks(d: Draft) -> None:
+    _carried_by_the_file(d, lambda known: json.dumps({name: known[name] for name in known if name != "yaw_rad"}))
+
+
+@mutant("BD-TAB-003", at={"file": OBSERVATIONS})
+def metadata_of_the_file_that_is_no_document(d: Draft) -> None:
+    _carried_by_the_file(d, lambda _: "metres")
+
+
+@boundary("BD-TAB-003")
+def metadata_carried_by_the_file(d: Draft) -> None:
+    _carried_by_the_file(d, json.dumps)
+
+
+@boundary("BD-TAB-002", "BD-TAB-003")
+def no_metadata_at_all(d: Draft) -> None:
+    def edit(content: bytes) -> bytes:
+        sink = io.BytesIO()
+        pq.write_table(pq.read_table(io.BytesIO(content)), sink, store_schema=False)
+        return sink.getvalue()
+
+    for name in d.tables[SHARD_1]:
+        _rewrite(d, f"{SHARD_1}/{name}.parquet", edit)
+
+
 @boundary("BD-TAB-003")
 def other_description_and_more_metadata(d: Draft) -> None:
     _with_metadata(d, "x_m", lambda known: {**known, b"description": b"other words", b"note": b"\xff"})
@@ -192,3 +242,51 @@ def no_shard(d: Draft) -> None:
 @boundary("BD-TAB-004")
 def single_shard(d: Draft) -> None:
     del d.tables[SHARD_0]
+
+
+# BD-TAB-005
+
+
+def _with_pairs(**metadata: str) -> Any:
+    def change(content: bytes) -> bytes:
+        sink = io.BytesIO()
+        table = pq.read_table(io.BytesIO(content))
+        pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), **metadata}), sink)
+        return sink.getvalue()
+
+    return change
+
+
+@mutant("BD-TAB-005", at={"file": CONTROLS})
+def metadata_with_a_path(d: Draft) -> None:
+    _rewrite(d, CONTROLS, _with_pairs(source="/mnt/cluster/job-3/controls.csv"))
+
+
+@mutant("BD-TAB-005", at={"file": CONTROLS})
+def metadata_with_a_time(d: Draft) -> None:
+    _rewrite(d, CONTROLS, _with_pairs(written="2026-03-01 12:30:00"))
+
+
+@boundary("BD-TAB-005")
+def metadata_of_pandas(d: Draft) -> None:
+    pandas = '{"index_columns": [], "columns": [], "creator": {"library": "pyarrow", "version": "20.0.0"}}'
+    _rewrite(d, CONTROLS, _with_pairs(pandas=pandas))
+
+
+# BD-TAB-006
+
+
+def _without_rows(d: Draft, folder: str) -> None:
+    for name in d.tables[folder]:
+        d.map_table(name, lambda rows: rows.slice(0, 0), folder=folder)
+
+
+@mutant("BD-TAB-006", at={"table": "rollouts"})
+def raw_layer_without_rows(d: Draft) -> None:
+    _without_rows(d, SHARD_0)
+    _without_rows(d, SHARD_1)
+
+
+@boundary("BD-TAB-006", "BD-TAB-004")
+def shard_without_rows_beside_another(d: Draft) -> None:
+    d.tables["raw/shard-00042"] = {name: rows.slice(0, 0) for name, rows in d.tables[SHARD_0].items()}

@@ -21,9 +21,10 @@ def trigger_read_from_a_replay(d: Draft) -> None:
     d.set("rollouts", "trigger_rollout_id", REPLAY, rollout_id=NOMINAL)
 
 
-@boundary("BD-TRG-001", "BD-TRG-002")
+@boundary("BD-TRG-001", "BD-TRG-002", "BD-TRG-003")
 def trigger_at_the_branch(d: Draft) -> None:
     d.set("rollouts", "trigger_tick", BRANCH_TICK, group_id="g0")
+    d.set("rollouts", "trigger_signal", "lane_shift", group_id="g0")
 
 
 @mutant("BD-TRG-002", at=_place("trigger_tick"))
@@ -36,6 +37,48 @@ def trigger_after_the_nominal_ended(d: Draft) -> None:
     d.set("rollouts", "trigger_tick", 201, rollout_id=BRAKE)
 
 
-@boundary("BD-TRG-002")
-def trigger_at_the_last_tick_of_the_nominal(d: Draft) -> None:
-    d.set("rollouts", "trigger_tick", 200, group_id="g0")
+# BD-TRG-003
+
+
+def _show(d: Draft, signal: str, tick: int, threshold: float | None = None) -> None:
+    """Make the command of the group's nominal at `tick` its trigger, at its threshold unless there is another."""
+    value = d.value("controls", COMMANDS[signal], rollout_id=NOMINAL, tick=tick)
+    changes = {
+        "trigger_tick": tick, "trigger_signal": signal, "trigger_value": value,
+        "trigger_threshold": value if threshold is None else threshold,
+    }  # fmt: skip
+    for column, change in changes.items():
+        d.set("rollouts", column, change, group_id="g0")
+
+
+COMMANDS = {"brake": "expert_brake", "throttle_release": "expert_throttle", "steer": "expert_steer"}
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def value_that_the_nominal_does_not_show(d: Draft) -> None:
+    d.set("rollouts", "trigger_value", lambda v: v + 0.001, group_id="g0")
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def brake_below_its_threshold(d: Draft) -> None:
+    _show(d, "brake", BRANCH_TICK + 20, threshold=0.99)
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def throttle_above_its_threshold(d: Draft) -> None:
+    _show(d, "throttle_release", BRANCH_TICK + 10, threshold=0.0)
+
+
+@mutant("BD-TRG-003", at=_place("trigger_tick"), findings=15)
+def trigger_long_after_the_branch(d: Draft) -> None:
+    _show(d, "brake", BRANCH_TICK + 21)
+
+
+@boundary("BD-TRG-003")
+def throttle_at_its_threshold(d: Draft) -> None:
+    _show(d, "throttle_release", BRANCH_TICK + 20)
+
+
+@boundary("BD-TRG-003")
+def steer_at_its_threshold(d: Draft) -> None:
+    _show(d, "steer", BRANCH_TICK + 10)

@@ -52,7 +52,7 @@ def infinite_actor_velocity(d: Draft) -> None:
 @boundary("BD-VAL-001")
 def smallest_and_signed_zero_values(d: Draft) -> None:
     d.set("observations", "accel_lateral_mps2", -0.0, rollout_id=BRAKE)
-    d.set("observations", "accel_longitudinal_mps2", 1e-45, rollout_id=BRAKE)
+    d.set("observations", "accel_longitudinal_mps2", 1e-45, rollout_id=BRAKE, tick=5)
 
 
 # BD-VAL-002
@@ -85,7 +85,7 @@ def attempts_counted_from_zero(d: Draft) -> None:
 
 @boundary("BD-VAL-002")
 def values_at_both_ends_of_their_range(d: Draft) -> None:
-    d.set("observations", "route_offset_m", 100000.0, rollout_id=BRAKE)
+    d.set("observations", "route_offset_m", 100000.0, rollout_id=BRAKE, tick=0)
     d.set("observations", "target_speed_mps", 0.0, rollout_id=BRAKE)
     d.set("observations", "route_heading_error_rad", math.pi, rollout_id=BRAKE, tick=0)
     d.set("observations", "route_heading_error_rad", -math.pi, rollout_id=BRAKE, tick=5)
@@ -152,10 +152,16 @@ def media_file_outside_the_shard(d: Draft) -> None:
 
 @boundary("BD-VAL-004")
 def shortest_and_longest_text(d: Draft) -> None:
-    d.set("rollouts", "protocol_variant", "v" + "-" * 127, rollout_id=BRAKE)
+    d.set("rollouts", "protocol_variant", "v" + "-" * 127, group_id="g0")
     d.set("rollouts", "provenance", "ü", rollout_id=BRAKE)
     d.set("rollouts", "result_termination", "0", rollout_id=BRAKE)
     d.set("rollouts", "provenance", "ü" * 1000, rollout_id=NOMINAL)
+    d.set("rollouts", "provenance", "\U0001d54f" * 1000, rollout_id=REPLAY)  # two UTF-16 units each
+
+
+@mutant("BD-VAL-004", at=_place("rollouts", "provenance"))
+def text_of_too_many_code_points(d: Draft) -> None:
+    d.set("rollouts", "provenance", "\U0001d54f" * 1001, rollout_id=BRAKE)
 
 
 # BD-VAL-005
@@ -190,6 +196,36 @@ def route_of_two_vertices(d: Draft) -> None:
 def route_that_comes_back(d: Draft) -> None:
     # The way back is the same line, so the corridor is the same.
     d.set("rollouts", ("route_x_m", "route_y_m"), lambda xs: [*xs, *xs[-2::-1]], group_id="g0")
+    d.set("rollouts", "result_route_fraction", lambda share: share / 2, group_id="g0")
+
+
+# BD-VAL-006
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
+def provenance_with_a_path(d: Draft) -> None:
+    d.set("rollouts", "provenance", "replayed from /srv/ada/runs/route.xml", rollout_id=BRAKE)
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
+def provenance_with_a_windows_path(d: Draft) -> None:
+    d.set("rollouts", "provenance", r"log D:\runs\17", rollout_id=BRAKE)
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "provenance"))
+def provenance_with_a_time(d: Draft) -> None:
+    d.set("rollouts", "provenance", "executed 2026-03-01T12:30:00Z", rollout_id=BRAKE)
+
+
+@mutant("BD-VAL-006", at=_place("rollouts", "simulator_version"))
+def version_with_a_host(d: Draft) -> None:
+    d.set("rollouts", "simulator_version", "CARLA 0.9.15 10.0.0.7:2000", group_id="g0", rollout_id=BRAKE)
+
+
+@boundary("BD-VAL-006")
+def texts_that_look_like_paths_and_times(d: Draft) -> None:
+    d.set("rollouts", "provenance", "maps/Town10/route 3, 5 km/h at 12:30, built 2026-03-01, see https://a.b/c/d")
+    d.set("rollouts", "environment", "Clear/Noon 12:00")
 
 
 # BD-BOX-001

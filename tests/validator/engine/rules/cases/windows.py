@@ -41,9 +41,9 @@ def no_control_at_the_end_of_the_window(d: Draft) -> None:
     _cut(d, NOMINAL, last_control=END - 1, last_observation=END)
 
 
-@mutant("BD-WIN-003", at={"rollout_id": BRAKE, "table": "observations", "tick": END}, base="bare")
+@mutant("BD-WIN-003", at={"rollout_id": NOMINAL, "table": "observations", "tick": END}, base="bare")
 def no_observation_at_the_end_of_the_window(d: Draft) -> None:
-    _cut(d, BRAKE, last_control=END, last_observation=END - STRIDE)
+    _cut(d, NOMINAL, last_control=END - 1, last_observation=END - STRIDE)
 
 
 # BD-WIN-004
@@ -85,7 +85,7 @@ def far_actor_lost(d: Draft) -> None:
 
 @mutant("BD-WIN-005", at={"rollout_id": BRAKE, "table": "actors", "tick": 50})
 def far_actor_not_counted(d: Draft) -> None:
-    d.duplicate("actors", {"actor_id": 99}, rollout_id=BRAKE, tick=50, actor_id=FAR_ACTOR)
+    d.duplicate("actors", {"actor_id": 99, "length_m": 5.0}, rollout_id=BRAKE, tick=50, actor_id=FAR_ACTOR)
 
 
 @mutant("BD-WIN-005", at={"rollout_id": "g2.nominal.a1", "table": "actors", "tick": 65})

@@ -1,0 +1,125 @@
+"""`branchdrive diff`: equal data in other files, and every kind of difference by its name."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from tests import synthetic
+from tests.synthetic import seal_dataset
+from tests.validator.engine.datasets import FOLDER, cells, edited, write
+from tests.validator.engine.rules.release import release_draft
+
+from branchdrive.cli.main import run
+
+
+def diff(*arguments: object) -> tuple[int, str, str]:
+    out, err = io.StringIO(), io.StringIO()
+    code = run(["diff", *map(str, arguments)], out, err)
+    return code, out.getvalue(), err.getvalue()
+
+
+def document(*arguments: object) -> tuple[int, dict[str, Any]]:
+    code, out, err = diff(*arguments, "--format", "json")
+    assert err == ""
+    return code, json.loads(out)
+
+
+def rewrite(root: Path) -> None:
+    """Write every table again as a program that knows nothing of this format would."""
+    for path in root.rglob("*.parquet"):
+        pq.write_table(pq.read_table(path), path, compression="gzip", store_schema=False, row_group_size=1000)
+    seal_dataset(root)
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("base") / "dataset")
+
+
+@pytest.fixture(scope="module")
+def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return release_draft().write(tmp_path_factory.mktemp("release") / "dataset")
+
+
+def test_a_copy_is_equal(base: Path, tmp_path: Path) -> None:
+    shutil.copytree(base, tmp_path / "copy")
+    assert diff(base, tmp_path / "copy") == (0, "files equal, data equal\n", "")
+
+
+def test_files_that_another_program_wrote_hold_equal_data(release: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(release, other)
+    rewrite(other)
+    code, out, _ = diff(release, other)
+    assert code == 0
+    assert out.startswith("files differ, data equal\n")
+
+
+def test_a_descriptor_that_claims_more_is_no_difference_of_data(base: Path, tmp_path: Path) -> None:
+    other = write(tmp_path / "other", None, {**synthetic.descriptor(), "title": "Another"})
+    code, found = document(base, other)
+    assert (code, found["data"], len(found["descriptor"])) == (0, "equal", 1)
+    assert "title" in found["descriptor"][0]
+
+
+def test_cells_are_counted_with_the_largest_difference(base: Path, tmp_path: Path) -> None:
+    x = synthetic.base_tables()[FOLDER]["observations"]["x_m"].to_pylist()
+    other = write(tmp_path / "other", cells("observations", "x_m", {3: x[3] + 0.5, 4: x[4] - 0.25}))
+    code, found = document(base, other)
+    assert (code, found["data"], len(found["changed"])) == (1, "differ", 1)
+    assert found["tables"]["observations"]["columns"] == {"x_m": {"num_cells": 2, "largest": pytest.approx(0.5)}}
+    assert "x_m: 2 cells differ, by 0.5 at most" in diff(base, other)[1]
+
+
+def test_the_sign_of_a_zero_is_a_difference(base: Path, tmp_path: Path) -> None:
+    brake = synthetic.base_tables()[FOLDER]["controls"]["applied_brake"].to_pylist()
+    other = write(tmp_path / "other", cells("controls", "applied_brake", {brake.index(0.0): -0.0}))
+    assert document(base, other)[1]["tables"]["controls"]["columns"] == {
+        "applied_brake": {"num_cells": 1, "largest": 0.0}
+    }
+
+
+def test_rows_and_attempts_of_one_alone_are_named(base: Path, tmp_path: Path) -> None:
+    other = write(tmp_path / "rows", edited("actors", lambda table: table.slice(2)))
+    assert document(base, other)[1]["tables"]["actors"] == {"only_first": 2, "only_second": 0, "columns": {}}
+
+    half = write(tmp_path / "half", {FOLDER: synthetic.base_tables()[FOLDER]})
+    code, found = document(half, base)
+    assert (code, found["only_first"], found["tables"]) == (1, [], {})
+    assert found["only_second"] != []
+
+
+def test_split_and_population_have_sections_of_their_own(release: Path, tmp_path: Path) -> None:
+    draft = release_draft()
+    groups = dict(draft.frame("group_quality"))
+    groups["partition"] = groups["partition"].copy()
+    place = groups["partition"].tolist().index("train")
+    groups["partition"][place] = "val"
+    draft.put("group_quality", groups)
+    draft.reseal("split")
+    code, out, _ = diff(release, draft.write(tmp_path / "other"))
+    assert code == 1
+    for section in ("population (A, not B)", "split (A, not B)", "table quality/group_quality.parquet"):
+        assert f"{section}: " in out
+    assert "partition: 1 cell differ" in out
+
+
+def test_a_layer_that_one_alone_has_is_named(release: Path, tmp_path: Path) -> None:
+    shutil.copytree(release, tmp_path / "other")
+    descriptor = json.loads((release / "branchdrive.json").read_bytes())
+    (tmp_path / "other" / "branchdrive.json").write_text(json.dumps({**descriptor, "layers": ["raw", "canonical"]}))
+    seal_dataset(tmp_path / "other")
+    code, found = document(release, tmp_path / "other")
+    assert (code, found["layers"]) == (1, ["quality", "model"])
+
+
+def test_what_is_no_dataset_is_a_wrong_call(base: Path, tmp_path: Path) -> None:
+    code, out, err = diff(base, tmp_path)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1

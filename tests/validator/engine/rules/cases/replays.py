@@ -1,0 +1,87 @@
+"""Defects and limits of replay noise against the nominal replays."""
+
+from __future__ import annotations
+
+import numpy as np
+from tests.synthetic import BRANCH_TICK
+from tests.validator.engine.rules.case import NOMINAL, REPLAY, boundary, mutant
+from tests.validator.engine.rules.draft import Draft
+
+_STREAMS = ("controls", "observations", "actors", "evidence")
+
+
+def _declare(d: Draft, kind: str, **more: float) -> None:
+    d.descriptor["collection"] = {**d.descriptor["collection"], "replay_noise": {"kind": kind, **more}}
+
+
+def _copy(d: Draft, replay: str, nominal: str) -> None:
+    for table in _STREAMS:
+        d.drop(table, rollout_id=replay)
+        d.duplicate(table, {"rollout_id": replay}, rollout_id=nominal)
+
+
+def _copy_all(d: Draft) -> None:
+    for group in ("g0", "g1", "g2"):
+        for attempt in (1, 2):
+            _copy(d, f"{group}.nominal_replay.a{attempt}", f"{group}.nominal.a1")
+
+
+# BD-RPN-001
+
+
+@mutant("BD-RPN-001", at={"table": "observations", "rollout_id": REPLAY}, findings=6)
+def replays_differ_though_exact(d: Draft) -> None:
+    _declare(d, "exact")
+
+
+@mutant("BD-RPN-001", at={"column": "speed_mps", "rollout_id": REPLAY, "tick": BRANCH_TICK})
+def last_bit_of_one_speed_differs(d: Draft) -> None:
+    _declare(d, "exact")
+    _copy_all(d)
+    d.set(
+        "observations", "speed_mps", lambda v: float(np.nextafter(np.float32(v), np.float32(99))), rollout_id=REPLAY,
+        tick=BRANCH_TICK,
+    )  # fmt: skip
+    d.refresh_evidence(REPLAY)
+
+
+@mutant("BD-RPN-001", at={"rollout_id": REPLAY}, findings=6)
+def nothing_is_declared(d: Draft) -> None:
+    del d.descriptor["collection"]["replay_noise"]
+
+
+@boundary("BD-RPN-001")
+def exact_replays(d: Draft) -> None:
+    _declare(d, "exact")
+    _copy_all(d)
+
+
+# BD-RPN-002
+
+
+@mutant("BD-RPN-002", at={"rollout_id": REPLAY})
+def replay_is_a_copy_under_injected_noise(d: Draft) -> None:
+    _declare(d, "injected", strength=0.5)
+    _copy(d, REPLAY, NOMINAL)
+
+
+@mutant("BD-RPN-002", at={"rollout_id": REPLAY}, findings=4)
+def all_replays_of_a_shard_are_copies_under_natural_noise(d: Draft) -> None:
+    for group in ("g0", "g1"):
+        for attempt in (1, 2):
+            _copy(d, f"{group}.nominal_replay.a{attempt}", f"{group}.nominal.a1")
+
+
+@boundary("BD-RPN-002")
+def one_replay_happens_to_be_equal_under_natural_noise(d: Draft) -> None:
+    _copy(d, REPLAY, NOMINAL)
+
+
+@boundary("BD-RPN-002")
+def noise_moves_the_surroundings_alone(d: Draft) -> None:
+    _declare(d, "injected", strength=100)
+    for replay in (REPLAY, "g0.nominal_replay.a2"):
+        d.drop("observations", rollout_id=replay)
+        d.duplicate("observations", {"rollout_id": replay}, rollout_id=NOMINAL)
+        d.set("actors", "y_m", lambda v: v + 0.01, rollout_id=replay)
+        d.refresh_evidence(replay)

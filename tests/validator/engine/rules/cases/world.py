@@ -1,0 +1,249 @@
+"""Defects and limits of what columns say of the world: route state, motion, tracks of actors, results."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+from tests.synthetic import BRANCH_TICK, EGO_BOX_M, to_table
+from tests.validator.engine.rules.case import BRAKE, SHARD_0, boundary, mutant
+from tests.validator.engine.rules.draft import Draft
+
+COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
+TARGETS = tuple(f"target_point_{number}_{axis}_m" for number in (1, 2) for axis in ("x", "y"))
+
+
+def _observed(column: str, tick: int) -> dict[str, str | int]:
+    return {"table": "observations", "column": column, "rollout_id": BRAKE, "tick": tick}
+
+
+def _actor(column: str, tick: int, actor_id: int) -> dict[str, str | int]:
+    return {"table": "actors", "column": column, "rollout_id": BRAKE, "tick": tick, "actor_id": actor_id}
+
+
+def _result(column: str) -> dict[str, str]:
+    return {"table": "rollouts", "column": column, "rollout_id": BRAKE}
+
+
+def _refresh(d: Draft) -> None:
+    """Evidence of the actors as they are now; nothing is touched that was not."""
+    d.refresh_evidence(BRAKE)
+    d.set("evidence", "collision", False, rollout_id=BRAKE)
+    d.set("rollouts", COUNTS[0], 0, rollout_id=BRAKE)
+
+
+# BD-RTE-001
+
+
+@mutant("BD-RTE-001", at=_observed("route_progress_m", BRANCH_TICK))
+def progress_of_the_front_bumper(d: Draft) -> None:
+    d.set("observations", "route_progress_m", lambda v: v + 2.25, rollout_id=BRAKE, tick=BRANCH_TICK)
+
+
+@mutant("BD-RTE-001", at=_observed("route_progress_m", BRANCH_TICK - 80))
+def offset_positive_to_the_right(d: Draft) -> None:
+    d.set("observations", "route_offset_m", lambda v: -v, rollout_id=BRAKE)
+
+
+@mutant("BD-RTE-001", at=_observed("route_progress_m", BRANCH_TICK + 50))
+def heading_error_of_the_route(d: Draft) -> None:
+    d.set("observations", "route_heading_error_rad", lambda v: v + 0.002, rollout_id=BRAKE, tick=BRANCH_TICK + 50)
+
+
+@boundary("BD-RTE-001", "BD-RTE-002")
+def route_state_within_the_tolerance(d: Draft) -> None:
+    d.set("observations", "route_progress_m", lambda v: v + 0.0009, rollout_id=BRAKE)
+    d.set("observations", "route_offset_m", lambda v: v - 0.0009, rollout_id=BRAKE)
+    d.set("observations", "route_heading_error_rad", lambda v: v + 0.0009, rollout_id=BRAKE)
+    d.set("observations", "route_progress_m", 0.0, rollout_id=BRAKE, tick=BRANCH_TICK + 55)
+
+
+# BD-RTE-002
+
+
+@mutant("BD-RTE-002", at=_observed("target_point_1_x_m", BRANCH_TICK))
+def target_points_in_the_wrong_order(d: Draft) -> None:
+    d.set("observations", TARGETS[0], lambda v: v + 12.0, rollout_id=BRAKE, tick=BRANCH_TICK)
+
+
+@mutant("BD-RTE-002", at=_observed("target_point_1_x_m", BRANCH_TICK - 80))
+def target_points_in_the_world_frame(d: Draft) -> None:
+    for axis in ("x", "y"):
+        column = f"target_point_2_{axis}_m"
+        own = iter(d.take("observations", rollout_id="g0.brake_0.30.a1")[f"{axis}_m"].to_pylist())
+        d.set("observations", column, lambda v, own=own: v + next(own), rollout_id=BRAKE)  # type: ignore[misc]
+
+
+@mutant("BD-RTE-002", at=_observed("target_point_1_x_m", BRANCH_TICK + 50))
+def target_point_behind_the_ego(d: Draft) -> None:
+    d.set("observations", TARGETS[0], -3.0, rollout_id=BRAKE, tick=BRANCH_TICK + 50)
+    d.set("observations", TARGETS[1], 0.0, rollout_id=BRAKE, tick=BRANCH_TICK + 50)
+
+
+@boundary("BD-RTE-002")
+def target_points_at_the_end_of_the_route(d: Draft) -> None:
+    rows, route = d.take("observations", rollout_id=BRAKE), d.take("rollouts", rollout_id=BRAKE)
+    dx, dy = (route[f"route_{axis}_m"][0].as_py()[-1] - rows[f"{axis}_m"].to_numpy() for axis in ("x", "y"))
+    yaw = rows["yaw_rad"].to_numpy().astype(float)
+    for column, values in zip(
+        TARGETS, 2 * (np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx), strict=True
+    ):
+        left = iter(values.tolist())
+        d.set("observations", column, lambda _, left=left: next(left), rollout_id=BRAKE)  # type: ignore[misc]
+
+
+# BD-MOT
+
+
+@mutant("BD-MOT-001", at=_observed("x_m", 5), base="bare")
+def speed_in_kilometres_per_hour(d: Draft) -> None:
+    d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE)
+
+
+@boundary("BD-MOT-001", base="bare")
+def speed_at_the_bound(d: Draft) -> None:
+    d.set("observations", "speed_mps", lambda v: v + 4.0, rollout_id=BRAKE)
+
+
+@boundary("BD-MOT-001", base="bare", name="speed_after_a_contact")
+def _contact(d: Draft) -> None:
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
+    d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE)
+
+
+@mutant("BD-MOT-002", at=_observed("yaw_rad", 150))
+def yaw_rate_without_a_turn(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", 1.7, rollout_id=BRAKE, tick=[150, 155])
+
+
+@boundary("BD-MOT-002")
+def yaw_rate_of_a_swerve(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", 1.5, rollout_id=BRAKE, tick=150)
+
+
+@mutant("BD-MOT-003", at=_observed("accel_longitudinal_mps2", 0))
+def acceleration_of_the_tick_to_come(d: Draft) -> None:
+    d.set("observations", "accel_longitudinal_mps2", 0.5, rollout_id=BRAKE, tick=0)
+
+
+@mutant("BD-MOT-003", at=_observed("yaw_rate_radps", 0))
+def yaw_rate_before_the_first_tick(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", 0.01, rollout_id=BRAKE, tick=0)
+
+
+@mutant("BD-MOT-003", at=_observed("accel_lateral_mps2", 50))
+def acceleration_without_a_turn(d: Draft) -> None:
+    d.set("observations", "accel_lateral_mps2", -16.0, rollout_id=BRAKE, tick=50)
+
+
+@mutant("BD-MOT-003", at=_observed("accel_longitudinal_mps2", 50))
+def acceleration_without_a_change_of_speed(d: Draft) -> None:
+    d.set("observations", "accel_longitudinal_mps2", 17.0, rollout_id=BRAKE, tick=50)
+
+
+@boundary("BD-MOT-003")
+def acceleration_of_an_emergency_stop(d: Draft) -> None:
+    d.set("observations", "accel_longitudinal_mps2", -13.0, rollout_id=BRAKE, tick=50)
+
+
+# BD-ACT
+
+
+@mutant("BD-ACT-001", at=_actor("actor_class", BRANCH_TICK, 3))
+def cycle_that_becomes_a_vehicle(d: Draft) -> None:
+    d.set("actors", "actor_class", "vehicle", rollout_id=BRAKE, actor_id=3, tick=range(BRANCH_TICK, 201))
+
+
+@mutant("BD-ACT-001", at=_actor("height_m", BRANCH_TICK, 7))
+def actor_that_grows(d: Draft) -> None:
+    d.set("actors", "height_m", lambda v: v + 1, rollout_id=BRAKE, actor_id=7, tick=BRANCH_TICK)
+
+
+@boundary("BD-ACT-001")
+def actor_that_grows_outside_the_windows(d: Draft) -> None:
+    d.set("actors", "height_m", lambda v: v + 1, rollout_id=BRAKE, actor_id=7, tick=BRANCH_TICK + 55)
+
+
+@mutant("BD-ACT-002", at=_actor("x_m", BRANCH_TICK - 75, 99))
+def ego_among_the_actors(d: Draft) -> None:
+    rows = d.take("observations", rollout_id=BRAKE)
+    count, speed, yaw = len(rows), rows["speed_mps"].to_numpy(), rows["yaw_rad"].to_numpy()
+    box = dict(zip(("length_m", "width_m", "height_m"), np.tile(np.array(EGO_BOX_M)[:, None], count), strict=True))
+    columns = {
+        **{name: rows[name].to_pylist() for name in ("rollout_id", "tick", "x_m", "y_m", "yaw_rad")}, **box,
+        "actor_id": [99] * count, "actor_class": ["vehicle"] * count,
+        "vel_x_mps": speed * np.cos(yaw), "vel_y_mps": speed * np.sin(yaw),
+    }  # fmt: skip
+    d.append("actors", to_table("actors", columns), folder=SHARD_0)
+    _refresh(d)
+
+
+@mutant("BD-ACT-002", at=_actor("actor_id", BRANCH_TICK - 75, 98))
+def actor_under_two_ids(d: Draft) -> None:
+    d.duplicate("actors", {"actor_id": 98}, rollout_id=BRAKE, actor_id=1)
+    _refresh(d)
+
+
+@boundary("BD-ACT-002", "BD-ACT-001", "BD-ACT-003")
+def cars_of_one_make_in_any_order(d: Draft) -> None:
+    for column, extent in zip(("length_m", "width_m", "height_m"), EGO_BOX_M, strict=True):
+        d.set("actors", column, extent, rollout_id=BRAKE, actor_id=[1, 2])
+    d.map_table("actors", lambda rows: rows.take(pa.array(np.arange(len(rows))[::-1])), folder=SHARD_0)
+    _refresh(d)
+
+
+@mutant("BD-ACT-003", at=_actor("actor_id", BRANCH_TICK, 1))
+def actor_that_blinks(d: Draft) -> None:
+    d.drop("actors", rollout_id=BRAKE, actor_id=1, tick=[BRANCH_TICK - 10, BRANCH_TICK - 5])
+    _refresh(d)
+
+
+@boundary("BD-ACT-003")
+def actor_out_of_range_that_blinks(d: Draft) -> None:
+    d.drop("actors", rollout_id=BRAKE, actor_id=7, tick=BRANCH_TICK - 75 + 5)
+    _refresh(d)
+
+
+@mutant("BD-ACT-004", at=_actor("vel_x_mps", BRANCH_TICK - 70, 2))
+def actor_velocity_in_kilometres_per_hour(d: Draft) -> None:
+    d.set("actors", ("vel_x_mps", "vel_y_mps"), lambda v: 3.6 * v, rollout_id=BRAKE, actor_id=2)
+    _refresh(d)
+
+
+@boundary("BD-ACT-004")
+def actor_velocity_at_the_bound(d: Draft) -> None:
+    d.set("actors", "vel_y_mps", lambda v: v + 3.9, rollout_id=BRAKE, actor_id=2)
+    _refresh(d)
+
+
+# BD-RES
+
+
+@mutant("BD-RES-001", at=_result(COUNTS[0]))
+def contact_that_is_not_counted(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=150)
+
+
+@mutant("BD-RES-001", at=_result(COUNTS[0]))
+def collision_that_nothing_shows(d: Draft) -> None:
+    d.set("rollouts", COUNTS[1], 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-001")
+def contact_that_nobody_counts(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=150)
+    d.set("rollouts", COUNTS[1], None, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-002", at=_result("result_route_fraction"))
+def completed_route_that_was_driven_in_part(d: Draft) -> None:
+    d.set("rollouts", "result_completion", "completed", rollout_id=BRAKE)
+
+
+@mutant("BD-RES-002", at=_result("result_route_fraction"))
+def route_fraction_of_the_nominal(d: Draft) -> None:
+    d.set("rollouts", "result_route_fraction", 1.0, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-002")
+def route_fraction_to_a_goal_before_the_end(d: Draft) -> None:
+    d.set("rollouts", "result_route_fraction", lambda v: v + 0.2, rollout_id=BRAKE)

@@ -1,0 +1,129 @@
+"""Datasets whose files are links, as in a download cache: followed when asked, and into named folders alone."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+from tests import synthetic
+from tests.validator.engine.datasets import FOLDER, failing, write
+
+from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.untrusted import open_file
+from branchdrive.raw.reader import open_dataset
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    """The valid dataset with media as a hub's cache keeps it: every file is a link to a blob."""
+    plain = tmp_path / "plain"
+    synthetic.write_dataset(plain, synthetic.media_tables(), synthetic.media_descriptor())
+    folder = tmp_path / "datasets--someone--drive"
+    snapshot, blobs = folder / "snapshots" / "0123abcd", folder / "blobs"
+    blobs.mkdir(parents=True)
+    for path in (path for path in plain.rglob("*") if path.is_file()):
+        link = snapshot / path.relative_to(plain)
+        link.parent.mkdir(parents=True, exist_ok=True)
+        blob = blobs / hashlib.sha256(path.read_bytes()).hexdigest()
+        path.rename(blob)
+        link.symlink_to(os.path.relpath(blob, link.parent))
+    (snapshot / "README.md").symlink_to("../../blobs/readme")
+    return folder
+
+
+def snapshot_of(cache: Path) -> Path:
+    return cache / "snapshots" / "0123abcd"
+
+
+def messages(report: Report) -> str:
+    return " ".join(finding.message for finding in report.findings)
+
+
+def test_a_hub_cache_is_valid_when_its_links_are_followed(cache: Path) -> None:
+    report = validate(snapshot_of(cache), follow_links=True, allow=[cache / "blobs"])
+    assert (report.verdict, failing(report)) == ("valid", frozenset())
+    assert report.options.links == (str(cache / "blobs"),)
+    assert report.dataset.num_beside == 1
+
+    opened = open_dataset(snapshot_of(cache), follow_links=True, allow=[cache])
+    assert len(opened.groups) == 3
+    assert len(opened.group(opened.groups[0]).rollouts) > 0
+
+
+def test_links_are_not_followed_silently(cache: Path) -> None:
+    report = validate(snapshot_of(cache))
+    assert report.verdict == "invalid"
+    assert "BD-LAY-006" in failing(report)
+    assert "--follow-links --allow FOLDER" in messages(report)
+    with pytest.raises(DatasetError, match="follow_links=True, allow"):
+        open_dataset(snapshot_of(cache))
+
+
+def test_links_do_not_lead_out_of_the_named_folders(cache: Path, tmp_path: Path) -> None:
+    for allow in ([], [tmp_path / "plain"], [cache / "snapshots"]):
+        report = validate(snapshot_of(cache), follow_links=True, allow=allow)
+        assert report.verdict == "invalid"
+        assert "out of the folders that are named" in messages(report)
+
+
+def test_links_inside_the_dataset_need_no_folder(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    annex = root / ".git" / "annex"
+    annex.mkdir(parents=True)
+    (root / FOLDER / "actors.parquet").rename(annex / "actors")
+    (root / FOLDER / "actors.parquet").symlink_to("../../.git/annex/actors")
+    assert validate(root).verdict == "invalid"
+    assert validate(root, follow_links=True).verdict == "valid"
+
+
+def test_a_folder_may_be_a_link(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    (root / "raw").rename(tmp_path / "large")
+    (root / "raw").symlink_to(tmp_path / "large")
+    assert validate(root, follow_links=True, allow=[tmp_path / "large"]).verdict == "valid"
+    assert len(open_dataset(root, follow_links=True, allow=[tmp_path / "large"]).groups) == 3
+
+
+def test_links_in_a_circle_end(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    (root / "raw" / "again").symlink_to(root)
+    (root / "loop").symlink_to("loop")
+    report = validate(root, follow_links=True)
+    assert (report.verdict, report.errors) == ("invalid", ())
+
+
+def test_a_link_that_appears_after_it_was_resolved_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    (secret / "file").write_bytes(b"secret")
+    root, blobs = tmp_path / "dataset", tmp_path / "blobs"
+    (blobs / "inner").mkdir(parents=True)
+    (blobs / "inner" / "file").write_bytes(b"mine")
+    root.mkdir()
+    (root / "file").symlink_to("../blobs/inner/file")
+    real = os.path.realpath
+
+    def swapping(path: str | Path) -> str:
+        resolved = real(path)
+        if Path(path).name == "file":
+            (blobs / "inner").rename(tmp_path / "gone")
+            (blobs / "inner").symlink_to(secret)
+        return resolved
+
+    monkeypatch.setattr(os.path, "realpath", swapping)
+    with pytest.raises(DatasetError, match="cannot be opened"):
+        open_file(root, "file", (blobs,))
+
+
+def test_folders_without_following_links_are_refused(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    with pytest.raises(UsageError, match="links are not followed"):
+        validate(root, allow=[tmp_path])
+    with pytest.raises(UsageError, match="is not a folder"):
+        open_dataset(root, follow_links=True, allow=[tmp_path / "none"])

@@ -1,0 +1,220 @@
+"""Digests of what data say, held against the bytes that the specification names, and every way to write them."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from tests import synthetic
+from tests.validator.engine.datasets import FOLDER, OTHER_FOLDER, Tables, edited, parquet_bytes, write_with
+
+from branchdrive.contract.columns import TABLES, Column
+from branchdrive.contract.identity import document_digest
+from branchdrive.engine.validate import validate
+
+ORDER = ("rollouts", "controls", "observations", "actors", "evidence")
+
+
+def sha(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest()
+
+
+def spelled(column: Column, cells: list[Any]) -> bytes:
+    """A column of a block, byte by byte as chapter 3 has it."""
+    content = bytes(cell is not None for cell in cells) if column.nullable else b""
+    if column.type == "string":
+        texts = sorted({cell.encode() for cell in cells if cell is not None})
+        places = [-1 if cell is None else texts.index(cell.encode()) for cell in cells]
+        content += b"".join(struct.pack("<i", place) for place in (*places, len(texts)))
+        return content + b"".join(struct.pack("<i", len(text)) + text for text in texts)
+    if column.type.startswith("list"):
+        lists = [cell or [] for cell in cells]
+        content += b"".join(struct.pack("<i", len(values)) for values in lists)
+        return content + b"".join(struct.pack("<d", value) for values in lists for value in values)
+    form = {"bool": "<?", "int32": "<i", "int64": "<q", "float32": "<f", "float64": "<d"}[column.type]
+    return content + b"".join(struct.pack(form, 0 if cell is None else cell) for cell in cells)
+
+
+def block(name: str, rows: list[dict[str, Any]], columns: Iterable[Column]) -> bytes:
+    ordered = sorted(rows, key=lambda row: [row[part] for part in TABLES[name].key])
+    return sha(
+        f"{name} {len(rows)}\n".encode()
+        + b"".join(spelled(column, [row[column.name] for row in ordered]) for column in columns)
+    )
+
+
+def spelled_content(tables: Tables) -> str:
+    """Content digest of a raw layer, without any of the code that it is a digest of."""
+    rows = {name: [row for shard in tables.values() for row in shard[name].to_pylist()] for name in ORDER}
+    lines = []
+    for record in rows["rollouts"]:
+        parts = [block("rollouts", [record], TABLES["rollouts"].columns)]
+        for name in ORDER[1:]:
+            own = [row for row in rows[name] if row["rollout_id"] == record["rollout_id"]]
+            parts.append(block(name, own, TABLES[name].columns[1:]))
+        lines.append(f"{record['rollout_id']} {sha(b''.join(parts)).hex()}\n")
+    return sha("".join(sorted(lines, key=str.encode)).encode()).hex()
+
+
+def content_of(root: Path) -> str | None:
+    return validate(root, select=["BD-LAY", "BD-TAB"]).dataset.content.get("raw")
+
+
+def written(root: Path, tables: Tables, encode: Callable[[pa.Table], bytes] = synthetic.encode_table) -> Path:
+    files = {
+        f"{folder}/{name}.parquet": encode(table) for folder, shard in tables.items() for name, table in shard.items()
+    }
+    return write_with(root, files)
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> str:
+    found = content_of(written(tmp_path_factory.mktemp("base") / "dataset", synthetic.base_tables()))
+    assert found is not None
+    return found
+
+
+def test_it_is_what_the_specification_spells(base: str) -> None:
+    assert base == spelled_content(synthetic.base_tables())
+
+
+def shuffled(tables: Tables) -> Tables:
+    rng = np.random.default_rng(7)
+    return {
+        folder: {name: table.take(rng.permutation(len(table))) for name, table in shard.items()}
+        for folder, shard in tables.items()
+    }
+
+
+def as_one_shard(tables: Tables) -> Tables:
+    names = tables[FOLDER]
+    whole = {name: pa.concat_tables([shard[name] for shard in tables.values()]) for name in names}
+    return {FOLDER: whole, OTHER_FOLDER: {name: table.slice(0, 0) for name, table in whole.items()}}
+
+
+def without_dictionaries(table: pa.Table) -> bytes:
+    return parquet_bytes(table, compression="gzip", use_dictionary=False, row_group_size=101)
+
+
+def with_dictionaries(table: pa.Table) -> bytes:
+    return parquet_bytes(table, compression="none", use_dictionary=True, data_page_version="2.0", store_schema=False)
+
+
+def reversed_columns(table: pa.Table) -> bytes:
+    return parquet_bytes(table.select(table.column_names[::-1]))
+
+
+@pytest.mark.parametrize("change", [shuffled, as_one_shard], ids=lambda change: change.__name__)
+def test_order_and_shards_leave_it_alone(change: Callable[[Tables], Tables], base: str, tmp_path: Path) -> None:
+    assert content_of(written(tmp_path / "dataset", change(synthetic.base_tables()))) == base
+
+
+@pytest.mark.parametrize("encode", [without_dictionaries, with_dictionaries, reversed_columns])
+def test_writing_leaves_it_alone(encode: Callable[[pa.Table], bytes], base: str, tmp_path: Path) -> None:
+    assert content_of(written(tmp_path / "dataset", synthetic.base_tables(), encode)) == base
+
+
+def replaced(name: str, column: str, change: Callable[[list[Any]], list[Any]]) -> Tables:
+    """The valid tables with all cells of a column in the first shard given new values."""
+
+    def edit(table: pa.Table) -> pa.Table:
+        place = table.schema.get_field_index(column)
+        field = table.schema.field(place)
+        return table.set_column(place, field, pa.array(change(table[column].to_pylist()), field.type))
+
+    return edited(name, edit)
+
+
+def first(change: Callable[[Any], Any]) -> Callable[[list[Any]], list[Any]]:
+    return lambda cells: [change(cells[0]), *cells[1:]]
+
+
+CHANGES: Mapping[str, Callable[[], Tables]] = {
+    "last bit": lambda: replaced("observations", "x_m", first(lambda x: math.nextafter(x, math.inf))),
+    "sign of zero": lambda: replaced("controls", "applied_brake", lambda cells: [-0.0 if x == 0 else x for x in cells]),
+    "flag": lambda: replaced("observations", "vehicle_hazard", first(lambda flag: not flag)),
+    "text": lambda: replaced("observations", "command", first(lambda _: "right")),
+    "null": lambda: replaced("controls", "nominal_steer", lambda cells: [x or 0.0 for x in cells]),
+    "vertex": lambda: replaced("rollouts", "route_x_m", first(lambda xs: [*xs[:-1], xs[-1] + 1])),
+    "row less": lambda: edited("actors", lambda table: table.slice(1)),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_everything_that_is_said_changes_it(name: str, base: str, tmp_path: Path) -> None:
+    assert content_of(written(tmp_path / "dataset", CHANGES[name]())) not in (base, None)
+
+
+def test_repeated_rows_have_one_order(tmp_path: Path) -> None:
+    def twice(table: pa.Table) -> pa.Table:
+        other = table.slice(40, 3)
+        place = other.schema.get_field_index("applied_steer")
+        other = other.set_column(place, other.schema.field(place), pa.array([0.5] * 3, pa.float32()))
+        return pa.concat_tables([table, other, other])
+
+    tables = edited("controls", twice)
+    found = content_of(written(tmp_path / "one", tables))
+    assert found is not None
+    assert content_of(written(tmp_path / "other", shuffled(tables))) == found
+
+
+def test_rows_of_nobody_have_no_content(tmp_path: Path) -> None:
+    lost = edited("rollouts", lambda table: table.slice(1))
+    assert content_of(written(tmp_path / "dataset", lost)) is None
+    report = validate(tmp_path / "dataset")
+    assert (report.dataset.content_identity, report.verdict) == (None, "invalid")
+
+
+def test_many_texts_are_counted_like_few(base: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("branchdrive.tables.content._CELLS_PER_ROW", 0)
+    assert content_of(written(tmp_path / "dataset", synthetic.base_tables())) == base
+
+
+@pytest.mark.parametrize(
+    ("document", "spelled"),
+    [
+        (None, "n"),
+        ([True, False], "a2:tf"),
+        ({"b": 1.0, "a": -3}, "o2:s1:ai-3;s1:bi1;"),
+        ("\u00e9", "s2:\u00e9"),
+        (0.1, "d0x1.999999999999ap-4;"),
+        (1e300, f"i{int(1e300)};"),
+        (2**63, "i9223372036854775808;"),
+    ],
+)
+def test_documents_are_spelled(document: Any, spelled: str) -> None:
+    assert document_digest(document) == sha(spelled.encode()).hex()
+
+
+def duckdb_bytes(table: pa.Table, folder: Path) -> bytes:
+    duckdb = pytest.importorskip("duckdb")
+    path = folder / "duckdb.parquet"
+    with duckdb.connect() as connection:
+        connection.register("source", table)
+        connection.execute(f"COPY (SELECT * FROM source) TO '{path}' (FORMAT parquet, COMPRESSION gzip)")
+    return path.read_bytes()
+
+
+def polars_bytes(table: pa.Table, folder: Path) -> bytes:
+    polars = pytest.importorskip("polars")
+    path = folder / "polars.parquet"
+    polars.from_arrow(table).write_parquet(path, compression="lz4")
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("encode", [duckdb_bytes, polars_bytes])
+def test_files_of_other_programs_are_read_like_our_own(
+    encode: Callable[[pa.Table, Path], bytes], base: str, tmp_path: Path
+) -> None:
+    root = written(tmp_path / "dataset", synthetic.base_tables(), partial(encode, folder=tmp_path))
+    report = validate(root)
+    assert [finding.message for finding in report.findings] == []
+    assert (report.verdict, report.dataset.content["raw"]) == ("valid", base)

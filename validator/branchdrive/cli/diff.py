@@ -1,0 +1,97 @@
+"""`branchdrive diff`: what tells two datasets apart, in their files, their claims and their data."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from branchdrive.contract.text import counted, printable
+
+if TYPE_CHECKING:
+    from branchdrive.engine.difference import DatasetDifference, TableDifference
+
+SUMMARY = "tell two datasets apart by what they say"
+
+_SHOWN = 10
+"""Lines of a list that the text names."""
+
+_TITLES = {"quality/population.json": "population", "quality/split.json": "split"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("first", metavar="A", type=Path, help="a dataset")
+    parser.add_argument("second", metavar="B", type=Path, help="another dataset, or the same from elsewhere")
+    parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
+    parser.add_argument(
+        "--follow-links", action="store_true", help="follow links inside the datasets, and into allowed folders"
+    )
+    parser.add_argument(
+        "--allow", metavar="FOLDER", type=Path, action="append", default=[],
+        help="a folder that links may lead into (repeatable)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Compare and print; 0 where all data are equal, 1 where they differ.
+
+    Raises:
+        DatasetError: One of the datasets cannot be read.
+    """
+    from branchdrive.engine.difference import compare_datasets
+    from branchdrive.formats.untrusted import linked_folders
+
+    found = compare_datasets(args.first, args.second, linked_folders(args.follow_links, args.allow))
+    if args.format == "json":
+        stdout.write(json.dumps(_document(found), indent=2, sort_keys=True, allow_nan=False) + "\n")
+    else:
+        stdout.write("".join(f"{printable(line)}\n" for line in _lines(found)))
+    return 0 if found.has_equal_data else 1
+
+
+def _document(found: DatasetDifference) -> dict[str, Any]:
+    differing, only_first, only_second = found.files
+    return {
+        **asdict(found),
+        "files": {"differing": differing, "only_first": only_first, "only_second": only_second},
+        "data": "equal" if found.has_equal_data else "differ",
+    }
+
+
+def _lines(found: DatasetDifference) -> Iterator[str]:
+    files = "files differ" if any(found.files) else "files equal"
+    claims = ", descriptor differs" if found.descriptor else ""
+    yield f"{files}{claims}, data {'equal' if found.has_equal_data else 'differ'}"
+    differing, only_first, only_second = found.files
+    if any(found.files):
+        yield f"  {counted(differing, 'file')} differ, {only_first} only in A, {only_second} only in B"
+    yield from _listed("descriptor (A, not B)", found.descriptor)
+    yield from _listed("layers in one alone", found.layers)
+    yield from _listed("attempts only in A", found.only_first)
+    yield from _listed("attempts only in B", found.only_second)
+    yield from _listed("attempts whose data differ", found.changed)
+    for path, members in found.documents.items():
+        yield from _listed(f"{_TITLES.get(path, path)} (A, not B)", members)
+    for name, table in found.tables.items():
+        yield from _listed(f"table {name}", _of_table(table))
+
+
+def _of_table(table: TableDifference) -> list[str]:
+    lines = [f"{counted(count, 'row')} only in {side}" for side, count in
+             (("A", table.only_first), ("B", table.only_second)) if count]  # fmt: skip
+    for name, column in table.columns.items():
+        largest = "" if column.largest is None else f", by {column.largest:.6g} at most"
+        lines.append(f"{name}: {counted(column.num_cells, 'cell')} differ{largest}")
+    return lines
+
+
+def _listed(title: str, lines: Sequence[str]) -> Iterator[str]:
+    if lines:
+        yield f"{title}: {len(lines)}"
+        yield from (f"  {line}" for line in lines[:_SHOWN])
+        if len(lines) > _SHOWN:
+            yield f"  and {len(lines) - _SHOWN} more"

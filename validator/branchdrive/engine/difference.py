@@ -1,0 +1,237 @@
+"""What tells two datasets apart: descriptor, files, and the data of every layer by attempt, row, column and member.
+
+Source: spec/03-layout.md#content.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.identity import claimed_files
+from branchdrive.contract.layer import table_path
+from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import DatasetError
+from branchdrive.formats.descriptor_file import differing_values, read_descriptor
+from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.table_file import conform, read_table
+from branchdrive.formats.untrusted import Links, read_file
+from branchdrive.layers.content import file_content, read_document
+from branchdrive.raw.content import attempt_content, table_content
+from branchdrive.raw.shard import Shard, find_shards
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.arrow import from_arrow
+from branchdrive.tables.frame import align
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["ColumnDifference", "DatasetDifference", "TableDifference", "compare_datasets"]
+
+
+@dataclass
+class ColumnDifference:
+    """Cells of a column that differ, and by how much numbers do at most."""
+
+    num_cells: int = 0
+    largest: float | None = None
+
+    def add(self, ours: pa.ChunkedArray, theirs: pa.ChunkedArray) -> None:
+        """Count the cells of two columns of one length that differ."""
+        mine, others = ours.to_pylist(), theirs.to_pylist()
+        pairs = [(one, other) for one, other in zip(mine, others, strict=True) if not _same(one, other)]
+        self.num_cells += len(pairs)
+        numbers = [abs(one - other) for one, other in pairs if _is_number(one) and _is_number(other)]
+        if numbers:
+            self.largest = max(float(max(numbers)), self.largest or 0.0)
+
+
+@dataclass
+class TableDifference:
+    """Rows of a table that one dataset alone has, and columns whose cells differ in rows that both have."""
+
+    only_first: int = 0
+    only_second: int = 0
+    columns: dict[str, ColumnDifference] = field(default_factory=dict)
+
+    def add(self, ours: pa.Table, theirs: pa.Table) -> None:
+        """Compare rows of two tables that belong together, one by one."""
+        for name in ours.column_names:
+            if not ours[name].equals(theirs[name]) or _has_zeros(ours[name]):
+                found = ColumnDifference()
+                found.add(ours[name], theirs[name])
+                if found.num_cells:
+                    total = self.columns.setdefault(name, ColumnDifference())
+                    total.num_cells += found.num_cells
+                    if found.largest is not None:
+                        total.largest = max(found.largest, total.largest or 0.0)
+
+
+@dataclass
+class DatasetDifference:
+    """What tells two datasets apart.
+
+    Attributes:
+        descriptor: Members of the descriptors that differ, but for the claimed layers.
+        layers: Layers that count for identity and that one dataset alone claims.
+        files: Files that differ, are in the first alone and in the second alone, as the manifests have them.
+        only_first: Attempts that the first dataset alone has.
+        only_second: Attempts that the second alone has.
+        changed: Attempts of both whose data differ.
+        tables: Tables whose rows differ, by path in a derived layer and by name in the raw one.
+        documents: Members of documents that differ, by path.
+    """
+
+    descriptor: list[str] = field(default_factory=list)
+    layers: list[str] = field(default_factory=list)
+    files: tuple[int, int, int] = (0, 0, 0)
+    only_first: list[str] = field(default_factory=list)
+    only_second: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+    tables: dict[str, TableDifference] = field(default_factory=dict)
+    documents: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def has_equal_data(self) -> bool:
+        """Whether every layer says the same in both."""
+        return not (self.layers or self.only_first or self.only_second or self.changed or self.tables or self.documents)
+
+
+def compare_datasets(first: Path, second: Path, links: Links = None) -> DatasetDifference:
+    """Compare two datasets by what they say; neither is judged.
+
+    Raises:
+        DatasetError: One is no dataset, or a file of it cannot be read or has other columns than declared.
+    """
+    ours, theirs = (read_descriptor(root, links) for root in (first, second))
+    result = DatasetDifference()
+    plain = [{**descriptor.model_dump(mode="json"), "layers": []} for descriptor in (ours, theirs)]
+    result.descriptor = differing_values(*plain)
+    result.files = _files(_manifest(first, links), _manifest(second, links))
+    claimed = [{*descriptor.layers} & {*IDENTITY_LAYERS} for descriptor in (ours, theirs)]
+    result.layers = [name for name in IDENTITY_LAYERS if name in claimed[0] ^ claimed[1]]
+    both = claimed[0] & claimed[1]
+    if RAW_DIR in both:
+        _compare_raw(result, _RawSide(first, ours, links), _RawSide(second, theirs, links))
+    _compare_layers(result, (first, second), both, links)
+    return result
+
+
+def _manifest(root: Path, links: Links) -> Manifest:
+    return parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes, links))[0]
+
+
+def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
+    shared = ours.files.keys() & theirs.files.keys()
+    differing = sum(ours.files[path] != theirs.files[path] for path in shared)
+    return differing, len(ours.files) - len(shared), len(theirs.files) - len(shared)
+
+
+class _RawSide:
+    """The raw layer of one dataset: which shard an attempt lies in, and what every table says of it."""
+
+    def __init__(self, root: Path, descriptor: Descriptor, links: Links) -> None:
+        self.shard_of: dict[str, Shard] = {}
+        self.content: dict[str, dict[str, bytes]] = {}
+        self.tables = [name for name in descriptor.tables if name != "frames"]
+        for shard in find_shards(root, links):
+            view = ShardView({name: shard.decode(name) for name in self.tables}, descriptor)
+            if attempt_content(view) is None:
+                raise DatasetError(f"{shard.folder}: identifiers repeat or lead nowhere; run `branchdrive-validate`")
+            by_table = table_content(view)
+            for place, rollout_id in enumerate(view.rollout_ids):
+                self.shard_of[rollout_id] = shard
+                self.content[rollout_id] = {name: digests[place] for name, digests in by_table.items()}
+
+
+def _compare_raw(result: DatasetDifference, ours: _RawSide, theirs: _RawSide) -> None:
+    result.only_first = sorted(ours.content.keys() - theirs.content.keys())
+    result.only_second = sorted(theirs.content.keys() - ours.content.keys())
+    shared = ours.content.keys() & theirs.content.keys()
+    result.changed = sorted(one for one in shared if ours.content[one] != theirs.content[one])
+    for name in dict.fromkeys((*ours.tables, *theirs.tables)):
+        changed = [one for one in result.changed if ours.content[one].get(name) != theirs.content[one].get(name)]
+        if not changed:
+            continue
+        found = result.tables[name] = TableDifference()
+        if name not in ours.tables or name not in theirs.tables:
+            continue
+        for mine, others in zip(_rows(ours, name, changed), _rows(theirs, name, changed), strict=True):
+            _add(found, mine, others)
+
+
+def _rows(side: _RawSide, name: str, attempts: Collection[str]) -> Iterator[pa.Table]:
+    """Rows of attempts, in order; a shard is decoded again where the one before it is another."""
+    current, rows = None, None
+    for rollout_id in attempts:
+        shard = side.shard_of[rollout_id]
+        if rows is None or shard != current:
+            current, rows = shard, shard.rows(name)
+        yield rows[rollout_id]
+
+
+def _add(found: TableDifference, ours: pa.Table, theirs: pa.Table) -> None:
+    """Compare the rows of one attempt by their key."""
+    key = [name for name in ("tick", "actor_id") if name in ours.column_names]
+    sides = [{name: table[name].to_numpy() for name in key} for table in (ours, theirs)]
+    if not key:
+        found.add(ours, theirs)
+        return
+    pairs = align(sides[0], sides[1], key)
+    found.only_first += len(pairs.missing)
+    found.only_second += len(pairs.extra)
+    found.add(ours.take(pairs.expected), theirs.take(pairs.found))
+
+
+def _compare_layers(
+    result: DatasetDifference, roots: tuple[Path, Path], claimed: Collection[str], links: Links
+) -> None:
+    listed = [{path for path in _manifest(root, links).files if "/" in path} for root in roots]
+    ours, theirs = (
+        file_content(root, claimed_files(claimed, there), links) for root, there in zip(roots, listed, strict=True)
+    )
+    names = {table_path(name): name for name in LAYER_TABLES}
+    for path in sorted(ours.keys() | theirs.keys()):
+        if ours.get(path) == theirs.get(path):
+            continue
+        if path in names:
+            mine, others = (read_table(root, path, names[path], links) for root in roots)
+            result.tables[path] = _tables(names[path], mine, others)
+        elif path in ours and path in theirs:
+            result.documents[path] = differing_values(*(read_document(root, path, links) for root in roots))
+        else:
+            result.documents[path] = [f"only in the {'first' if path in ours else 'second'}"]
+
+
+def _tables(name: str, ours: pa.Table, theirs: pa.Table) -> TableDifference:
+    found = TableDifference()
+    frames = [from_arrow(table, name) for table in (ours, theirs)]
+    pairs = align(frames[0], frames[1], LAYER_TABLES[name].key)
+    found.only_first, found.only_second = len(pairs.missing), len(pairs.extra)
+    found.add(conform(ours, name).take(pairs.expected), conform(theirs, name).take(pairs.found))
+    return found
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return np.float64(one).tobytes() == np.float64(other).tobytes()
+    return bool(one == other)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _has_zeros(column: pa.ChunkedArray) -> bool:
+    """Whether equal values may differ by the sign of a zero."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    return pa.types.is_floating(column.type) and bool(pc.any(pc.equal(column, 0.0)).as_py())

@@ -1,0 +1,56 @@
+"""Content of the derived layers of a folder, read from their files.
+
+Source: spec/03-layout.md#content.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from branchdrive.contract.document import parse_json
+from branchdrive.contract.identity import derived_content, document_digest
+from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import DatasetError
+from branchdrive.formats.table_file import read_table
+from branchdrive.formats.untrusted import Links, read_file
+from branchdrive.tables.content import table_digest
+
+__all__ = ["file_content", "layers_content", "read_document"]
+
+
+def layers_content(root: Path, paths: Collection[str], links: Links = None) -> dict[str, str]:
+    """Digest of the content of each derived layer whose tables and documents are `paths`.
+
+    Raises:
+        DatasetError: A file is missing, cannot be read or does not have the declared columns.
+    """
+    return derived_content(file_content(root, paths, links), paths)
+
+
+def file_content(root: Path, paths: Collection[str], links: Links = None) -> dict[str, str]:
+    """Digest of what each of these tables and documents says, by path.
+
+    Raises:
+        DatasetError: As `layers_content`.
+    """
+    tables = {table_path(name): name for layer in LAYERS.values() for name in layer.tables}
+    return {
+        path: table_digest(tables[path], read_table(root, path, tables[path], links))
+        if path in tables
+        else document_digest(read_document(root, path, links))
+        for path in sorted(paths)
+    }
+
+
+def read_document(root: Path, path: str, links: Links = None) -> object:
+    """A JSON document, whether or not it conforms to its schema.
+
+    Raises:
+        DatasetError: It cannot be read, or is no JSON within the limits.
+    """
+    try:
+        return parse_json(read_file(root, path, spec_limits().max_document_bytes, links))
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{root}: {path!r}: {error}; run `branchdrive-validate`") from error

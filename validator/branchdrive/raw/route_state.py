@@ -1,0 +1,134 @@
+"""Where recorded egos and target points lie on the polylines of their attempts.
+
+Source: spec/05-raw-streams.md#projection, #target-points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.limits import physical_bounds, spec_limits
+from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
+from branchdrive.driving.angle import wrap_rad
+from branchdrive.driving.route import feet_within
+from branchdrive.raw.shard_view import ShardView
+
+__all__ = ["Routes", "contradicts_route", "last_progress_m", "misplaces_target_points", "routes"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_ROUNDING = 1e-6
+"""Relative error of float32, and of what a pose in float32 is turned by."""
+
+
+class Routes(NamedTuple):
+    """Distinct polylines of a shard, and which of them each attempt has ``[rollouts]``; -1 where it has none.
+
+    An attempt whose polyline breaks BD-VAL-001 or BD-VAL-005 has none.
+    """
+
+    polylines: list[tuple[Array, Array]]
+    of_rollout: Index
+
+
+def routes(view: ShardView) -> Routes:
+    """The routes of a shard; attempts of a group share theirs."""
+    index: dict[tuple[bytes, bytes], int] = {}
+    columns = (view.rollouts["route_x_m"], view.rollouts["route_y_m"])
+    own = np.array(
+        [index.setdefault((x.tobytes(), y.tobytes()), len(index)) for x, y in zip(*columns, strict=True)], np.int64
+    )
+    polylines = [(np.frombuffer(x), np.frombuffer(y)) for x, y in index]
+    is_usable = np.array([_is_usable(x, y) for x, y in polylines] + [False])
+    return Routes(polylines, np.where(is_usable[own], own, -1))
+
+
+def _is_usable(x_m: Array, y_m: Array) -> bool:
+    return (
+        2 <= len(x_m) == len(y_m) <= spec_limits().max_route_vertices
+        and bool(np.isfinite(x_m).all() and np.isfinite(y_m).all())
+        and not ((np.diff(x_m) == 0) & (np.diff(y_m) == 0)).any()
+    )
+
+
+def _rows_by_route(view: ShardView) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
+    """Each polyline with the judged observations of the attempts that have it."""
+    lines, observations = view.cached(routes), view.observations
+    offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    route = np.append(np.where(view.branched, lines.of_rollout, -1), -1)[observations.rollout]
+    rows = np.flatnonzero((route >= 0) & (offset >= PREDECESSOR_OFFSET) & (offset <= FUTURE_OFFSETS[-1]))
+    rows = rows[np.argsort(route[rows], kind="stable")]
+    bounds = np.searchsorted(route[rows], np.arange(len(lines.polylines) + 1))
+    for (x, y), start, stop in zip(lines.polylines, bounds[:-1], bounds[1:], strict=True):
+        if start < stop:
+            yield x, y, rows[start:stop]
+
+
+def _tolerance_m(size_m: Array) -> Array:
+    return np.asarray(physical_bounds().route_tolerance_m + _ROUNDING * np.abs(size_m))
+
+
+def contradicts_route(view: ShardView) -> Mask:
+    """Observations of the windows whose progress, offset and heading error are not those of a nearest foot."""
+    observations = view.observations
+    x, y, yaw, progress, offset, error = (
+        observations[name].astype(np.float64)
+        for name in ("x_m", "y_m", "yaw_rad", "route_progress_m", "route_offset_m", "route_heading_error_rad")
+    )
+    bounds, contradicts = physical_bounds(), np.zeros(len(observations), bool)
+    for route_x, route_y, rows in _rows_by_route(view):
+        reach = np.abs(offset[rows]) + 2 * _tolerance_m(offset[rows])
+        point, foot = feet_within(x[rows], y[rows], route_x, route_y, reach)
+        distance = np.abs(foot.offset_m)
+        nearest = np.full(len(rows), np.inf)
+        np.minimum.at(nearest, point, distance)
+        row = rows[point]
+        fits = (
+            (distance <= nearest[point] + bounds.route_tolerance_m)
+            & (np.abs(foot.progress_m - progress[row]) <= _tolerance_m(foot.progress_m))
+            & (np.abs(foot.offset_m - offset[row]) <= _tolerance_m(foot.offset_m))
+            & (np.abs(wrap_rad(yaw[row] - foot.heading_rad - error[row])) <= bounds.route_tolerance_rad)
+        )
+        contradicts[rows] = True
+        contradicts[row[fits]] = False
+    return contradicts
+
+
+def misplaces_target_points(view: ShardView) -> Mask:
+    """Observations of the windows whose first target point is not on the route ahead, or the second not after it."""
+    observations = view.observations
+    x, y, yaw, progress = (
+        observations[name].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad", "route_progress_m")
+    )
+    points = [observations[f"target_point_{number}_{axis}_m"] for number in (1, 2) for axis in ("x", "y")]
+    misplaces = np.zeros(len(observations), bool)
+    for route_x, route_y, rows in _rows_by_route(view):
+        cos, sin, least = np.cos(yaw[rows]), np.sin(yaw[rows]), progress[rows]
+        for ahead, left in ((values[rows].astype(np.float64) for values in points[k : k + 2]) for k in (0, 2)):
+            target_x, target_y = x[rows] + cos * ahead - sin * left, y[rows] + sin * ahead + cos * left
+            point, foot = feet_within(target_x, target_y, route_x, route_y, _tolerance_m(np.hypot(ahead, left)))
+            is_ahead = foot.progress_m >= (least - _tolerance_m(least))[point]
+            least = np.full(len(rows), np.inf)
+            np.minimum.at(least, point[is_ahead], foot.progress_m[is_ahead])
+        misplaces[rows] = ~np.isfinite(least)
+    return misplaces
+
+
+def last_progress_m(view: ShardView) -> tuple[Array, Array]:
+    """Furthest recorded progress of each attempt, 0 without observations, and the length of its route ``[rollouts]``.
+
+    The length of an unusable route is NaN.
+    """
+    observations, lines = view.observations, view.cached(routes)
+    furthest = np.zeros(view.num_rollouts + 1)
+    np.maximum.at(furthest, observations.rollout, observations["route_progress_m"].astype(np.float64))
+    lengths = [
+        float(np.hypot(np.diff(x), np.diff(y)).sum()) if _is_usable(x, y) else np.nan for x, y in lines.polylines
+    ]
+    return furthest[:-1], np.array([*lengths, np.nan])[lines.of_rollout]

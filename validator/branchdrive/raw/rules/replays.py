@@ -1,0 +1,101 @@
+"""Replay rules: nominal replays differ from their nominal as the descriptor declares it.
+
+Two drives are equal where the ego, and what is near it, are equal to the bit at every saved observation that both
+have. Source: spec/05-raw-streams.md#replay-noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.raw.shard_view import ShardView
+
+COMPARED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "observations": ("x_m", "y_m", "yaw_rad", "speed_mps"),
+        "evidence": ("num_actors", "separation_m", "nearest_vehicle_gap_m", "nearest_pedestrian_gap_m"),
+    }
+)
+"""Columns of the streams that two drives are compared in: the ego, and what is near it."""
+
+
+class Difference(NamedTuple):
+    """First difference of a replay from its nominal; its row is -1 where there is none."""
+
+    table: str
+    column: str
+    row: int
+    of_nominal: int
+
+
+EQUAL = Difference("", "", -1, -1)
+
+
+def _differences(view: ShardView) -> dict[int, Difference]:
+    """The first difference of every complete nominal replay that shares a tick with its nominal."""
+    is_compared = view.role("nominal_replay") & view.complete & (view.nominal >= 0) & view.complete[view.nominal]
+    found: dict[int, Difference] = {}
+    for table, columns in COMPARED.items():
+        if table not in view:
+            continue
+        stream = view.stream(table)
+        rows = np.flatnonzero((stream.rollout >= 0) & is_compared[stream.rollout])
+        partner = stream.find(view.nominal[stream.rollout[rows]], stream.tick[rows])
+        rows, partner = rows[partner >= 0], partner[partner >= 0]
+        for attempt in np.unique(stream.rollout[rows]).tolist():
+            found.setdefault(attempt, EQUAL)
+        for column in columns:
+            values: NDArray[np.generic] = stream[column]
+            differs = rows[values[rows] != values[partner]]
+            attempts, first = np.unique(stream.rollout[differs], return_index=True)
+            for attempt, row in zip(attempts.tolist(), differs[first].tolist(), strict=True):
+                if found[attempt] is EQUAL:
+                    of_nominal = int(partner[np.searchsorted(rows, row)])
+                    found[attempt] = Difference(table, column, row, of_nominal)
+    return found
+
+
+def _subjects(view: ShardView, subjects: Mask) -> Mask:
+    compared = np.zeros(view.num_rollouts, bool)
+    compared[[*view.cached(_differences)]] = True
+    return subjects & compared
+
+
+@rule("BD-RPN-001")
+def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where replays are declared to be exact, a nominal replay is its nominal to the bit."""
+    is_exact = view.descriptor.collection.replay_noise.kind == "exact"
+    differences, judged = view.cached(_differences), _subjects(view, subjects)
+    differing = np.array([i in differences and differences[i] is not EQUAL for i in range(view.num_rollouts)], bool)
+
+    def describe(i: int) -> Mismatch:
+        table, column, row, of_nominal = differences[i]
+        stream = view.stream(table)
+        place: Location = {"table": table, "column": column, "tick": int(stream.tick[row])}
+        return Mismatch(place, f"{quote(stream[column][of_nominal])} as in the nominal", quote(stream[column][row]))
+
+    yield Check.of_subjects(judged, judged & differing & is_exact, describe)
+
+
+@rule("BD-RPN-002")
+def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where noise is injected, a nominal replay differs; where it is natural, not all of a shard are equal."""
+    kind = view.descriptor.collection.replay_noise.kind
+    differences, judged = view.cached(_differences), _subjects(view, subjects)
+    equal = judged & np.array([differences.get(i) is EQUAL for i in range(view.num_rollouts)], bool)
+    if kind == "exact" or (kind == "natural" and (not equal[judged].all() or judged.sum() < 2)):
+        equal[:] = False
+    expected = f"a drive that differs from the nominal (replay noise is declared as {kind})"
+
+    def describe(_: int) -> Mismatch:
+        return Mismatch({"table": "observations"}, expected, "the same drive to the bit")
+
+    yield Check.of_subjects(judged, equal, describe)

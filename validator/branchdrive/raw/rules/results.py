@@ -1,0 +1,65 @@
+"""Result rules: what an attempt reports of its outcome agrees with its rows.
+
+Source: spec/05-raw-streams.md#results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.raw.motion import COLLISION_COUNTS
+from branchdrive.raw.route_state import last_progress_m
+from branchdrive.raw.shard_view import ShardView
+
+
+@rule("BD-RES-001")
+def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Contacts are recorded where, and only where, collisions are counted, as far as both are recorded throughout."""
+    evidence, observations, rollouts = view.stream("evidence"), view.observations, view.rollouts
+    known = np.logical_and.reduce([rollouts.valid(name) for name in COLLISION_COUNTS])
+    count = np.sum([rollouts[name].astype(np.int64) for name in COLLISION_COUNTS], axis=0)
+    counted_somewhere = np.logical_or.reduce(
+        [rollouts.valid(name) & (rollouts[name].astype(np.int64) > 0) for name in COLLISION_COUNTS]
+    )
+    touched = evidence.by_rollout(evidence["collision"].astype(bool))
+    is_covered = evidence.by_rollout(np.ones(len(evidence), bool)).count >= observations.stop - observations.start
+    uncounted = known & (count == 0) & touched.any
+    untouched = counted_somewhere & is_covered & ~touched.any
+
+    def describe(i: int) -> Mismatch:
+        place = {"table": "rollouts", "column": COLLISION_COUNTS[0]}
+        if uncounted[i]:
+            tick = int(evidence.tick[touched.first_row[i]])
+            return Mismatch({**place}, f"a collision, as `collision` is true at tick {tick}", "0 of every kind")
+        return Mismatch({**place}, "0 collisions, as `collision` is never true", f"{count[i]}")
+
+    yield Check.of_subjects(subjects, subjects & (uncounted | untouched), describe)
+
+
+@rule("BD-RES-002")
+def completion_agrees_with_progress(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The share of the route that was driven is that of the last progress, and the whole where it is completed."""
+    bounds, rollouts = physical_bounds(), view.rollouts
+    fraction = rollouts["result_route_fraction"].astype(np.float64)
+    furthest, length = last_progress_m(view)
+    away = np.abs(fraction * length - furthest)
+    most = bounds.route_end_m + bounds.route_fraction * length
+    unfinished = rollouts.equals("result_completion", "completed") & (fraction < 1 - bounds.route_fraction)
+
+    def describe(i: int) -> Mismatch:
+        place = {"table": "rollouts", "column": "result_route_fraction"}
+        if unfinished[i]:
+            return Mismatch(
+                {**place}, f"at least {1 - bounds.route_fraction:g} of a completed route", f"{fraction[i]:g}"
+            )
+        return Mismatch(
+            {**place}, f"within {most[i]:.0f} m of the progress {furthest[i]:.1f} m on a route of {length[i]:.1f} m",
+            f"{fraction[i]:g}",
+        )  # fmt: skip
+
+    yield Check.of_subjects(subjects, subjects & (unfinished | (away > most)), describe)

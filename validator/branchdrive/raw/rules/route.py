@@ -1,0 +1,77 @@
+"""Route rules: progress, offset, heading error and target points recompute from pose and polyline.
+
+Source: spec/05-raw-streams.md#projection, #target-points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.driving.angle import wrap_rad
+from branchdrive.driving.route import RoutePosition, project
+from branchdrive.raw.route_state import contradicts_route, misplaces_target_points, routes
+from branchdrive.raw.shard_view import ShardView
+
+
+def _position(view: ShardView, row: int, x_m: float, y_m: float) -> RoutePosition:
+    """Where a world point lies on the route of an observation, each field ``[1]``."""
+    lines = view.cached(routes)
+    route_x, route_y = lines.polylines[lines.of_rollout[view.observations.rollout[row]]]
+    return project(np.array([x_m]), np.array([y_m]), route_x, route_y)
+
+
+def _of_observations(
+    view: ShardView, subjects: Mask, contradicts: Mask, column: str, text: Callable[[int], tuple[str, str]]
+) -> Check:
+    summary = view.observations.by_rollout(contradicts)
+
+    def describe(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        place: dict[str, str | int] = {
+            "table": "observations", "column": column, "tick": int(view.observations.tick[row]),
+        }  # fmt: skip
+        return Mismatch(place, *text(row), int(summary.count[i]))
+
+    return Check.of_subjects(subjects, subjects & summary.any, describe)
+
+
+@rule("BD-RTE-001")
+def route_state_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``route_progress_m``, ``route_offset_m`` and ``route_heading_error_rad`` are those of a nearest foot."""
+    observations = view.observations
+
+    def text(row: int) -> tuple[str, str]:
+        place = _position(view, row, observations["x_m"][row], observations["y_m"][row])
+        error = float(wrap_rad(observations["yaw_rad"][row] - place.heading_rad)[0])
+        found = (observations[f"route_{name}"][row] for name in ("progress_m", "offset_m", "heading_error_rad"))
+        return _state(place.progress_m[0], place.offset_m[0], error), _state(*found)
+
+    yield _of_observations(view, subjects, contradicts_route(view), "route_progress_m", text)
+
+
+def _state(progress_m: float, offset_m: float, error_rad: float) -> str:
+    return f"progress {progress_m:.3f} m, offset {offset_m:.3f} m, heading error {error_rad:.4f} rad"
+
+
+@rule("BD-RTE-002")
+def target_points_lie_ahead(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Target points are points of the polyline, in driving order from the ego's progress on."""
+    observations = view.observations
+
+    def text(row: int) -> tuple[str, str]:
+        yaw = float(observations["yaw_rad"][row])
+        parts = []
+        for number in (1, 2):
+            ahead, left = (float(observations[f"target_point_{number}_{axis}_m"][row]) for axis in ("x", "y"))
+            x = observations["x_m"][row] + np.cos(yaw) * ahead - np.sin(yaw) * left
+            y = observations["y_m"][row] + np.sin(yaw) * ahead + np.cos(yaw) * left
+            place = _position(view, row, x, y)
+            parts.append(f"{number} at {place.progress_m[0]:.3f} m, {abs(place.offset_m[0]):.3f} m off it")
+        progress = float(observations["route_progress_m"][row])
+        return f"points of the polyline, in order from {progress:.3f} m on", f"target point {', '.join(parts)}"
+
+    yield _of_observations(view, subjects, misplaces_target_points(view), "target_point_1_x_m", text)

@@ -1,0 +1,148 @@
+"""Actor rules: an actor stays what it is, is there once, is not the ego, has no gap, and moves as its velocity says.
+
+Source: spec/05-raw-streams.md#tracks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.driving.risk import RANGE_M
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.tracks import actor_displacement_m, tracks
+
+Index = NDArray[np.int64]
+
+_KIND = ("actor_class", "length_m", "width_m", "height_m")
+_BOX = ("x_m", "y_m", "yaw_rad", "length_m", "width_m")
+
+
+def _of_actors(
+    view: ShardView, subjects: Mask, rows: NDArray[np.intp], column: str, text: Callable[[int], tuple[str, str]]
+) -> Check:
+    """Check of attempts by rows of the actors table."""
+    stream = view.stream("actors")
+    marked = np.zeros(len(stream), bool)
+    marked[rows] = True
+    summary = stream.by_rollout(marked)
+
+    def describe(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        actor_id = int(stream["actor_id"][row])
+        place: Location = {"table": "actors", "column": column, "tick": int(stream.tick[row]), "actor_id": actor_id}
+        return Mismatch(place, *text(row), int(summary.count[i]))
+
+    return Check.of_subjects(subjects, subjects & summary.any, describe)
+
+
+@rule("BD-ACT-001")
+def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Class and extents of an actor are those of its previous row."""
+    stream, (row, previous, resumed, left) = view.stream("actors"), view.cached(tracks)
+    rows = np.concatenate([row[previous >= 0], resumed])
+    before = np.concatenate([previous[previous >= 0], left])
+    checks = []
+    for column in _KIND:
+        values = stream.categories(column)[0] if column == "actor_class" else stream[column]
+        bad = np.flatnonzero(values[rows] != values[before])
+        source = dict(zip(rows[bad].tolist(), before[bad].tolist(), strict=True))
+
+        def text(row: int, column: str = column, source: dict[int, int] = source) -> tuple[str, str]:
+            was, found = (quote(stream[column][k]) for k in (source[row], row))
+            return f"{was}, as at tick {stream.tick[source[row]]}", found
+
+        checks.append(_of_actors(view, subjects, rows[bad], column, text))
+    yield Check.of_any(*checks)
+
+
+def _crowded_rows(view: ShardView) -> Index:
+    """Rows at observations where a track begins: whoever is there twice, or is the ego, begins to be so there."""
+    stream = view.stream("actors")
+    row, previous, *_ = view.cached(tracks)
+    frame = view.observations.rows_of(stream)[row]
+    is_crowded = np.zeros(len(view.observations), bool)
+    is_crowded[frame[previous < 0]] = True
+    return row[is_crowded[frame]]
+
+
+@rule("BD-ACT-002")
+def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """No actor has the box of the ego, and no two actors of an observation have one box."""
+    stream, observations, rollouts = view.stream("actors"), view.observations, view.rollouts
+    rows = _crowded_rows(view)
+    frame = observations.rows_of(stream)[rows]
+    near = np.hypot(stream["x_m"][rows] - observations["x_m"][frame], stream["y_m"][rows] - observations["y_m"][frame])
+    same = near <= physical_bounds().same_centre_m
+    for column in ("length_m", "width_m"):
+        same &= stream[column][rows] == rollouts[f"ego_{column}"][observations.rollout[frame]]
+    ego = _of_actors(
+        view, subjects, rows[same], "x_m",
+        lambda _: ("another road user than the ego", "the box of the ego at its place"),
+    )  # fmt: skip
+
+    boxes = [frame, *(stream[column][rows] for column in _BOX)]
+    order = np.lexsort(boxes[::-1])
+    repeats = np.flatnonzero(np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in boxes]))
+    twin = dict(zip(rows[order[repeats + 1]].tolist(), rows[order[repeats]].tolist(), strict=True))
+    twice = _of_actors(
+        view, subjects, rows[order[repeats + 1]], "actor_id",
+        lambda row: (
+            "a box of its own", f"the box of actor {stream['actor_id'][twin[row]]}",
+        ),
+    )  # fmt: skip
+    yield Check.of_any(ego, twice)
+
+
+@rule("BD-ACT-003")
+def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Who is there before and after a short gap, and in range on the straight way between, is there in between."""
+    stream, observations, bounds = view.stream("actors"), view.observations, physical_bounds()
+    frame, (*_, resumed, left) = observations.rows_of(stream), view.cached(tracks)
+    last, next_ = frame[left], frame[resumed]
+    missing = np.full(len(resumed), -1)
+    for step in range(1, int(bounds.gap_observations) + 1):
+        share = step / np.maximum(next_ - last, 1)
+        here = np.minimum(last + step, len(observations) - 1)
+        away = [
+            (1 - share) * stream[name][left] + share * stream[name][resumed] - observations[name][here]
+            for name in ("x_m", "y_m")
+        ]
+        offset = observations.tick[here] - view.branch_tick[observations.rollout[here]]
+        is_missing = (
+            (last + step < next_)
+            & (next_ - last <= bounds.gap_observations + 1)
+            & (np.hypot(*away) <= RANGE_M - bounds.gap_margin_m)
+            & view.branched[observations.rollout[here]]
+            & (offset >= HISTORY_OFFSETS[0])
+            & (offset <= FUTURE_OFFSETS[-1])
+        )
+        missing = np.where(is_missing & (missing < 0), here, missing)
+    tick = dict(zip(resumed[missing >= 0].tolist(), observations.tick[missing[missing >= 0]].tolist(), strict=True))
+    yield _of_actors(
+        view, subjects, resumed[missing >= 0], "actor_id",
+        lambda row: (f"a row at tick {tick[row]}, too, where the actor is in range", "none"),
+    )  # fmt: skip
+
+
+@rule("BD-ACT-004")
+def actors_move_as_their_velocity_says(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The way of an actor between two observations is that of its velocities."""
+    rows, residual, way = actor_displacement_m(view)
+    bounds = physical_bounds()
+    far = np.flatnonzero(residual > bounds.displacement_m + bounds.displacement_share * way)
+    away = dict(zip(rows[far].tolist(), residual[far].tolist(), strict=True))
+    yield _of_actors(
+        view, subjects, rows[far], "vel_x_mps",
+        lambda row: (
+            f"a displacement within {bounds.displacement_m:g} m and {bounds.displacement_share:.0%} of what the "
+            "velocity gives", f"{away[row]:.2f} m away from it",
+        ),
+    )  # fmt: skip

@@ -1,0 +1,113 @@
+"""Tracks of actors: rows of the actors table that follow each other under one id of an attempt.
+
+Source: spec/05-raw-streams.md#tracks.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.raw.motion import OBSERVATION_S, before_contact, follows
+from branchdrive.raw.shard_view import ShardView
+
+__all__ = ["Tracks", "actor_displacement_m", "tracks"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_ID_SPAN = 1 << 31
+
+
+class Tracks(NamedTuple):
+    """How rows of the actors table follow each other at the observations from ``t_b - 75`` to ``t_b + 50``.
+
+    Attributes:
+        row: Rows at those observations, of attempts with a branch ``[rows]``.
+        previous: Row of the same actor at the previous observation, -1 where it has none ``[rows]``.
+        resumed: Rows of actors that have none there, but at an earlier observation ``[gaps]``.
+        left: Their last rows before ``[gaps]``.
+    """
+
+    row: Index
+    previous: Index
+    resumed: Index
+    left: Index
+
+
+def _window_rows(view: ShardView) -> Index:
+    """Rows of the actors table at the observations of the windows, by observation and actor."""
+    stream, observations = view.stream("actors"), view.observations
+    offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    is_inside = (offset >= HISTORY_OFFSETS[0]) & (offset <= FUTURE_OFFSETS[-1])
+    is_inside &= np.append(view.branched, False)[observations.rollout]
+    rows = np.flatnonzero(np.append(is_inside, False)[observations.rows_of(stream)])
+    frame, ids = observations.rows_of(stream)[rows], stream["actor_id"][rows]
+    if ((frame[1:] == frame[:-1]) & (ids[1:] < ids[:-1])).any():
+        rows = rows[np.lexsort((ids, frame))]
+    return rows
+
+
+def tracks(view: ShardView) -> Tracks:
+    """Tracks of a shard; an observation that the attempt lacks is no gap."""
+    stream, observations, row = view.stream("actors"), view.observations, _window_rows(view)
+    frame, ids = observations.rows_of(stream)[row], stream["actor_id"][row].astype(np.int64)
+    if not len(row):
+        return Tracks(row, row, row, row)
+    key, wanted = frame * _ID_SPAN + ids, (frame - 1) * _ID_SPAN + ids
+    # Actors keep their place in the list from one observation to the next, but for those that come and go.
+    start = np.searchsorted(frame, np.arange(-1, len(observations)))
+    previous = np.arange(len(key)) - (start[frame + 1] - start[frame])
+    unsure = np.flatnonzero(key.take(previous, mode="clip") != wanted)
+    found = np.searchsorted(key, wanted[unsure])
+    previous[unsure] = np.where(key.take(found, mode="clip") == wanted[unsure], found, -1)
+    owner = observations.rollout
+    previous[(owner[frame] != owner[frame - 1]) | (frame == 0)] = -1
+
+    goes_on = np.zeros(len(key), bool)
+    goes_on[previous[previous >= 0]] = True
+    begins, ends = np.flatnonzero(previous < 0), np.flatnonzero(~goes_on)
+    actor = owner[frame] * _ID_SPAN + ids
+    left = _last_before(actor[ends], frame[ends], actor[begins], frame[begins])
+    resumed, left = begins[left >= 0], ends[left[left >= 0]]
+    return Tracks(row, np.where(previous >= 0, row[previous], -1), row[resumed], row[left])
+
+
+def _last_before(owner: Index, frame: Index, of_owner: Index, before: Index) -> Index:
+    """Place of the last `frame` before each of `before` with the same owner, -1 where there is none."""
+    if not len(owner):
+        return np.full(len(before), -1)
+    codes = np.unique(np.concatenate([owner, of_owner]), return_inverse=True)[1]
+    own, wanted = codes[: len(owner)], codes[len(owner) :]
+    span = 1 + max(int(frame.max()), int(before.max(initial=0)))
+    key = own * span + frame
+    order = np.argsort(key)
+    place = np.searchsorted(key[order], wanted * span + before) - 1
+    found = order[np.maximum(place, 0)]
+    return np.where((place >= 0) & (own[found] == wanted), found, -1)
+
+
+def actor_displacement_m(view: ShardView) -> tuple[Index, Array, Array]:
+    """Residual of an actor's displacement since the previous observation, against its velocities.
+
+    Nothing is compared from the first contact of an attempt on: who was pushed may push others.
+
+    Returns:
+        Rows of the actors table that are compared, their residuals, and the ways that their velocities give.
+    """
+    stream, observations = view.stream("actors"), view.observations
+    row, before, *_ = view.cached(tracks)
+    free = view.cached(before_contact) & follows(observations)
+    compared = (before >= 0) & free[observations.rows_of(stream)[row]]
+    rows, before = row[compared], before[compared]
+    off, way = [], []
+    for place, velocity in (("x_m", "vel_x_mps"), ("y_m", "vel_y_mps")):
+        values, speed = stream[place], stream[velocity].astype(np.float64)
+        moved = (speed[rows] + speed[before]) * (OBSERVATION_S / 2)
+        off.append(values[rows] - values[before] - moved)
+        way.append(moved)
+    return rows, np.hypot(*off), np.hypot(*way)
