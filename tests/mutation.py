@@ -24,6 +24,7 @@ from tests.validator.engine.rules.cases import (
     layers,
     layout,
     leakage,
+    maps,
     model,
     nulls,
     quality,
@@ -46,8 +47,8 @@ __all__ = [
 
 AREAS = (
     layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world,
-    trigger, groups, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery, release,
-    replays, responses, benchmark, benchmark_results,
+    trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery,
+    release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

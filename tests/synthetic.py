@@ -52,8 +52,8 @@ from branchdrive.formats.parquet import encode_table
 __all__ = [
     "ACTORS", "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",
     "Tables", "bare_descriptor", "bare_tables", "base_tables", "concat", "descriptor", "evidence_columns",
-    "frames_table", "group_name", "make_group", "media_descriptor", "media_tables", "plans", "seal_dataset", "shared",
-    "to_table", "write_dataset",
+    "frames_table", "group_name", "make_group", "media_descriptor", "media_tables", "plans",
+    "route_polyline", "seal_dataset", "shared", "to_table", "write_dataset",
 ]  # fmt: skip
 
 SHARDS = {"raw/shard-00000": (0, 1), "raw/shard-00001": (2,)}

@@ -32,10 +32,12 @@ from branchdrive_reference.collect.group import GroupReport
 from branchdrive_reference.collect.interrupt import deferred_interrupt
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
 from branchdrive_reference.collect.pool import execute_groups, num_workers
+from branchdrive_reference.town.elements import Element, town_elements
+from branchdrive_reference.town.town import TOWN_NAMES, town
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 from branchdrive_reference.world.vehicle import MAX_BRAKE_MPS2, MAX_DRIVE_MPS2, MAX_STEER_RAD, WHEELBASE_M
 
-__all__ = ["CampaignReport", "collect", "collection_descriptor"]
+__all__ = ["CampaignReport", "collect", "collection_descriptor", "town_maps"]
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def collect(
         if resume:
             raise UsageError(f"{root}: holds no collection to resume; leave out --resume to begin one")
         disk_need(root, num_groups, jobs=jobs).check(root)  # before anything is created
-    with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD) as writer:
+    with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD, maps=town_maps()) as writer:
         selected = descriptor.collection.scenario_types
         _check_begun(root, writer, num_groups)
         with deferred_interrupt() as raise_if_noted:  # loading compiled code swallows interrupts
@@ -164,6 +166,11 @@ def _simulator_version() -> str:
     return f"{SIMULATOR_VERSION}+{'.'.join(libraries)}"
 
 
+def town_maps() -> dict[str, tuple[Element, ...]]:
+    """Elements of the maps of all towns, by name."""
+    return {name: town_elements(town(name)) for name in TOWN_NAMES}
+
+
 def collection_descriptor(
     seed: int,
     *,
@@ -190,7 +197,7 @@ def collection_descriptor(
         licence="CC-BY-4.0",
         simulator=Software(name=SIMULATOR_NAME, version=_simulator_version()),
         collector=Software(name=COLLECTOR_NAME, version=COLLECTOR_VERSION),
-        streams=("ego_route_state", "actor_risk_evidence", "controls", "route_result"),
+        streams=("ego_route_state", "actor_risk_evidence", "map", "controls", "route_result"),
         action_bank=bank,
         action_encoding=DeclaredEncoding(name=ENCODING_NAME, width=ENCODING_WIDTH, sha256=encoding_digest(bank)),
         collection=Collection(

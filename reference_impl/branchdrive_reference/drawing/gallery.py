@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
 from branchdrive.raw.reader import Dataset
+from branchdrive_reference.drawing.elements import elements_around
 from branchdrive_reference.drawing.scene import Scene, read_scene
 from branchdrive_reference.study.label import label
 
@@ -31,7 +33,13 @@ def named_pictures(
     """
     paths = [picture_path(folder, name, file_format) for name in names]
     for path, name in zip(paths, names, strict=True):
-        yield path, read_scene(dataset.group(name), dataset.descriptor)
+        yield path, _scene(dataset, name)
+
+
+def _scene(dataset: Dataset, group_id: str) -> Scene:
+    """The scene of a group with the map around it."""
+    scene = read_scene(dataset.group(group_id), dataset.descriptor)
+    return replace(scene, elements=elements_around(dataset, scene))
 
 
 class Gallery:
@@ -62,7 +70,7 @@ class Gallery:
                 continue
             try:
                 path = picture_path(folder, group_id, file_format)
-                scene = read_scene(self._dataset.group(group_id), self._dataset.descriptor)
+                scene = _scene(self._dataset, group_id)
             except UsageError as error:
                 self._leave_out(scenario_type, str(error))
             else:

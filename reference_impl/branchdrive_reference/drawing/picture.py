@@ -28,7 +28,7 @@ from branchdrive_reference.drawing.legend import (
     draw_speed,
 )
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
-from branchdrive_reference.drawing.roads import draw_roads, town_map
+from branchdrive_reference.drawing.roads import draw_roads
 from branchdrive_reference.drawing.scene import Scene
 from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.view import View, view_of
@@ -101,10 +101,9 @@ def draw_scene(scene: Scene) -> Figure:
 def _draw_plan(plan: Axes, scene: Scene, view: View) -> Mapping[str, Mapping[str, Any]]:
     """Draw everything below the futures; returns the signals and signs in view for the legend."""
     posts: Mapping[str, Mapping[str, Any]] = {}
-    network = town_map(scene.record["town"])
-    if network is not None:
-        draw_roads(plan, network, view)
-        posts = draw_signs(plan, network, view, scene)
+    if scene.elements:
+        draw_roads(plan, scene.elements, view)
+        posts = draw_signs(plan, view, scene)
     else:
         remark = f"no map of {label(scene.record['town'])}"
         plan.text(0.985, 0.02, remark, transform=plan.transAxes, ha="right", fontsize=9,

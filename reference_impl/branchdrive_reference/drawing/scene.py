@@ -27,6 +27,7 @@ from branchdrive.raw.rollout import Rollout
 from branchdrive.raw.window import EVIDENCE_OFFSETS
 from branchdrive_reference.study.bank import canonical_bank
 from branchdrive_reference.study.label import MAX_TEXT_CHARACTERS, label
+from branchdrive_reference.town.elements import Element
 
 __all__ = [
     "HISTORY_TICKS",
@@ -158,6 +159,7 @@ class Scene:
         nearest_actor_id: The actor to which the nominal future has its least gap; ``None`` where it has none.
         lane_id: Lane under the ego at the branch, if it was on one.
         traffic_light: State of the light that the ego faces at the branch, if there is one.
+        elements: Elements of the map around the candidates; none where there is no map.
     """
 
     record: dict[str, Any]
@@ -167,6 +169,7 @@ class Scene:
     nearest_actor_id: int | None
     lane_id: str | None
     traffic_light: str | None
+    elements: tuple[Element, ...] = ()
 
     @property
     def nominal(self) -> Candidate:

@@ -1,22 +1,18 @@
-"""Stop lines, give-way lines and signals at the ends of the lanes that lead to junctions."""
+"""Stop lines, give-way lines, signals and signs of the map."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
-from branchdrive_reference.drawing.roads import lanes_in_view
+from branchdrive_reference.drawing.roads import elements_in_view
 from branchdrive_reference.drawing.scene import Scene
 from branchdrive_reference.drawing.view import Layer, View
-from branchdrive_reference.geometry.polyline import Polyline
-from branchdrive_reference.town.crossroads import Control
-from branchdrive_reference.town.lane import Lane, LaneSide, Turn
-from branchdrive_reference.town.network import RoadNetwork
+from branchdrive_reference.town.elements import Element
 
 __all__ = ["draw_signs"]
 
@@ -30,64 +26,46 @@ _OCTAGON = (8, 0, 22.5)
 """Marker of a regular octagon that stands on a side."""
 
 _Post = Mapping[str, Any]
-_POSTS: Mapping[Control, tuple[str, _Post]] = {
-    Control.SIGNAL: ("signal (state unknown)", {"marker": "o", "color": BACKDROP["quiet"], "markersize": 7.5,
+_POSTS: Mapping[str, tuple[str, _Post]] = {
+    "signal": ("signal (state unknown)", {"marker": "o", "color": BACKDROP["quiet"], "markersize": 7.5,
                                 "markeredgecolor": BACKDROP["ink"], "markeredgewidth": 1.1}),
-    Control.STOP: ("stop sign", {"marker": _OCTAGON, "color": _RED, "markersize": 13,
+    "stop_sign": ("stop sign", {"marker": _OCTAGON, "color": _RED, "markersize": 13,
                                  "markeredgecolor": BACKDROP["marking"], "markeredgewidth": 1.8,
                                  "path_effects": [withStroke(linewidth=3.2, foreground=BACKDROP["ink"])]}),
-    Control.YIELD: ("give-way sign", {"marker": "v", "color": BACKDROP["marking"], "markersize": 7.5,
+    "yield_sign": ("give-way sign", {"marker": "v", "color": BACKDROP["marking"], "markersize": 7.5,
                                       "markeredgecolor": _RED, "markeredgewidth": 1.1}),
 }  # fmt: skip
-"""The post beside an approach: what it is called, and how it is drawn."""
-
-_BESIDE_M = 1.2
-"""How far outside the paved road a signal or sign stands."""
+"""The post at a signal or sign: what it is called, and how it is drawn."""
 
 
-def draw_signs(axes: Axes, network: RoadNetwork, view: View, scene: Scene) -> Mapping[str, _Post]:
-    """Draw what orders the traffic of every junction in view; the ego's light has its colour at the branch.
+def draw_signs(axes: Axes, view: View, scene: Scene) -> Mapping[str, _Post]:
+    """Draw stop lines, signals and signs in view; the ego's light has its colour at the branch, and lies on top.
 
     Returns:
         Signals and signs that were drawn: how, by what they are.
     """
-    ego_lane = network.lanes.get(scene.lane_id or "")
     drawn: dict[str, _Post] = {}
-    for lane in lanes_in_view(network, view):
-        if lane.turn is not Turn.FOLLOW or not lane.junction:
-            continue
-        junction = network.junctions[lane.junction]
-        if junction.control is not Control.SIGNAL and lane.way[0] in junction.major:
-            continue
-        _draw_line(axes, lane, view, is_solid=junction.control is not Control.YIELD)
-        is_ego_s = ego_lane is not None and ego_lane.way == lane.way
-        name, post = _POSTS[junction.control]
-        state = scene.traffic_light
-        if junction.control is Control.SIGNAL and is_ego_s and state is not None and state in _LIGHTS:
-            name, post = f"ego's signal ({state})", {**post, "color": _LIGHTS[state]}
-        if _draw_post(axes, lane, view, post):
-            drawn[name] = post
+    seen = elements_in_view(scene.elements, view)
+    for element in sorted(seen, key=lambda element: _governs_ego(element, scene)):
+        u, v = view.place(element["x_m"], element["y_m"])
+        if element["kind"] == "stop_line":
+            style = (0.0, (1.2, 1.0)) if element["marking"] == "broken" else "solid"
+            axes.plot(u, v, color=BACKDROP["marking"], linewidth=2.6, linestyle=style, solid_capstyle="butt",
+                      dash_capstyle="butt", zorder=Layer.MARKING)  # fmt: skip
+        elif element["kind"] in _POSTS:
+            name, post = _POSTS[element["kind"]]
+            if _governs_ego(element, scene):
+                name, post = (
+                    f"ego's signal ({scene.traffic_light})",
+                    {**post, "color": _LIGHTS[str(scene.traffic_light)]},
+                )
+            axes.plot(u, v, linestyle="none", zorder=Layer.ACTOR, **post)
+            if view.sees(u, v):
+                drawn[name] = post
     return dict(sorted(drawn.items()))
 
 
-def _draw_line(axes: Axes, lane: Lane, view: View, *, is_solid: bool) -> None:
-    """A line across the end of a lane."""
-    x, y = zip(*((side.x_m[-1], side.y_m[-1]) for side in _edges(lane)), strict=True)
-    u, v = view.place(np.array(x), np.array(y))
-    style = "solid" if is_solid else (0.0, (1.2, 1.0))
-    axes.plot(u, v, color=BACKDROP["marking"], linewidth=2.6, linestyle=style, solid_capstyle="butt",
-              dash_capstyle="butt", zorder=Layer.MARKING)  # fmt: skip
-
-
-def _draw_post(axes: Axes, lane: Lane, view: View, post: _Post) -> bool:
-    """A signal or sign to the right of the road's outermost lane; whether it is in view."""
-    if lane.right is LaneSide.SAME_DIRECTION:
-        return False
-    beside = lane.centre.shifted(-lane.right_edge_m - _BESIDE_M)
-    u, v = view.place(beside.x_m[-1:], beside.y_m[-1:])
-    axes.plot(u, v, linestyle="none", zorder=Layer.ACTOR, **post)
-    return view.sees(u, v)
-
-
-def _edges(lane: Lane) -> tuple[Polyline, Polyline]:
-    return lane.centre.shifted(lane.width_m / 2 - 0.2), lane.centre.shifted(0.2 - lane.width_m / 2)
+def _governs_ego(element: Element, scene: Scene) -> bool:
+    """Whether an element is the signal of the ego's lane, and its state is known."""
+    is_own = element["kind"] == "signal" and element["lane_id"] is not None and element["lane_id"] == scene.lane_id
+    return is_own and scene.traffic_light in _LIGHTS

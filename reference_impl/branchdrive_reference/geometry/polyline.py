@@ -67,10 +67,32 @@ class Polyline:
         (x0, x1), (y0, y1) = self.at(np.array([begin_m, end_m]))
         return Polyline(np.concatenate([[x0], self.x_m[inside], [x1]]), np.concatenate([[y0], self.y_m[inside], [y1]]))
 
-    def shifted(self, left_m: float) -> Polyline:
-        """The parallel curve `left_m` to the left of every vertex."""
+    def shifted(self, left_m: float | Array) -> Polyline:
+        """The curve `left_m` to the left of every vertex, parallel where that is one number for all of them."""
         tangent = self.tangent_rad
         return Polyline(self.x_m - left_m * np.sin(tangent), self.y_m + left_m * np.cos(tangent))
+
+    def simplified(self, tolerance_m: float) -> Polyline:
+        """The polyline of those vertices that keep every other one within a distance of it; both ends stay.
+
+        Douglas and Peucker: a stretch is cut at its farthest vertex until none is too far from its chord.
+        """
+        keep = np.zeros(len(self.x_m), np.bool_)
+        keep[[0, -1]] = True
+        open_stretches = [(0, len(self.x_m) - 1)]
+        while open_stretches:
+            first, last = open_stretches.pop()
+            if last - first < 2:
+                continue
+            x, y = self.x_m[first + 1 : last] - self.x_m[first], self.y_m[first + 1 : last] - self.y_m[first]
+            chord_x, chord_y = self.x_m[last] - self.x_m[first], self.y_m[last] - self.y_m[first]
+            along = np.clip((x * chord_x + y * chord_y) / max(chord_x**2 + chord_y**2, 1e-12), 0.0, 1.0)
+            away = np.hypot(x - along * chord_x, y - along * chord_y)
+            if away.max() > tolerance_m:
+                farthest = first + 1 + int(away.argmax())
+                keep[farthest] = True
+                open_stretches += [(first, farthest), (farthest, last)]
+        return Polyline(self.x_m[keep], self.y_m[keep])
 
     def reversed(self) -> Polyline:
         """The same curve driven the other way."""

@@ -69,9 +69,11 @@ class Record:
 def record(run: Run) -> Record:
     """The recorded columns of a rollout."""
     tables = route_tracks(run.spec.town, run.spec.route_id)
-    observations = _observations(run, tables)
+    ego = run.log.bodies[:, EGO]
+    lanes, on_road = town_surface(town(run.spec.town)).under(ego["x_m"], ego["y_m"])
+    observations = _observations(run, tables, lanes)
     actors = _actors(run)
-    evidence = _evidence(run, tables, observations, actors)
+    evidence = _evidence(run, tables, observations, actors) | {"lane_id": np.array(lanes, object), "on_road": on_road}
     return Record(_controls(run), observations, actors, evidence, _fields(run, tables, observations, evidence))
 
 
@@ -103,7 +105,7 @@ def _controls(run: Run) -> Columns:
     return columns
 
 
-def _observations(run: Run, tables: RouteTracks) -> Columns:
+def _observations(run: Run, tables: RouteTracks, lanes: list[str | None]) -> Columns:
     log = run.log
     ego, vehicle, plan = log.bodies[:, EGO], log.vehicle, log.plan
     x, y, yaw = ego["x_m"].copy(), ego["y_m"].copy(), _yaw(ego)
@@ -118,6 +120,7 @@ def _observations(run: Run, tables: RouteTracks) -> Columns:
         "accel_lateral_mps2": vehicle["accel_lateral_mps2"],
         "yaw_rate_radps": vehicle["yaw_rate_radps"],
         **route_columns(tables, x, y, yaw),
+        "speed_limit_mps": _limits(run, tables, lanes, x, y),
         "target_speed_mps": plan["target_speed_mps"],
         "vehicle_hazard": braking & np.isin(plan["cause"], (Cause.LEADER, Cause.CONFLICT, Cause.PRIORITY)),
         "pedestrian_hazard": braking & (plan["cause"] == Cause.PEDESTRIAN),
@@ -128,6 +131,15 @@ def _observations(run: Run, tables: RouteTracks) -> Columns:
         name: _float32(values) if values.dtype == np.float64 and name not in doubles else values
         for name, values in columns.items()
     }
+
+
+def _limits(run: Run, tables: RouteTracks, lanes: list[str | None], x_m: Array, y_m: Array) -> Array:
+    """Speed limit of the lane under the ego, or beside the lanes that of the route's lane."""
+    of_lane = {lane_id: lane.speed_limit_mps for lane_id, lane in town(run.spec.town).lanes.items()}
+    progress_m = tables.route.polyline.position(x_m, y_m).progress_m
+    segment = np.searchsorted(tables.path(EGO_TRACK)["arc_m"], progress_m, side="right") - 1
+    of_route = tables.limit_mps[segment].tolist()
+    return np.array([of_lane.get(lane_id or "", limit) for lane_id, limit in zip(lanes, of_route, strict=True)])
 
 
 def _actors(run: Run) -> Columns:
@@ -149,9 +161,6 @@ def _actors(run: Run) -> Columns:
 
 def _evidence(run: Run, tables: RouteTracks, observations: Columns, actors: Columns) -> Columns:
     line = tables.route.polyline
-    surface = town_surface(town(run.spec.town))
-    x, y = observations["x_m"], observations["y_m"]
-    lanes, on_road = surface.under(x, y)
     governed = run.log.light != NO_LIGHT
     return {
         "tick": observations["tick"],
@@ -165,8 +174,6 @@ def _evidence(run: Run, tables: RouteTracks, observations: Columns, actors: Colu
         ),
         "traffic_light_available": governed,
         "traffic_light": _LIGHTS[run.log.light],
-        "lane_id": np.array(lanes, object),
-        "on_road": on_road,
         "collision": run.log.touched,
     }
 
@@ -226,10 +233,7 @@ def route_columns(tables: RouteTracks, x_m: Array, y_m: Array, yaw_rad: NDArray[
     """Route columns of the observations table for recorded poses ``[observations]``."""
     route, line, yaw = tables.route, tables.route.polyline, yaw_rad.astype(np.float64)
     place = line.position(x_m, y_m)
-    path = tables.path(EGO_TRACK)
-    segment = np.searchsorted(path["arc_m"], place.progress_m, side="right") - 1
     columns: dict[str, NDArray[Any]] = {
-        "speed_limit_mps": tables.limit_mps[segment],
         "route_progress_m": place.progress_m,
         "route_offset_m": place.offset_m,
         "route_heading_error_rad": wrap_rad(yaw - place.heading_rad),

@@ -42,6 +42,6 @@ def _view(group: BranchGroup, descriptor: Descriptor) -> ShardView:
     streams = {
         name: pa.concat_tables([rollout.tables[name] for rollout in distinct])
         for name in descriptor.tables
-        if name != ROLLOUTS
+        if name in group.rollouts[0].tables
     }
     return ShardView({ROLLOUTS: records, **streams}, descriptor)

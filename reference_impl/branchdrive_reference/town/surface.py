@@ -35,7 +35,10 @@ def _lanes_under(
     lanes: Records, vertex_x: Array, vertex_y: Array, x_m: Array, y_m: Array,
     found: NDArray[np.int64], paved: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Lane with the nearest centre line among those that hold each point, -1 for none, and whether it is paved."""
+    """Lane with the nearest centre line among those that hold each point, -1 for none, and whether it is paved.
+
+    What is paved beside a lane ends with it, square to it.
+    """
     for point in range(x_m.shape[0]):
         x, y = x_m[point], y_m[point]
         nearest = np.inf
@@ -44,16 +47,22 @@ def _lanes_under(
             lane = lanes[index]
             if x < lane.min_x_m or x > lane.max_x_m or y < lane.min_y_m or y > lane.max_y_m:
                 continue
+            least, beside = np.inf, False
             for segment in range(lane.first, lane.end):
                 ex, ey = vertex_x[segment + 1] - vertex_x[segment], vertex_y[segment + 1] - vertex_y[segment]
                 px, py = x - vertex_x[segment], y - vertex_y[segment]
                 share = min(max((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
                 square = (px - share * ex) ** 2 + (py - share * ey) ** 2
-                if square <= lane.right_m**2 and ex * py - ey * px <= 0.0:
-                    paved[point] = True
+                if square <= least:
+                    beyond = (segment == lane.first and share <= 0.0) or (segment == lane.end - 1 and share >= 1.0)
+                    is_right = ex * py - ey * px <= 0.0 and not beyond
+                    beside = is_right or (beside and square == least)
+                    least = square
                 if square < nearest and square <= lane.half_width_m**2:
                     nearest = square
                     found[point] = index
+            if beside and least <= lane.right_m**2:
+                paved[point] = True
 
 
 @dataclass(frozen=True, eq=False)

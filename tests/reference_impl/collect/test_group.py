@@ -9,7 +9,7 @@ import pytest
 from tests.content_cache import remembered
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
-from branchdrive_reference.collect.campaign import collection_descriptor
+from branchdrive_reference.collect.campaign import collection_descriptor, town_maps
 from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.plan import GroupPlan, plan_group
 from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
@@ -46,7 +46,7 @@ def collect_one(
 
 
 def identity(root: Path, descriptor: Descriptor = DESCRIPTOR) -> str:
-    with DatasetWriter(root, descriptor) as writer:
+    with DatasetWriter(root, descriptor, maps=town_maps()) as writer:
         return writer.finalize()
 
 

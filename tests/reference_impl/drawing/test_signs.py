@@ -14,6 +14,7 @@ from branchdrive_reference.drawing.scene import Scene
 from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.view import View
 from branchdrive_reference.town.crossroads import Control
+from branchdrive_reference.town.elements import town_elements
 from branchdrive_reference.town.lane import Lane, Turn
 from branchdrive_reference.town.town import TOWN_NAMES, town
 
@@ -45,7 +46,8 @@ def controlled(control: Control) -> str:
 
 def drawn(scene: Scene, junction: str) -> dict[str, dict[str, object]]:
     axes = Figure().add_axes((0, 0, 1, 1))
-    return {name: dict(post) for name, post in draw_signs(axes, NETWORK, around(junction), scene).items()}
+    mapped = replace(scene, elements=town_elements(NETWORK))
+    return {name: dict(post) for name, post in draw_signs(axes, around(junction), mapped).items()}
 
 
 @pytest.mark.parametrize("control", Control)

@@ -129,7 +129,7 @@ def test_strategy_of_values_stays_inside_the_declaration(table: Table, data: st.
             assert value in column.values
 
 
-ORDER = ("rollouts", "controls", "observations", "actors", "evidence", "frames")
+ORDER = ("rollouts", "controls", "observations", "actors", "evidence", "map", "frames")
 
 
 @given(strategies.descriptors())

@@ -296,7 +296,7 @@ OVERSIZED: dict[str, tuple[Any, Mismatch]] = {
     ),
     "streams": (
         descriptor(streams=[[0], {}] * 300_000),
-        wrong("/streams", "maxItems 7", beginning([[0], {}] * 100)),
+        wrong("/streams", "maxItems 8", beginning([[0], {}] * 100)),
     ),
     "cameras": (
         descriptor(cameras=[0] * 500_000),

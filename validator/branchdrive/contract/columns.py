@@ -103,6 +103,11 @@ class Table:
         raise KeyError(name)
 
     @property
+    def is_of_rollouts(self) -> bool:
+        """Whether every row belongs to a rollout; rows of the map belong to a town."""
+        return "rollout_id" in self.key
+
+    @property
     def file_name(self) -> str:
         """Name of the table's file inside its folder."""
         return f"{self.name}.parquet"

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
@@ -88,8 +89,11 @@ def _marked(subjects: np.ndarray, size: int) -> Mask:
 
 
 def _owner(view: ShardView, check: Check) -> np.ndarray:
-    """Attempt of each bad row; -1 where it is unknown."""
-    return check.bad if check.table == "rollouts" else view.stream(str(check.table)).rollout[check.bad]
+    """Attempt of each bad row; -1 where it is unknown, or the row is of none."""
+    if check.table == "rollouts":
+        return check.bad
+    table = view[str(check.table)]
+    return table.rollout[check.bad] if isinstance(table, StreamView) else np.full(len(check.bad), -1)
 
 
 def _rollouts(view: ShardView, check: Check) -> Mask:
@@ -115,9 +119,9 @@ def _row_location(view: ShardView, name: str, row: int, found: Location) -> Loca
         location = {"file": f"{view.file_prefix}/{name}.parquet", **location}
     location |= found
     table = view[name]
-    rollout_id = table["rollout_id"][row]
-    if rollout_id:
-        location["rollout_id"] = str(rollout_id)
+    for column in ("rollout_id", "town", "element_id"):
+        if column in TABLES[name].key and table[column][row]:
+            location[column] = str(table[column][row])
     if isinstance(table, StreamView):
         location["tick"] = int(table.tick[row])
         if "actor_id" in table:

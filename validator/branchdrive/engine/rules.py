@@ -15,6 +15,7 @@ from branchdrive.raw.rules import (
     evidence,
     groups,
     keys,
+    maps,
     media,
     motion,
     nulls,
@@ -30,7 +31,7 @@ from branchdrive.raw.rules import (
 
 RULE_MODULES = (
     file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    replays, media, route, motion, tracks, results, layer_rules, canonical_rules, quality_rules, split_rules,
+    replays, media, maps, route, motion, tracks, results, layer_rules, canonical_rules, quality_rules, split_rules,
     fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

@@ -42,6 +42,7 @@ from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.response import observed_extremes, responses, tracks
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.town_map import map_digests
 from branchdrive.tables.frame import Frame
 from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
@@ -205,6 +206,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     }
     result.responses, result.tracks = responses(view, examination.selection), tracks(view)
     result.extremes = observed_extremes(view)
+    result.maps = map_digests(view)
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]

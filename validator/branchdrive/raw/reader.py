@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from branchdrive.contract.columns import table_schema
+from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
@@ -141,7 +141,7 @@ class Dataset:
             raise UsageError(f"no group {group_id!r} among the {len(self._shard_of_group)} groups of this dataset")
         shard = self._shard_of_group[group_id]
         if self._current is None or self._current.shard != shard:
-            names = [name for name in self.descriptor.tables if name != ROLLOUTS]
+            names = [name for name in self.descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
             self._current = _DecodedShard(shard, shard.records(), {name: shard.rows(name) for name in names})
         records = [record for record in self._current.records if record["group_id"] == group_id]
         records.sort(key=lambda record: canonical_key(record, self.descriptor))

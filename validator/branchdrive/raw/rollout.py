@@ -17,10 +17,13 @@ from branchdrive.contract.descriptor import Descriptor
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["ROLLOUTS", "Rollout", "RolloutTables", "canonical_key", "key_columns"]
+__all__ = ["MAP", "ROLLOUTS", "Rollout", "RolloutTables", "canonical_key", "key_columns"]
 
 ROLLOUTS = "rollouts"
 """Name of the table that a rollout has exactly one row in."""
+
+MAP = "map"
+"""Name of the table that holds the maps of towns, and no rows of rollouts."""
 
 _ROLE_ORDER = ("nominal", "intervention", "nominal_replay")
 

@@ -63,8 +63,10 @@ class ShardView:
         return table in self._tables
 
     def __getitem__(self, table: str) -> TableView:
-        """View of a table: `rollouts`, or a stream."""
-        return self.rollouts if table == "rollouts" else self.stream(table)
+        """View of a table: `rollouts`, the map, or a stream of rows of rollouts."""
+        if table == "rollouts":
+            return self.rollouts
+        return self.stream(table) if TABLES[table].is_of_rollouts else self.map
 
     def stream(self, table: str) -> StreamView:
         """View of a stream table, built on first use."""
@@ -83,6 +85,11 @@ class ShardView:
     def table_names(self) -> tuple[str, ...]:
         """Tables of this shard, rollouts first."""
         return tuple(name for name in TABLES if name in self._tables)
+
+    @cached_property
+    def map(self) -> TableView:
+        """Elements of the maps of the shard's towns."""
+        return TableView("map", self._tables["map"])
 
     @property
     def controls(self) -> StreamView:

@@ -20,7 +20,7 @@ from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
 from branchdrive.errors import ContractError, DatasetError, DecodeError, UsageError
 from branchdrive.formats.durable import delete, make_dir, move, partial_path, sync_dir, write_file
 from branchdrive.formats.parquet import decode_table, encode_table
-from branchdrive.raw.rollout import ROLLOUTS, canonical_key
+from branchdrive.raw.rollout import MAP, ROLLOUTS, canonical_key
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.writer.stage import Places, Stage
 from branchdrive.writer.staged_group import StagedGroup
@@ -43,14 +43,17 @@ class _Member:
     group: StagedGroup | None
 
 
-def assemble_shard(stage: Stage, places: Places, index: int, groups: Sequence[StagedGroup]) -> None:
+def assemble_shard(
+    stage: Stage, places: Places, index: int, groups: Sequence[StagedGroup], maps: Mapping[str, pa.Table]
+) -> None:
     """Write raw shard `index` from `groups` and from those groups of the present shard that are not among them.
 
     Call it under the registry lock; `groups` are closed and are dropped from the stage in the end.
-    Memory holds one table of the shard at a time.
+    Memory holds one table of the shard at a time. `maps` has the elements of each town, for a dataset with maps.
 
     Raises:
-        ContractError: The shard would break a spec limit, or rollout ids repeat; nothing changed.
+        ContractError: The shard would break a spec limit, rollout ids repeat, or the map of a town is missing;
+            nothing changed.
         UsageError: The present shard holds files of others, which would be lost; nothing changed.
     """
     shard = Shard(stage.root, index)
@@ -62,7 +65,12 @@ def assemble_shard(stage: Stage, places: Places, index: int, groups: Sequence[St
     delete(draft)
     draft.mkdir()
     for name in stage.descriptor.tables:
-        table = _rollouts_table(members, places) if name == ROLLOUTS else _stream_table(name, members, old)
+        if name == ROLLOUTS:
+            table = _rollouts_table(members, places)
+        elif name == MAP:
+            table = _map_table(members, maps)
+        else:
+            table = _stream_table(name, members, old)
         write_file(draft / TABLES[name].file_name, _checked_bytes(name, table, index))
     sync_dir(draft)
     move(draft, stage.shards_dir / shard_name(index))
@@ -119,6 +127,17 @@ def _stream_table(name: str, members: Sequence[_Member], old: Shard | None) -> p
         elif kept is not None:
             pieces.append(kept[rollout_id])
     return pa.concat_tables(pieces)
+
+
+def _map_table(members: Sequence[_Member], maps: Mapping[str, pa.Table]) -> pa.Table:
+    """The maps of the towns that the members drive in."""
+    import pyarrow as pa
+
+    towns = sorted({member.record["town"] for member in members})
+    missing = [town for town in towns if town not in maps]
+    if missing:
+        raise ContractError(f"no map of {missing}, where rollouts drive; pass it to `DatasetWriter` in `maps`")
+    return pa.concat_tables([maps[town] for town in towns])
 
 
 def _checked_bytes(name: str, table: pa.Table, index: int) -> bytes:

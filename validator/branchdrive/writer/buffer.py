@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
-from branchdrive.contract.columns import Column, Table, table_schema
+from branchdrive.contract.columns import TABLES, Column, Table, table_schema
 from branchdrive.errors import ContractError
 from branchdrive.raw.rollout import key_columns
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["RowBuffer", "check_names", "record_table"]
+__all__ = ["RowBuffer", "check_names", "map_table", "record_table"]
 
 _INTEGERS: tuple[type, ...] = (int, np.integer)
 _REALS: tuple[type, ...] = (int, float, np.integer, np.floating)
@@ -120,6 +120,24 @@ class RowBuffer:
         ]
         table = pa.Table.from_arrays(columns, schema=self._schema)
         return table.take(np.lexsort(key_columns(table, self._table))).combine_chunks()
+
+
+def map_table(town: str, elements: Sequence[Mapping[str, object]]) -> pa.Table:
+    """Rows of the table `map` for the elements of a town, by ``element_id``.
+
+    Raises:
+        ContractError: A column is unknown or missing, or a value has a wrong type.
+    """
+    import pyarrow as pa
+
+    declared = TABLES["map"]
+    allowed = {column.name for column in declared.columns} - {"town"}
+    required = {column.name for column in declared.columns if not column.nullable} - {"town"}
+    rows = [table_schema("map").empty_table()]
+    for element in elements:
+        check_names(element.keys(), allowed, required, f"map of `{town}`")
+        rows.append(record_table(declared, {**element, "town": town}))
+    return pa.concat_tables(rows).sort_by("element_id").combine_chunks()
 
 
 def record_table(declared: Table, record: Mapping[str, object]) -> pa.Table:

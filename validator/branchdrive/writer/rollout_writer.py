@@ -40,9 +40,8 @@ class RolloutWriter:
         self._fields = dict(fields)
         self._end = end
         self._is_over = False
-        self._buffers = {
-            name: RowBuffer(TABLES[name], descriptor.unrecorded) for name in descriptor.tables if name != ROLLOUTS
-        }
+        streams = [TABLES[name] for name in descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
+        self._buffers = {table.name: RowBuffer(table, descriptor.unrecorded) for table in streams}
 
     @property
     def rollout_id(self) -> str:

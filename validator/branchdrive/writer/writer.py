@@ -16,6 +16,7 @@ Source: spec/03-layout.md.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -27,9 +28,10 @@ from branchdrive.errors import ContractError, UsageError
 from branchdrive.formats.descriptor_file import differing_fields, render_descriptor
 from branchdrive.formats.durable import replace_file
 from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, write_manifest
-from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard
 from branchdrive.writer.assembly import assemble_shard, committed_places, install_ready_shards
+from branchdrive.writer.buffer import map_table
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.stage import Stage
 
@@ -43,15 +45,26 @@ class DatasetWriter:
         root: Folder of the dataset; created if it does not exist.
         descriptor: What the dataset is; a resumed dataset must have the same.
         groups_per_shard: Places of one shard: group `index` lies in shard ``index // groups_per_shard``.
+        maps: Where the descriptor claims the stream `map`: the elements of each town, each with the columns of
+            the table `map` by name, without ``town``; columns that may be null may be left out.
 
     Raises:
         UsageError: The folder holds something else, another descriptor or another number of groups
-            per shard, another writer has it open, or the descriptor claims media.
+            per shard, another writer has it open, the descriptor claims media, or `maps` are given
+            and not claimed.
+        ContractError: An element of a map has an unknown or missing column or a value of a wrong type.
         DatasetError: The folder holds a descriptor or shards that cannot be read, or shards that are
             not of this writer, or a finished dataset whose files are not those of its manifest.
     """
 
-    def __init__(self, root: str | Path, descriptor: Descriptor, *, groups_per_shard: int = 32) -> None:
+    def __init__(
+        self,
+        root: str | Path,
+        descriptor: Descriptor,
+        *,
+        groups_per_shard: int = 32,
+        maps: Mapping[str, Sequence[Mapping[str, object]]] | None = None,
+    ) -> None:
         self.root = Path(root)
         self.descriptor = descriptor
         if groups_per_shard < 1:
@@ -63,6 +76,11 @@ class DatasetWriter:
         media = [name for name in descriptor.streams if STREAMS[name].cameras]
         if media:
             raise UsageError(f"descriptor claims the media streams {media}, which this writer cannot record; drop them")
+        if maps and MAP not in descriptor.tables:
+            raise UsageError(
+                "maps are given, and the descriptor does not claim the stream `map`; claim it or drop them"
+            )
+        self._maps = {town: map_table(town, elements) for town, elements in (maps or {}).items()}
         if self.root.exists() and not self.root.is_dir():
             raise UsageError(f"{self.root}: is not a folder; choose another one")
         self.root.mkdir(parents=True, exist_ok=True)
@@ -169,7 +187,7 @@ class DatasetWriter:
                 return False
             if len(taken) < places.groups_per_shard and not partial:
                 return False
-            assemble_shard(self._stage, places, shard, filled)
+            assemble_shard(self._stage, places, shard, filled, self._maps)
             return True
 
     def finalize(self) -> str:

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 
 import pyarrow as pa
 import pytest
-from tests import synthetic
+from tests import synthetic, synthetic_map
 from tests.content_cache import kept, remembered
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 from tests.validator.engine.rules.draft import Draft
@@ -27,7 +27,7 @@ from branchdrive.engine.worker import in_process
 from branchdrive.formats.parquet import decode_table
 
 Edit: TypeAlias = Callable[[Any], object]
-Base = Literal["full", "media", "bare", "release", "detached", "alone", "benchmark"]
+Base = Literal["full", "media", "map", "bare", "release", "detached", "alone", "benchmark"]
 RELEASES: tuple[Base, ...] = ("release", "detached", "alone", "benchmark")
 
 SHARD_0, SHARD_1 = synthetic.SHARDS
@@ -162,6 +162,8 @@ def boundary(
 
 
 def _base_of(rule: str) -> Base:
+    if "map" in CATALOGUE[rule].streams:
+        return "map"
     bases: dict[str | None, Base] = {None: "full", "benchmark": "benchmark"}
     return bases.get(CATALOGUE[rule].layer, "release")
 
@@ -169,14 +171,16 @@ def _base_of(rule: str) -> Base:
 def new_draft(base: Base = "full") -> Draft:
     """A valid dataset to edit.
 
-    It has actors and evidence, with media too, or neither; or it is a release with media in place, detached beside
-    its raw dataset, or alone, or in place with a benchmark.
+    It has actors and evidence, with media or maps too, or neither; or it is a release with media in place, detached
+    beside its raw dataset, or alone, or in place with a benchmark.
     """
     match base:
         case "full":
             return Draft(synthetic.base_tables(), synthetic.descriptor())
         case "media":
             return Draft(synthetic.media_tables(), synthetic.media_descriptor())
+        case "map":
+            return Draft(synthetic_map.map_tables(), synthetic_map.map_descriptor())
         case "bare":
             return Draft(synthetic.bare_tables(), synthetic.bare_descriptor())
         case "release":

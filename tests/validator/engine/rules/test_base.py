@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from tests import synthetic
+from tests import synthetic, synthetic_map
 from tests.synthetic import BRANCH_TICK, base_tables
 
 from branchdrive.contract.columns import TABLES, table_schema
@@ -18,9 +18,9 @@ def whole(name: str) -> pa.Table:
     return pa.concat_tables([shard[name] for shard in base_tables().values()]).combine_chunks()
 
 
-@pytest.mark.parametrize("name", ["rollouts", "controls", "observations", "actors", "evidence", "frames"])
+@pytest.mark.parametrize("name", ["rollouts", "controls", "observations", "actors", "evidence", "map", "frames"])
 def test_tables_have_the_declared_schema(name: str) -> None:
-    for shard in synthetic.media_tables().values():
+    for shard in (synthetic_map.map_tables() if name == "map" else synthetic.media_tables()).values():
         assert shard[name].schema.equals(table_schema(name), check_metadata=True)
 
 
@@ -28,6 +28,7 @@ def test_descriptors_are_sound_and_claim_the_tables() -> None:
     for document, tables in (
         (synthetic.descriptor(), synthetic.base_tables()),
         (synthetic.media_descriptor(), synthetic.media_tables()),
+        (synthetic_map.map_descriptor(), synthetic_map.map_tables()),
         (synthetic.bare_descriptor(), synthetic.bare_tables()),
     ):
         claimed = Descriptor.model_validate(document).tables

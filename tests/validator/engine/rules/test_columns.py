@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pytest
-from tests import synthetic
+from tests import synthetic, synthetic_map
 from tests.each import Loop, each
 from tests.synthetic import BRANCH_TICK, Plan
 
@@ -22,23 +22,27 @@ from branchdrive.engine.finding import Finding
 from branchdrive.raw.shard_view import ShardView
 
 VALUE_RULES = {rule_id for rule_id in rules_of("rows") if rule_id.split("-")[1] in ("VAL", "BOX", "NUL")}
-DESCRIPTOR = Descriptor.model_validate(synthetic.media_descriptor())
+DOCUMENT = synthetic.media_descriptor()
+DESCRIPTOR = Descriptor.model_validate({**DOCUMENT, "streams": [*DOCUMENT["streams"], "map"]})
 TICK = BRANCH_TICK + 5
 STEERED, NOMINAL = "g0.steer_left_0.10.a1", "g0.nominal.a1"
 
 
 @cache
 def small_shard() -> dict[str, pa.Table]:
-    """Two attempts of one group, with media."""
+    """Two attempts of one group, with media and a map."""
     planned = [Plan("nominal", "nominal"), Plan("intervention", "steer_left_0.10")]
     frames = synthetic.media_tables()["raw/shard-00000"]["frames"].slice(0, 6)
-    return {**synthetic.make_group(0, planned, num_ticks=151), "frames": frames}
+    elements = synthetic_map.map_tables()["raw/shard-00000"]["map"]
+    return {**synthetic.make_group(0, planned, num_ticks=151), "map": elements, "frames": frames}
 
 
 @cache
 def place(table: str) -> int:
-    """Row that is edited: of the intervention inside its window, where actors and masks are on."""
+    """Row that is edited: of the intervention inside its window, where actors and masks are on, or its lane."""
     rows = small_shard()[table].to_pylist()
+    if table == "map":
+        return next(i for i, row in enumerate(rows) if row["element_id"] == "lane-0")
     wanted = {"rollout_id": NOMINAL if table == "frames" else STEERED}
     if table not in ("rollouts", "frames"):
         wanted["tick"] = str(TICK)
@@ -93,7 +97,8 @@ def cells(accept: Any) -> Loop:
 
 
 def is_extent(column: Column) -> bool:
-    return column.name in ("length_m", "width_m", "height_m", "ego_length_m", "ego_width_m", "ego_height_m")
+    names = ("length_m", "width_m", "height_m", "ego_length_m", "ego_width_m", "ego_height_m")
+    return column.name in names and not column.type.startswith("list")
 
 
 def is_ranged(column: Column) -> bool:
@@ -101,14 +106,14 @@ def is_ranged(column: Column) -> bool:
 
 
 def wrap(cell: Cell, number: Any) -> Any:
-    """A number as the column holds it; in a route it is the first of two vertices."""
+    """A number as the column holds it; in a polyline it is that of the first of two vertices."""
     return [number, 5.0] if cell.column.type.startswith("list") else number
 
 
 def beside(cell: Cell) -> dict[str, Any]:
     """Other cells of the row, such that this one may have any value at all."""
     available = cell.column.available
-    if cell.column.type.startswith("list"):
+    if cell.column.name.startswith("route_") and cell.column.type.startswith("list"):
         return {"route_y_m" if cell.column.name == "route_x_m" else "route_x_m": [0.0, 1.0]}
     if available is None:
         return {}
@@ -275,7 +280,9 @@ def test_reason_against_the_status() -> None:
 @cells(lambda c: c.available and c.available.when == "optional")
 def test_optional_column_may_be_null_or_not(cell: Cell) -> None:
     assert_accepts(cell.table, cell.column.name, None)
-    assert_accepts(cell.table, cell.column.name, "road1:-1" if cell.column.type == "string" else 0)
+    word = next(iter(cell.column.values), "road1:-1")
+    value = word if cell.column.type == "string" else wrap(cell, cell.column.min or 0)
+    assert_accepts(cell.table, cell.column.name, value)
 
 
 @cells(is_extent)

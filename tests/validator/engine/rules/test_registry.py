@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.each import each
 from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
-from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, UNDER_NOISE, judged
+from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, UNDER_NOISE, Base, judged
 from tests.validator.engine.rules.release import BUILT
 
 import branchdrive
@@ -133,15 +133,24 @@ def test_consequences_are_few() -> None:
     assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 7
 
 
+MEDIA_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-FRM")}
+MAP_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-MAP")}
+
+
 def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
     """On the raw layer, where all is good, and on a release, where some attempts and groups are not."""
-    for base, failing in (("media", frozenset[str]()), ("release", INHERITED), ("benchmark", INHERITED)):
+    bases: tuple[tuple[Base, frozenset[str]], ...] = (
+        ("media", frozenset()), ("map", frozenset()), ("release", INHERITED), ("benchmark", INHERITED)
+    )  # fmt: skip
+    for base, failing in bases:
         folder = tmp_path / base
         folder.mkdir()
         report = judged(new_draft(base), folder)
         assert report.errors == ()
-        layers = {"media": [], "release": BUILT, "benchmark": LAYERS}[base]
+        layers = {"release": BUILT, "benchmark": LAYERS}.get(base, [])
+        absent = MEDIA_RULES if base == "map" else MAP_RULES
         claimed = {rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None or rule.layer in layers}
+        claimed -= absent
         words = {tally.rule_id: tally.status for tally in report.tallies}
         assert {rule_id for rule_id, word in words.items() if word != "not-claimed"} == claimed
         assert {rule_id for rule_id in claimed if words[rule_id] == "skipped"} == UNDER_NOISE

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -69,6 +70,8 @@ def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
 def rows_belong_to_rollouts(view: ShardView) -> Iterator[Check]:
     """Every stream row names an attempt of its shard."""
     for name in view.table_names[1:]:
+        if not TABLES[name].is_of_rollouts:
+            continue
         stream = view.stream(name)
         bad = np.flatnonzero(stream.rollout < 0)
         yield Check.of_rows(

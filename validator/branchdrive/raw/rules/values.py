@@ -32,7 +32,8 @@ def _columns(view: Tables, wanted: Callable[[Column], bool]) -> Iterator[tuple[T
 
 
 def _is_extent(column: Column) -> bool:
-    return column.name.endswith(("length_m", "width_m", "height_m"))
+    is_list = column.type.startswith("list")
+    return column.name.endswith(("length_m", "width_m", "height_m")) and not is_list
 
 
 def _numbers(table: TableView, column: Column) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:

@@ -1,0 +1,163 @@
+"""Map rules: elements are whole, towns have maps, and lanes, road and speed limits of rollouts recompute from them.
+
+Source: spec/05-raw-streams.md#map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
+from branchdrive.files.survey import Survey
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.town_map import POINTS, ground, is_whole, lanes_under, least_vertices, shapes
+from branchdrive.tables.frame import repeated_rows
+
+
+@rule("BD-MAP-001")
+def elements_are_whole(view: ShardView) -> Iterator[Check]:
+    """Lists of an element are equally long, with the vertices, widths and lane that its kind takes."""
+    if "map" not in view:
+        return
+    elements, found = view.map, view.cached(shapes)
+
+    def describe(row: int) -> tuple[str, str]:
+        kind, counts = elements["kind"][row], found.counts[row]
+        least, most = int(least_vertices(elements)[row]), spec_limits().max_route_vertices
+        wanted = "1 vertex" if kind in POINTS else f"{least} .. {most} vertices, no two neighbours equal"
+        needs = {"lane": " with widths and a lane_id", "shoulder": " with widths", "parking": " with widths"}
+        names = (f"{n} {name}" for n, name in zip(counts.tolist(), ("x", "y", "z", "widths"), strict=True) if n >= 0)
+        same = ", two neighbours equal" if found.repeats[row] else ""
+        lane = "" if elements.valid("lane_id")[row] else ", no lane_id"
+        return f"{kind}: {wanted}{needs.get(kind, '')}", f"{', '.join(names)}{same}{lane}"
+
+    bad = np.flatnonzero(~view.cached(is_whole))
+    yield Check.of_rows("map", "x_m", len(elements), bad, describe)
+
+
+@rule("BD-MAP-002")
+def elements_are_unique(view: ShardView) -> Iterator[Check]:
+    """No element of a town twice."""
+    if "map" not in view:
+        return
+    elements = view.map
+    again = repeated_rows({name: elements[name] for name in ("town", "element_id")}, ("town", "element_id"))
+    yield Check.of_rows("map", "element_id", len(elements), again, lambda _: ("one row of an element", "another row"))
+
+
+@rule("BD-MAP-003")
+def towns_have_maps(view: ShardView) -> Iterator[Check]:
+    """The town of every rollout has a lane in the map of its shard."""
+    if "map" not in view:
+        return
+    mapped = set(view.map["town"][view.map.equals("kind", "lane")])
+    towns = view.rollouts["town"]
+    bad = np.flatnonzero([town not in mapped for town in towns])
+    yield Check.of_rows(
+        "rollouts",
+        "town",
+        len(towns),
+        bad,
+        lambda row: ("a town with lanes in the map of the shard", quote(towns[row])),
+    )
+
+
+@rule("BD-MAP-004")
+def towns_have_one_map(survey: Survey) -> Iterator[Check]:
+    """The map of a town is the same in every shard that has it."""
+    homes: dict[str, dict[str, str]] = {}
+    for shard in survey.shards:
+        for town, digest in shard.maps.items():
+            homes.setdefault(town, {}).setdefault(digest, shard.folder)
+    yield Check.of(
+        len(homes),
+        tuple(
+            Mismatch({"table": "map", "town": town}, "one map in every shard", f"others in {', '.join(found.values())}")
+            for town, found in homes.items()
+            if len(found) > 1
+        ),
+    )
+
+
+def _of_evidence(
+    view: ShardView, subjects: Mask, column: str, bad: Mask, describe: Callable[[int], tuple[str, str]]
+) -> Check:
+    """Check of attempts whose evidence has bad rows ``[evidence]``."""
+    evidence = view.stream("evidence")
+    summary = evidence.by_rollout(bad)
+
+    def mismatch(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        place: dict[str, str | int] = {"table": "evidence", "column": column, "tick": int(evidence.tick[row])}
+        return Mismatch(place, *describe(row), int(summary.count[i]))
+
+    return Check.of_subjects(subjects, subjects & summary.any, mismatch)
+
+
+@rule("BD-MAP-005")
+def lanes_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``lane_id`` is a lane under the ego's centre, and null only where there is none."""
+    if "map" not in view or "evidence" not in view:
+        return
+    evidence, under = view.stream("evidence"), view.cached(ground)
+    frame = view.observations.rows_of(evidence)
+    named = evidence.valid("lane_id")
+    bad = (frame >= 0) & np.where(named, ~under.fits_lane[frame], under.has_lane[frame])
+
+    def describe(row: int) -> tuple[str, str]:
+        lanes = _names(view, lanes_under(view, int(frame[row])))
+        return f"one of {lanes[:4]}" if lanes else "null: no lane is there", quote(evidence["lane_id"][row] or None)
+
+    yield _of_evidence(view, subjects, "lane_id", bad, describe)
+
+
+def _names(view: ShardView, lanes: list[int]) -> list[str]:
+    return sorted({str(view.map["lane_id"][lane]) for lane in lanes})
+
+
+@rule("BD-MAP-006")
+def road_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``on_road`` holds exactly where a lane, shoulder, parking strip or road area lies under the ego's centre."""
+    if "map" not in view or "evidence" not in view:
+        return
+    evidence, under = view.stream("evidence"), view.cached(ground)
+    frame = view.observations.rows_of(evidence)
+    recorded = evidence["on_road"].astype(bool)
+    bad = (frame >= 0) & np.where(recorded, ~under.may_be_on_road[frame], under.is_on_road[frame])
+    yield _of_evidence(
+        view,
+        subjects,
+        "on_road",
+        bad,
+        lambda row: (
+            ("false: no drivable surface is there", "true")
+            if recorded[row]
+            else ("true: a drivable surface is there", "false")
+        ),
+    )
+
+
+@rule("BD-MAP-007")
+def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``speed_limit_mps`` is that of a lane under the ego's centre, where both are known."""
+    if "map" not in view:
+        return
+    observations, under = view.observations, view.cached(ground)
+    summary = observations.by_rollout(under.has_limit & ~under.fits_limit)
+
+    def mismatch(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        lanes = lanes_under(view, row)
+        limits = sorted({round(float(view.map["speed_limit_mps"][lane]), 2) for lane in lanes})
+        expected = f"{' or '.join(map(quote, limits))} of {_names(view, lanes)[:4]}"
+        place: dict[str, str | int] = {
+            "table": "observations", "column": "speed_limit_mps", "tick": int(observations.tick[row]),
+        }  # fmt: skip
+        return Mismatch(place, expected, quote(float(observations["speed_limit_mps"][row])), int(summary.count[i]))
+
+    yield Check.of_subjects(subjects, subjects & summary.any, mismatch)

@@ -1,0 +1,263 @@
+"""The maps of a shard's towns: which elements are whole, and what lies under the ego in every observation.
+
+A centre within 0.05 m of an edge may lie on either side of it. Lanes overlap in junctions: any lane that may hold
+the centre may be the recorded one.
+Source: spec/05-raw-streams.md#map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Mask, PreconditionError
+from branchdrive.driving.surface import Areas, Strips, TooLargeError
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.content import table_digest
+from branchdrive.tables.view import TableView
+
+__all__ = [
+    "POINTS",
+    "Ground",
+    "Shapes",
+    "ground",
+    "is_usable",
+    "is_whole",
+    "lanes_under",
+    "least_vertices",
+    "map_digests",
+    "shapes",
+]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+EDGE_SLACK_M = 0.05
+"""An arc of 10 m radius, the tightest turn of a car, leaves the chord between vertices 2 m apart by this."""
+
+LIMIT_SLACK_MPS = 0.01
+"""Limits of whole km/h and mph, rounded to two decimals, agree within this."""
+
+_LARGEST_M = 1e7
+"""Positions end here."""
+
+POINTS = ("signal", "stop_sign", "yield_sign")
+AREAS = ("road_area", "crossing")
+STRIPS = ("lane", "shoulder", "parking")
+
+
+def _is_one_of(elements: TableView, kinds: tuple[str, ...]) -> Mask:
+    return np.asarray(np.logical_or.reduce([elements.equals("kind", kind) for kind in kinds]))
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Vertices of the elements of a shard.
+
+    Attributes:
+        counts: Number of x, y, heights and widths of each element; -1 for a null ``[elements, 4]``.
+        is_even: Elements whose lists are equally long, nulls left out.
+        repeats: Elements with two equal neighbours.
+        is_finite: Elements whose numbers are in range.
+    """
+
+    counts: Index
+    is_even: Mask
+    repeats: Mask
+    is_finite: Mask
+
+
+def shapes(view: ShardView) -> Shapes:
+    """Vertices of the elements of the shard's maps."""
+    elements = view.map
+    items = {name: elements.items(name) for name in ("x_m", "y_m", "z_m", "width_m")}
+    counts = np.stack([np.where(elements.valid(name), lengths, -1) for name, (_, lengths) in items.items()], axis=1)
+    is_even = ((counts == counts[:, :1]) | (counts < 0)).all(axis=1) & (counts[:, :2] >= 0).all(axis=1)
+    owner = np.repeat(np.arange(len(elements)), np.where(is_even, counts[:, 0], 0))
+    x, y = (_of(is_even, *items[name]) for name in ("x_m", "y_m"))
+    same = (owner[1:] == owner[:-1]) & (x[1:] == x[:-1]) & (y[1:] == y[:-1])
+    closes = _is_one_of(elements, AREAS) & is_even & (counts[:, 0] > 1)
+    stop = np.cumsum(np.where(is_even, counts[:, 0], 0))[closes]
+    start = stop - counts[closes, 0]
+    repeats = np.zeros(len(elements), bool)
+    repeats[owner[1:][same]] = True
+    repeats[np.flatnonzero(closes)[(x[start] == x[stop - 1]) & (y[start] == y[stop - 1])]] = True
+    is_finite = np.ones(len(elements), bool)
+    is_finite[owner[~((np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))]] = False
+    width, lengths = items["width_m"]
+    is_finite[np.repeat(np.arange(len(elements)), lengths)[~((width > 0) & (width <= _LARGEST_M))]] = False
+    return Shapes(counts, is_even, repeats, is_finite)
+
+
+def _of(chosen: Mask, values: Array, lengths: Index) -> Array:
+    """Items of the chosen cells of a list column."""
+    return values[np.repeat(chosen, lengths)]
+
+
+def least_vertices(elements: TableView) -> Index:
+    """Vertices that each element must have by its kind."""
+    return np.where(_is_one_of(elements, POINTS), 1, np.where(_is_one_of(elements, AREAS), 3, 2))
+
+
+def is_whole(view: ShardView) -> Mask:
+    """Elements with the vertices, widths and lanes that their kind takes."""
+    elements, found = view.map, view.cached(shapes)
+    num_vertices, least = found.counts[:, 0], least_vertices(elements)
+    is_point = _is_one_of(elements, POINTS)
+    whole = found.is_even & ~found.repeats & (num_vertices >= least)
+    whole &= num_vertices <= np.where(is_point, 1, spec_limits().max_route_vertices)
+    whole &= elements.valid("width_m") | ~_is_one_of(elements, STRIPS)
+    return whole & (elements.valid("lane_id") | ~elements.equals("kind", "lane"))
+
+
+def is_usable(view: ShardView) -> Mask:
+    """Elements that a point can be compared with; rules on values report the others."""
+    return view.cached(is_whole) & view.cached(shapes).is_finite
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What lies under the ego's centre in every observation, as far as rules need it ``[observations]``.
+
+    Attributes:
+        has_lane: A lane holds it, for certain; not looked for where the recorded lane fits.
+        fits_lane: A lane that may hold it is the recorded one.
+        is_on_road: A drivable surface holds it, for certain; not looked for where the recorded lane fits.
+        may_be_on_road: A drivable surface may hold it.
+        has_limit: A lane with a speed limit holds it, for certain; not looked for where the recorded lane fits.
+        fits_limit: A lane that may hold it has the recorded limit, or none that is known.
+    """
+
+    has_lane: Mask
+    fits_lane: Mask
+    is_on_road: Mask
+    may_be_on_road: Mask
+    has_limit: Mask
+    fits_limit: Mask
+
+
+def ground(view: ShardView) -> Ground:
+    """What lies under the ego in every observation.
+
+    Most often that is the recorded lane, with its limit: other strips and areas are compared with the rest.
+
+    Raises:
+        PreconditionError: The maps cover too much ground.
+    """
+    observations = view.observations
+    x, y = observations["x_m"], observations["y_m"]
+    rows = np.flatnonzero((observations.rollout >= 0) & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
+    found = Ground(*(np.zeros(len(observations), bool) for _ in range(6)))
+    recorded, off_road = _recorded(view)
+    named = rows[recorded[rows] >= 0]
+    _look(view, named, found, recorded)
+    settled = found.fits_lane & found.fits_limit & ~off_road
+    rest = rows[~settled[rows]]
+    _look(view, rest, found)
+    beside = rest[~found.is_on_road[rest]]
+    towns = _town_of(view, beside)
+    for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], slack_m=EDGE_SLACK_M):
+        found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
+        found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
+    return found
+
+
+def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = None) -> None:
+    """Note what strips say of observations, or only the lanes that are `wanted` of each."""
+    elements, observations = view.map, view.observations
+    strips, filed = view.cached(_filed)
+    recorded, _ = _recorded(view) if wanted is None else (wanted, None)
+    limit, knows_limit = observations["speed_limit_mps"], observations.valid("speed_limit_mps")
+    lane = _lane_codes(view)[strips]
+    lane_limit = np.where(elements.valid("speed_limit_mps"), elements["speed_limit_mps"], np.nan)[strips]
+    labels = None if wanted is None else (lane, wanted[rows])
+    x, y = observations["x_m"][rows], observations["y_m"][rows]
+    for point, strip, excess_m, is_end in filed.near(_town_of(view, rows), x, y, labels):
+        at = rows[point]
+        may, certain = excess_m <= EDGE_SLACK_M, (excess_m <= -EDGE_SLACK_M) & ~is_end
+        is_lane, of_strip = lane[strip] >= 0, lane_limit[strip]
+        agrees = ~(np.abs(of_strip - limit[at]) > LIMIT_SLACK_MPS)
+        found.fits_lane[at[may & is_lane & (lane[strip] == recorded[at])]] = True
+        found.may_be_on_road[at[may]] = True
+        found.fits_limit[at[may & is_lane & agrees]] = True
+        if wanted is None:
+            found.has_lane[at[certain & is_lane]] = True
+            found.is_on_road[at[certain]] = True
+            found.has_limit[at[certain & knows_limit[at] & np.isfinite(of_strip)]] = True
+
+
+def _town_of(view: ShardView, rows: Index) -> Index:
+    """Town of observations, as an index into the towns of the rollouts."""
+    return view.rollouts.categories("town")[0].astype(np.int64)[view.observations.rollout[rows]]
+
+
+def _homes(view: ShardView) -> Index:
+    """Town of each element, as an index into the towns of the rollouts; -1 where nobody drives there."""
+    place = {name: code for code, name in enumerate(view.rollouts.categories("town")[1])}
+    codes, towns = view.map.categories("town")
+    return np.array([*(place.get(name, -1) for name in towns), -1], np.int64)[codes]
+
+
+def _filed(view: ShardView) -> tuple[Index, Strips]:
+    """Elements that are strips of the towns of the rollouts, and their segments."""
+    elements, homes = view.map, _homes(view)
+    chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
+    strips = np.flatnonzero(chosen)
+    x, y, width = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m", "width_m"))
+    try:
+        return strips, Strips(homes[strips], view.cached(shapes).counts[strips, 0], x, y, width, slack_m=EDGE_SLACK_M)
+    except TooLargeError:
+        raise PreconditionError("the map covers too much ground; keep what lies near the rollouts") from None
+
+
+def _outlined(view: ShardView) -> Areas:
+    """Road areas of the towns of the rollouts."""
+    elements, homes = view.map, _homes(view)
+    paved = np.flatnonzero(is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
+    x, y = (elements[name][paved] for name in ("x_m", "y_m"))
+    return Areas(homes[paved], tuple(np.stack(outline, axis=1) for outline in zip(x, y, strict=True)))
+
+
+def _lane_codes(view: ShardView) -> Index:
+    """Lane of each lane element, as an index into the lanes of the evidence or beyond; -1 for other elements."""
+    elements = view.map
+    names = view["evidence"].categories("lane_id")[1] if "evidence" in view else []
+    known = {name: code for code, name in enumerate(names)}
+    codes, lanes = elements.categories("lane_id")
+    of_lane = np.array([*(known.get(name, len(known)) for name in lanes), -1], np.int64)[codes]
+    return np.where(elements.equals("kind", "lane"), of_lane, -1)
+
+
+def _recorded(view: ShardView) -> tuple[Index, Mask]:
+    """Recorded lane of each observation, as an index into the lanes of the evidence or -2; whether it is off road."""
+    recorded, off_road = np.full(len(view.observations), -2, np.int64), np.zeros(len(view.observations), bool)
+    if "evidence" in view:
+        evidence = view.stream("evidence")
+        frame = view.observations.rows_of(evidence)
+        codes, _ = evidence.categories("lane_id")
+        named = (frame >= 0) & (codes >= 0)
+        recorded[frame[named]] = codes[named]
+        off_road[frame[(frame >= 0) & ~evidence["on_road"].astype(bool)]] = True
+    return recorded, off_road
+
+
+def lanes_under(view: ShardView, row: int) -> list[int]:
+    """Lane elements that may hold the ego's centre in an observation."""
+    elements, observations = view.map, view.observations
+    strips, filed = view.cached(_filed)
+    pairs = filed.near(_town_of(view, np.array([row])), observations["x_m"][[row]], observations["y_m"][[row]])
+    found = [strips[strip[excess_m <= EDGE_SLACK_M]] for _, strip, excess_m, _ in pairs]
+    under = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
+    return [int(element) for element in under[elements.equals("kind", "lane")[under]]]
+
+
+def map_digests(view: ShardView) -> dict[str, str]:
+    """Digest of the map of each town, whatever the order of its elements; none where the shard has no maps."""
+    if "map" not in view:
+        return {}
+    elements = view.map
+    towns = [town for town in elements.categories("town")[1] if town]
+    return {town: table_digest("map", elements.arrow.filter(elements.equals("town", town))) for town in towns}
