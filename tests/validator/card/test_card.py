@@ -22,7 +22,8 @@ from tests.validator.quality.release import (
 )
 from tests.validator.writer.invented import make_descriptor
 
-from branchdrive.card.card import render_card, render_licence
+from branchdrive.card.card import render_card
+from branchdrive.card.licence import render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import LAYERS
 from branchdrive.quality.fidelity import with_passes

@@ -13,7 +13,7 @@ from tests.validator.engine.rules.case import judged_folder
 
 from branchdrive.cli.text import render_report
 from branchdrive.engine.response_summary import Effect, ResponseSummary
-from branchdrive.files.survey import ShardFacts
+from branchdrive.files.shard_facts import ShardFacts
 
 
 def test_interval_is_the_normal_one() -> None:

@@ -26,7 +26,7 @@ __all__ = [
 _Identifier = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._:/+-]{0,127}$")]
 _Label = Annotated[str, Field(pattern=r"^[!-~]([ -~]{0,126}[!-~])?$")]
-_Prose = Annotated[str, Field(min_length=1, max_length=2000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+_Prose = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]{1,2000}$")]
 
 
 _OF_EXPERT = tuple(f"observations.{c.name}" for c in TABLES["observations"].columns if c.track == "mixed")

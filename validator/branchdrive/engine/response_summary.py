@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.driving.response import BEFORE_BRANCH, NO_RESPONSE, Responses
-from branchdrive.files.survey import ShardFacts
+from branchdrive.files.shard_facts import ShardFacts
 
 __all__ = ["ActionResponse", "Effect", "ResponseSummary"]
 

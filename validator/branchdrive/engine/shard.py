@@ -28,7 +28,7 @@ from branchdrive.engine.examine import VIEW_RULES, examine
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
-from branchdrive.files.survey import ShardFacts
+from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.leakage.replays import replay_facts

@@ -37,13 +37,13 @@ from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.refusal import mismatches_of
 from branchdrive.contract.resources import SPEC_VERSION
-from branchdrive.driving.response import Responses
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.file_error import machine_faults
 from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
 from branchdrive.formats.untrusted import Links, linked_status, open_file, open_folder, read_file
 
-__all__ = ["Entry", "ShardFacts", "Survey", "take_survey"]
+__all__ = ["Entry", "Survey", "take_survey"]
 
 
 @dataclass(frozen=True)
@@ -53,58 +53,6 @@ class Entry:
     path: str
     kind: Literal["file", "folder", "link", "stray_link", "special", "unreadable"]
     size: int
-
-
-@dataclass
-class ShardFacts:
-    """Facts of one shard that rules on the whole dataset judge; mismatches of files are by path.
-
-    Attributes:
-        folder: The shard's folder, relative to the root.
-        num_tables: Tables that were looked for.
-        digests: SHA-256 of every file that was read.
-        unreadable: Why files could not be read.
-        undecodable: Why tables do not decode.
-        over_limit: How files exceed the limits.
-        type_mismatches: Columns that are missing, undeclared or of another type.
-        metadata_mismatches: Columns whose unit, frame, shape or track is not recorded as declared.
-        trace_mismatches: Metadata of files that hold a trace of the machine that wrote them.
-        present: Tables that are there.
-        rows: Rows of each table.
-        rollout_ids: Identities of the attempts.
-        group_ids: Identities of the groups.
-        judged: Of every rule on single attempts, how many fail it and how many were examined.
-        attempts: Digest of the content of each attempt by its identity; ``None`` where they were not computed, or rows
-            have no place in them.
-        responses: What its interventions do, where its rows could be judged.
-        tracks: What the ego did in the attempts of each group, as digests.
-        extremes: Smallest and largest value of every column of numbers of the observations.
-        maps: Digest of the map of each town, where its rows could be judged.
-        num_images: Images that were looked at.
-        media_mismatches: What is wrong with them.
-    """
-
-    folder: str
-    num_tables: int = 0
-    digests: dict[str, str] = field(default_factory=dict)
-    unreadable: dict[str, str] = field(default_factory=dict)
-    undecodable: dict[str, str] = field(default_factory=dict)
-    over_limit: dict[str, str] = field(default_factory=dict)
-    type_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
-    metadata_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
-    trace_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
-    present: tuple[str, ...] = ()
-    rows: dict[str, int] = field(default_factory=dict)
-    rollout_ids: list[str] = field(default_factory=list)
-    group_ids: list[str] = field(default_factory=list)
-    judged: dict[str, tuple[int, int]] = field(default_factory=dict)
-    attempts: dict[str, str] | None = None
-    responses: Responses = field(default_factory=Responses.none)
-    tracks: dict[str, frozenset[int]] = field(default_factory=dict)
-    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    maps: dict[str, str] = field(default_factory=dict)
-    num_images: int = 0
-    media_mismatches: list[Mismatch] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

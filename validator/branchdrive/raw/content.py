@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.identity import layer_content
-from branchdrive.files.survey import ShardFacts
+from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import attempt_digests, rows_digests, stream_digests
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from branchdrive.card.card import render_card, render_licence
+from branchdrive.card.card import render_card
+from branchdrive.card.licence import render_licence
 from branchdrive.contract.companion import Companions
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import (

@@ -20,7 +20,8 @@ from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.canonical.record import source_counts
-from branchdrive.card.card import render_card, render_licence
+from branchdrive.card.card import render_card
+from branchdrive.card.licence import render_licence
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
