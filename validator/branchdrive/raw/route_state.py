@@ -23,6 +23,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+_COLUMNS = (
+    "x_m", "y_m", "yaw_rad", "route_progress_m", "route_offset_m", "route_heading_error_rad",
+    "target_point_1_x_m", "target_point_1_y_m", "target_point_2_x_m", "target_point_2_y_m",
+)  # fmt: skip
+"""What the rules on routes read of an observation."""
+
 _ROUNDING = 1e-6
 """Relative error of float32, and of what a pose in float32 is turned by."""
 
@@ -57,14 +63,25 @@ def _is_usable(x_m: Array, y_m: Array) -> bool:
     )
 
 
-def _rows_by_route(view: ShardView) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
-    """Each polyline with the judged observations of the attempts that have it."""
+def _judged_rows(view: ShardView) -> tuple[Index, Index]:
+    """Observations of the windows of attempts with a route, by route, and the first that says what each does."""
     lines, observations = view.cached(routes), view.observations
     offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
     route = np.append(np.where(view.branched, lines.of_rollout, -1), -1)[observations.rollout]
     rows = np.flatnonzero((route >= 0) & (offset >= PREDECESSOR_OFFSET) & (offset <= FUTURE_OFFSETS[-1]))
-    rows = rows[np.argsort(route[rows], kind="stable")]
-    bounds = np.searchsorted(route[rows], np.arange(len(lines.polylines) + 1))
+    columns = [route[rows], *(observations[name][rows] for name in _COLUMNS)]
+    order = np.lexsort((columns[1], columns[0]))  # attempts of a group drive alike until they branch
+    is_new = np.ones(len(rows), bool)
+    is_new[1:] = np.logical_or.reduce([values[order][1:] != values[order][:-1] for values in columns])
+    rows = rows[order]
+    return rows, rows[is_new][np.cumsum(is_new) - 1]
+
+
+def _rows_by_route(view: ShardView) -> Iterator[tuple[Array, Array, Index]]:
+    """Each polyline with the distinct judged observations of the attempts that have it."""
+    lines, (rows, same) = view.cached(routes), view.cached(_judged_rows)
+    rows = rows[rows == same]
+    bounds = np.searchsorted(lines.of_rollout[view.observations.rollout[rows]], np.arange(len(lines.polylines) + 1))
     for (x, y), start, stop in zip(lines.polylines, bounds[:-1], bounds[1:], strict=True):
         if start < stop:
             yield x, y, rows[start:stop]
@@ -97,6 +114,8 @@ def contradicts_route(view: ShardView) -> Mask:
         )
         contradicts[rows] = True
         contradicts[row[fits]] = False
+    rows, same = view.cached(_judged_rows)
+    contradicts[rows] = contradicts[same]
     return contradicts
 
 
@@ -106,17 +125,25 @@ def misplaces_target_points(view: ShardView) -> Mask:
     x, y, yaw, progress = (
         observations[name].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad", "route_progress_m")
     )
-    points = [observations[f"target_point_{number}_{axis}_m"] for number in (1, 2) for axis in ("x", "y")]
+    points = [[observations[f"target_point_{number}_{axis}_m"] for number in (1, 2)] for axis in ("x", "y")]
     misplaces = np.zeros(len(observations), bool)
     for route_x, route_y, rows in _rows_by_route(view):
-        cos, sin, least = np.cos(yaw[rows]), np.sin(yaw[rows]), progress[rows]
-        for ahead, left in ((values[rows].astype(np.float64) for values in points[k : k + 2]) for k in (0, 2)):
-            target_x, target_y = x[rows] + cos * ahead - sin * left, y[rows] + sin * ahead + cos * left
-            point, foot = feet_within(target_x, target_y, route_x, route_y, _tolerance_m(np.hypot(ahead, left)))
-            is_ahead = foot.progress_m >= (least - _tolerance_m(least))[point]
+        ahead, left = (np.concatenate([values[rows] for values in axis]).astype(np.float64) for axis in points)
+        cos, sin = (np.tile(turn(yaw[rows]), 2) for turn in (np.cos, np.sin))
+        target_x, target_y = (
+            np.tile(x[rows], 2) + cos * ahead - sin * left,
+            np.tile(y[rows], 2) + sin * ahead + cos * left,
+        )
+        point, foot = feet_within(target_x, target_y, route_x, route_y, _tolerance_m(np.hypot(ahead, left)))
+        number, point = np.divmod(point, len(rows))
+        least = progress[rows]
+        for which in (0, 1):
+            is_ahead = (number == which) & (foot.progress_m >= (least - _tolerance_m(least))[point])
             least = np.full(len(rows), np.inf)
             np.minimum.at(least, point[is_ahead], foot.progress_m[is_ahead])
         misplaces[rows] = ~np.isfinite(least)
+    rows, same = view.cached(_judged_rows)
+    misplaces[rows] = misplaces[same]
     return misplaces
 
 
