@@ -58,15 +58,16 @@ def tracks(view: ShardView) -> Tracks:
     frame, ids = observations.rows_of(stream)[row], stream["actor_id"][row].astype(np.int64)
     if not len(row):
         return Tracks(row, row, row, row)
-    key, wanted = frame * _ID_SPAN + ids, (frame - 1) * _ID_SPAN + ids
+    key = frame * _ID_SPAN + ids
+    wanted = key - _ID_SPAN
     # Actors keep their place in the list from one observation to the next, but for those that come and go.
-    start = np.searchsorted(frame, np.arange(-1, len(observations)))
-    previous = np.arange(len(key)) - (start[frame + 1] - start[frame])
+    num_before = np.roll(np.bincount(frame, minlength=len(observations)), 1)
+    previous = np.arange(len(key)) - num_before[frame]
     unsure = np.flatnonzero(key.take(previous, mode="clip") != wanted)
     found = np.searchsorted(key, wanted[unsure])
     previous[unsure] = np.where(key.take(found, mode="clip") == wanted[unsure], found, -1)
     owner = observations.rollout
-    previous[(owner[frame] != owner[frame - 1]) | (frame == 0)] = -1
+    previous[(np.diff(owner, prepend=-1) != 0)[frame]] = -1
 
     goes_on = np.zeros(len(key), bool)
     goes_on[previous[previous >= 0]] = True
@@ -106,8 +107,8 @@ def actor_displacement_m(view: ShardView) -> tuple[Index, Array, Array]:
     rows, before = row[compared], before[compared]
     off, way = [], []
     for place, velocity in (("x_m", "vel_x_mps"), ("y_m", "vel_y_mps")):
-        values, speed = stream[place], stream[velocity].astype(np.float64)
-        moved = (speed[rows] + speed[before]) * (OBSERVATION_S / 2)
+        values, speed = stream[place], stream[velocity]
+        moved = np.add(speed[rows], speed[before], dtype=np.float64) * (OBSERVATION_S / 2)
         off.append(values[rows] - values[before] - moved)
         way.append(moved)
     return rows, np.hypot(*off), np.hypot(*way)
