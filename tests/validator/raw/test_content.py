@@ -19,6 +19,7 @@ from tests.validator.engine.datasets import FOLDER, OTHER_FOLDER, Tables, edited
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.identity import document_digest
 from branchdrive.engine.validate import validate
+from branchdrive.tables.content import table_digest
 
 ORDER = ("rollouts", "controls", "observations", "actors", "evidence")
 
@@ -84,6 +85,12 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def test_it_is_what_the_specification_spells(base: str) -> None:
     assert base == spelled_content(synthetic.base_tables())
+
+
+@pytest.mark.parametrize("name", ORDER)
+def test_a_table_without_rows_is_a_block(name: str) -> None:
+    empty = synthetic.base_tables()[FOLDER][name].slice(0, 0)
+    assert table_digest(name, empty) == block(name, [], TABLES[name].columns).hex()
 
 
 def shuffled(tables: Tables) -> Tables:

@@ -136,8 +136,8 @@ def _texts(view: TableView, column: str, bounds: Index) -> Iterator[pa.Array]:
         index = np.arange(len(found))
     members = found[found % width > 0]
     member_bounds = np.searchsorted(members, blocks * width)
-    places = np.full(len(found), -1, "<i4")
-    places[found % width > 0] = np.arange(len(members)) - member_bounds[members // width]
+    places = np.full(len(found) + 1, -1, "<i4")  # the last for cells that no row has
+    places[:-1][found % width > 0] = np.arange(len(members)) - member_bounds[members // width]
     yield _slices(places[index][cells], bounds)
     yield _slices(np.diff(member_bounds).astype("<i4"), blocks)
     framed = [struct.pack("<i", len(text)) + text for text in texts]
