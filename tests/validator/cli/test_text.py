@@ -56,8 +56,9 @@ def _unclaimed(layer: str) -> str:
 
 UNCLAIMED = "\n".join(
     [
-        "  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003,",
-        "  BD-MAP-001, BD-MAP-002, BD-MAP-003 and 4 more",
+        "  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003, "
+        "BD-MAP-001,",
+        "  BD-MAP-002, BD-MAP-003 and 4 more",
         "  skipped: no subject - BD-RSP-003, BD-RSP-004",
         *map(_unclaimed, LAYER_RULES),
     ]
