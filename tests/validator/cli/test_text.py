@@ -150,24 +150,24 @@ Structurally eligible       1
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.07 [+4.07, +4.07]
-accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]
-accelerate_0.80        3  -0.74 [-2.19, +0.72]  +7.43 [+7.43, +7.43]
-brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]
-brake_0.50             3  +0.07 [-0.07, +0.20]  -4.34 [-4.34, -4.34]
-brake_1.00             3  +0.17 [-0.18, +0.51]  -4.34 [-4.34, -4.34]
-steer_left_0.05        3  +1.03 [+0.32, +1.73]  +0.00 [+0.00, +0.00]
-steer_left_0.10        3  +2.40 [+1.71, +3.09]  +0.00 [+0.00, +0.00]
-steer_left_0.15        3  +3.75 [+3.08, +4.41]  +0.00 [+0.00, +0.00]
-steer_right_0.05       3  -1.74 [-2.43, -1.05]  +0.00 [+0.00, +0.00]
-steer_right_0.10       3  -3.10 [-3.75, -2.44]  +0.00 [+0.00, +0.00]
-steer_right_0.15       3  -4.41 [-5.02, -3.79]  +0.00 [+0.00, +0.00]
+accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.07 [+4.07, +4.07]
+accelerate_0.50        2  -0.94 [-2.77, +0.90]  +5.41 [+5.41, +5.41]
+accelerate_0.80        2  -1.11 [-3.28, +1.07]  +7.43 [+7.43, +7.43]
+brake_0.30             2  +0.03 [-0.03, +0.08]  -2.00 [-2.00, -2.00]
+brake_0.50             2  +0.10 [-0.10, +0.30]  -4.34 [-4.34, -4.34]
+brake_1.00             2  +0.26 [-0.27, +0.78]  -4.34 [-4.34, -4.34]
+steer_left_0.05        2  +0.85 [-0.21, +1.90]  +0.00 [+0.00, +0.00]
+steer_left_0.10        2  +2.23 [+1.19, +3.26]  +0.00 [+0.00, +0.00]
+steer_left_0.15        2  +3.58 [+2.58, +4.57]  +0.00 [+0.00, +0.00]
+steer_right_0.05       2  -1.92 [-2.95, -0.89]  +0.00 [+0.00, +0.00]
+steer_right_0.10       2  -3.26 [-4.25, -2.28]  +0.00 [+0.00, +0.00]
+steer_right_0.15       2  -4.56 [-5.48, -3.64]  +0.00 [+0.00, +0.00]
 Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over attempts
 that equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
-Rules: {NUM_RULES - NUM_UNCLAIMED - 4} pass, 1 fail, 2 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
-{UNCLAIMED}
+Rules: {NUM_RULES - NUM_UNCLAIMED - 5} pass, 1 fail, 3 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
+{UNCLAIMED.replace('BD-RSP-003', 'BD-RSP-002, BD-RSP-003')}
 Verdict: invalid - the dataset breaks the specification
   descriptor SHA256
   at least 2 groups required to qualify

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +63,16 @@ def test_strict_refuses_what_diagnostics_found(tmp_path: Path) -> None:
         strict, io.StringIO()
     )
     assert judged_folder(new_draft("bare").write(tmp_path / "good"), strict=True).exit_code == 0
+
+
+@pytest.mark.parametrize("value", [1e308, float("inf"), float("nan")])
+def test_hostile_numbers_are_no_response(value: float, tmp_path: Path) -> None:
+    """What a structure rule refuses enters no mean and no constant: a report is JSON whatever cells hold."""
+    draft = new_draft("bare")
+    draft.set("observations", "x_m", lambda old: value if old > 0 else -value)
+    draft.set("observations", "accel_lateral_mps2", value)
+    report = judged_folder(draft.write(tmp_path / "dataset"))
+    assert report.verdict == "invalid"
+    json.dumps(report.to_json(), allow_nan=False)
+    assert report.response is not None
+    assert report.response.actions == ()

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from branchdrive.cli.links import add_link_arguments
 from branchdrive.contract.text import counted, printable
 
 if TYPE_CHECKING:
@@ -27,13 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("first", metavar="A", type=Path, help="a dataset")
     parser.add_argument("second", metavar="B", type=Path, help="another dataset, or the same from elsewhere")
     parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
-    parser.add_argument(
-        "--follow-links", action="store_true", help="follow links inside the datasets, and into allowed folders"
-    )
-    parser.add_argument(
-        "--allow", metavar="FOLDER", type=Path, action="append", default=[],
-        help="a folder that links may lead into (repeatable)",
-    )  # fmt: skip
+    add_link_arguments(parser)
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:

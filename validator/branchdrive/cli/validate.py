@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 
@@ -39,15 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
     parser.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
-    parser.add_argument(
-        "--follow-links",
-        action="store_true",
-        help="follow links inside the dataset, and into allowed folders",
-    )
-    parser.add_argument(
-        "--allow", metavar="FOLDER", type=Path, action="append", default=[],
-        help="a folder that links may lead into, such as the blobs of a download cache (repeatable)",
-    )  # fmt: skip
+    add_link_arguments(parser)
     parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
     parser.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
     parser.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")

@@ -1,4 +1,4 @@
-"""Identity of data by what they say: digests of documents and layers over decoded content, whoever wrote the files.
+"""Identity of data by what they say: digests of documents and layers over decoded content, for any writer.
 
 Source: spec/03-layout.md#content.
 """

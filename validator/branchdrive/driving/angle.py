@@ -14,16 +14,9 @@ __all__ = ["cos_sin", "wrap_rad"]
 
 Array = NDArray[np.float64]
 
-
 _COS = [(-1) ** n / math.factorial(2 * n) for n in range(9)]
-
-
 _SIN = [(-1) ** n / math.factorial(2 * n + 1) for n in range(8)]
-
-
 _ANGLES_AT_ONCE = 4096
-
-
 _FURTHEST_RAD = 2.0**31
 
 

@@ -47,7 +47,7 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[d
         bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place)
         if (failed := _any((_rollouts(view, check) for check in bad), view.num_rollouts)).any():
             result.failed[rule_id] = failed
-    broken = _any(result.failed.values(), view.num_rollouts)
+    broken = result.broken = _any(result.failed.values(), view.num_rollouts)
 
     for rule_id in in_scope["rollout"]:
         subjects = ~broken if rule_id == ATTEMPT_IS_COMPLETE else view.complete & ~broken

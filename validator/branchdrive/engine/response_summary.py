@@ -100,7 +100,8 @@ class ResponseSummary:
             )
             for name in names
         }
-        return cls(tuple(actions), {name: least for name, (least, most) in bounds.items() if least == most})
+        constant = {name: least for name, (least, most) in bounds.items() if least == most and math.isfinite(least)}
+        return cls(tuple(actions), constant)
 
     def to_json(self) -> dict[str, Any]:
         """As the report schema has it."""

@@ -204,7 +204,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         for rule_id, tally in tallies.items()
         if tally.info.scope == "rollout"
     }
-    result.responses, result.tracks = responses(view, examination.selection), tracks(view)
+    result.responses, result.tracks = responses(view, examination.selection, examination.broken), tracks(view)
     result.extremes = observed_extremes(view)
     result.maps = map_digests(view)
     if task.spool is None:

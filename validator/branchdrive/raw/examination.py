@@ -23,6 +23,7 @@ class Examination:
 
     Attributes:
         selection: Candidates of the groups.
+        broken: Attempts that break a structure rule: what their rows say is not read ``[rollouts]``.
         complies: Complete attempts that violate no rule ``[rollouts]``.
         outcomes: How far each group gets ``[groups]``.
         failed: Attempts that fail each rule on rows or attempts ``[rollouts]``.
@@ -30,6 +31,7 @@ class Examination:
     """
 
     selection: Selection = field(default_factory=lambda: Selection(np.zeros((0, 0), np.int64), np.zeros(0, np.int64)))
+    broken: Mask = field(default_factory=lambda: np.zeros(0, bool))
     complies: Mask = field(default_factory=lambda: np.zeros(0, bool))
     outcomes: list[GroupOutcome] = field(default_factory=list)
     failed: dict[str, Mask] = field(default_factory=dict)

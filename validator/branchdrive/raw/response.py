@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.response import Responses, first_response, lateral_effect_m
 from branchdrive.raw.selection import Selection
@@ -29,16 +30,17 @@ _MOVING_MPS = 0.5
 
 
 @np.errstate(all="ignore")  # what overflows is no number, and is left out
-def responses(view: ShardView, selection: Selection) -> Responses:
+def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
     """Chosen interventions of the shard against the chosen nominal of their group.
 
-    Left out are those without every observation from ``t_b - 80`` to ``t_b + 50`` or without every active control,
-    and those with values there that are no numbers.
+    Left out are attempts that break a structure rule, those without every observation from ``t_b - 80`` to
+    ``t_b + 50`` or without every active control, and those with values there that are no numbers.
     """
     group, policy = np.nonzero(selection.chosen >= 0)
     own, nominal = selection.chosen[group, policy], selection.nominal[group]
     same_branch = view.branched[own] & (view.branch_tick[own] == view.branch_tick[nominal])
     kept = (nominal >= 0) & (policy != view.descriptor.action_bank.nominal_index) & same_branch
+    kept &= ~(broken[own] | broken[nominal])
     own, nominal, policy = own[kept], nominal[kept], policy[kept]
     state, reference = (_values(view, "observations", rollouts, _STATE, _OFFSETS) for rollouts in (own, nominal))
     ticks = range(ACTIVE_TICKS)

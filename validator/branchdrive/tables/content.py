@@ -1,4 +1,4 @@
-"""Digests of what tables say: blocks of rows in the order of their key, column by column, whoever wrote the file.
+"""Digests of what tables say: blocks of rows in the order of their key, column by column, for any writer.
 
 Source: spec/03-layout.md#content.
 """

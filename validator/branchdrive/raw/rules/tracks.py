@@ -64,7 +64,7 @@ def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check
 
 
 def _crowded_rows(view: ShardView) -> Index:
-    """Rows at observations where a track begins: whoever is there twice, or is the ego, begins to be so there."""
+    """Rows at observations where a track begins: of an actor that is there twice, or that is the ego."""
     stream = view.stream("actors")
     row, previous, *_ = view.cached(tracks)
     frame = view.observations.rows_of(stream)[row]
