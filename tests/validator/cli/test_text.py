@@ -167,7 +167,7 @@ that equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
 Rules: {NUM_RULES - NUM_UNCLAIMED - 5} pass, 1 fail, 3 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
-{UNCLAIMED.replace('BD-RSP-003', 'BD-RSP-002, BD-RSP-003')}
+{UNCLAIMED.replace("BD-RSP-003", "BD-RSP-002, BD-RSP-003")}
 Verdict: invalid - the dataset breaks the specification
   descriptor SHA256
   at least 2 groups required to qualify
