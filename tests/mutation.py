@@ -17,6 +17,7 @@ from tests.validator.engine.rules.cases import (
     controls,
     documents,
     evidence,
+    extents,
     features,
     fidelity,
     groups,
@@ -46,9 +47,9 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, world,
-    trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features, leakage, battery,
-    release, replays, responses, benchmark, benchmark_results,
+    layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, extents,
+    world, trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features, leakage,
+    battery, release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 

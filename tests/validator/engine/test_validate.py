@@ -20,7 +20,7 @@ from tests.validator.engine.datasets import (
     status,
     write,
 )
-from tests.validator.engine.rules.case import UNDER_NOISE
+from tests.validator.engine.rules.case import NO_SUBJECT
 
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine.validate import select_rules, validate
@@ -44,7 +44,7 @@ def test_valid_dataset_passes_every_rule_that_it_claims(valid_root: Path) -> Non
     unclaimed = [
         rule_id for rule_id, info in CATALOGUE.items() if info.layer or rule_id.startswith(("BD-FRM", "BD-MAP"))
     ]
-    assert others == {**dict.fromkeys(unclaimed, "not-claimed"), **dict.fromkeys(UNDER_NOISE, "skipped")}
+    assert others == {**dict.fromkeys(unclaimed, "not-claimed"), **dict.fromkeys(NO_SUBJECT, "skipped")}
     assert [tally.rule_id for tally in report.tallies] == list(CATALOGUE)
 
 
@@ -101,7 +101,7 @@ def test_without_digests_one_rule_is_not_judged(valid_root: Path) -> None:
     report = validate(valid_root, hash_files=False)
     assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == {
         "BD-LAY-002": "digests were not computed",
-        **dict.fromkeys(UNDER_NOISE, "no subject"),
+        **dict.fromkeys(NO_SUBJECT, "no subject"),
     }
 
 
@@ -110,7 +110,7 @@ def test_nothing_to_examine_is_no_pass_and_changes_no_verdict(tmp_path: Path) ->
     del document["action_encoding"]
     report = validate(write(tmp_path / "dataset", document=document))
     assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == dict.fromkeys(
-        {"BD-ENC-001", *UNDER_NOISE}, "no subject"
+        {"BD-ENC-001", *NO_SUBJECT}, "no subject"
     )
     assert (report.verdict, report.exit_code) == ("valid", 0)
 
@@ -159,7 +159,7 @@ def test_a_damaged_table_is_found_whichever_rule_is_there(
 
 
 def test_prefixes_and_ids_name_rules() -> None:
-    assert select_rules(["BD-BOX", "BD-ENC-001"]) == {"BD-BOX-001", "BD-ENC-001"}
+    assert select_rules(["BD-BOX", "BD-ENC-001"]) == {"BD-BOX-001", "BD-BOX-002", "BD-BOX-003", "BD-ENC-001"}
     assert select_rules(["BD"]) == frozenset(CATALOGUE)
     assert select_rules([]) == frozenset()
 

@@ -65,6 +65,16 @@ class Bounds:
     signal: float
     route_fraction: float
     route_end_m: float
+    wall_margin_m: float
+    route_distance_m: float
+    driving_mps: float
+    body_m: float
+    pedestrian_m: float
+    cycle_m: float
+    vehicle_length_m: float
+    vehicle_section_m: float
+    narrow_vehicle_m: float
+    wide_vehicle_m: float
 
 
 @cache

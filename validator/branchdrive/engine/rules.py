@@ -13,6 +13,7 @@ from branchdrive.quality import rules as quality_rules
 from branchdrive.raw.rules import (
     controls,
     evidence,
+    extents,
     groups,
     keys,
     maps,
@@ -31,7 +32,7 @@ from branchdrive.raw.rules import (
 
 RULE_MODULES = (
     file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    replays, media, maps, route, motion, tracks, results, layer_rules, canonical_rules, quality_rules, split_rules,
-    fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
+    replays, media, maps, route, motion, tracks, extents, results, layer_rules, canonical_rules, quality_rules,
+    split_rules, fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

@@ -38,6 +38,7 @@ from branchdrive.model.targets import candidate_columns, scalar_columns, traject
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
 from branchdrive.raw.content import attempt_content
+from branchdrive.raw.extent import vehicle_widths
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
 from branchdrive.raw.response import observed_extremes, responses, tracks
@@ -206,7 +207,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     }
     result.responses, result.tracks = responses(view, examination.selection, examination.broken), tracks(view)
     result.extremes = observed_extremes(view)
-    result.maps = map_digests(view)
+    result.widths, result.maps = vehicle_widths(view), map_digests(view)
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]

@@ -34,6 +34,7 @@ class ShardFacts:
         responses: What its interventions do, where its rows could be judged.
         tracks: What the ego did in the attempts of each group, as digests.
         extremes: Smallest and largest value of every column of numbers of the observations.
+        widths: Numbers of egos and of tracks of vehicles that are too narrow, too wide, and of all, by their table.
         maps: Digest of the map of each town, where its rows could be judged.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
@@ -57,6 +58,7 @@ class ShardFacts:
     responses: Responses = field(default_factory=Responses.none)
     tracks: dict[str, frozenset[int]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    widths: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     maps: dict[str, str] = field(default_factory=dict)
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The maps of a shard's towns: which elements are whole, and what lies under the ego in every observation.
+"""The maps of a shard's towns: which elements are whole, and what lies under and inside the ego in every observation.
 
 A centre within 0.05 m of an edge may lie on either side of it. Lanes overlap in junctions: any lane that may hold
 the centre may be the recorded one.
@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.limits import physical_bounds, spec_limits
 from branchdrive.contract.mismatch import Mask, PreconditionError
+from branchdrive.driving.box import Boxes
 from branchdrive.driving.surface import Areas, Strips, TooLargeError
+from branchdrive.driving.wall import Walls
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
@@ -30,6 +32,7 @@ __all__ = [
     "least_vertices",
     "map_digests",
     "shapes",
+    "walls_inside",
 ]
 
 Array = NDArray[np.float64]
@@ -242,6 +245,48 @@ def _recorded(view: ShardView) -> tuple[Index, Mask]:
         recorded[frame[named]] = codes[named]
         off_road[frame[(frame >= 0) & ~evidence["on_road"].astype(bool)]] = True
     return recorded, off_road
+
+
+def walls_inside(view: ShardView) -> Index:
+    """Wall that reaches into the ego in every observation, as a row of the map ``[observations]``; -1 where none does.
+
+    What lies on a drivable surface in the plane may be of another level, and does not count.
+
+    Raises:
+        PreconditionError: The maps cover too much ground.
+    """
+    elements, homes = view.map, _homes(view)
+    observations, found = view.observations, np.full(len(view.observations), -1, np.int64)
+    chosen = is_usable(view) & elements.equals("kind", "wall") & (homes >= 0)
+    if not chosen.any():
+        return found
+    walls = np.flatnonzero(chosen)
+    x, y, yaw = (observations[name].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad"))
+    rows = np.flatnonzero((observations.rollout >= 0) & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
+    owner, margin_m = observations.rollout[rows], 2 * physical_bounds().wall_margin_m
+    length, width = (np.maximum(view.rollouts[f"ego_{name}_m"][owner] - margin_m, 0.0) for name in ("length", "width"))
+    boxes, towns = Boxes(x[rows], y[rows], yaw[rows], length, width), _town_of(view, rows)
+    vertices = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m"))
+    try:
+        reach_m = float(np.hypot(length, width).max(initial=0)) / 2
+        filed = Walls(homes[walls], view.cached(shapes).counts[walls, 0], *vertices, reach_m=reach_m)
+    except TooLargeError:
+        raise PreconditionError("the walls cover too much ground; keep what lies near the rollouts") from None
+    for part in filed.inside(towns, boxes):
+        is_level = np.flatnonzero(~_is_on_ground(view, towns[part.box], part.x_m, part.y_m))
+        found[rows[part.box[is_level]]] = walls[part.wall[is_level]]
+    return found
+
+
+def _is_on_ground(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> Mask:
+    """Points that a drivable surface holds, for certain."""
+    held = np.zeros(len(towns), bool)
+    _, strips = view.cached(_filed)
+    for point, _, excess_m, is_end in strips.near(towns, x_m, y_m):
+        held[point[(excess_m <= -EDGE_SLACK_M) & ~is_end]] = True
+    for point, excess_m in _outlined(view).near(towns, x_m, y_m, slack_m=0.0):
+        held[point[excess_m <= -EDGE_SLACK_M]] = True
+    return held
 
 
 def lanes_under(view: ShardView, row: int) -> list[int]:

@@ -69,6 +69,8 @@ def test_a_broken_rollout_hides_its_own_later_faults_only(tmp_path: Path, base: 
             "BD-CTL-004",
             "BD-CTL-006",
             "BD-CTL-013",
+            "BD-CTL-015",
+            "BD-RTE-003",
             "BD-GRP-006",
             "BD-RPN-001",
             "BD-RPN-002",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.mutation import MUTANTS, Mutant, new_draft
-from tests.validator.engine.rules.case import UNDER_NOISE, judged, judged_folder
+from tests.validator.engine.rules.case import NO_SUBJECT, judged, judged_folder
 from tests.validator.engine.rules.release import BUILT, SPLIT, THRESHOLDS, ReleaseDraft, release_draft
 
 from branchdrive.contract.layer import table_path
@@ -61,7 +61,7 @@ def test_rules_that_read_a_broken_document_are_not_judged(tmp_path: Path) -> Non
     draft.documents[SPLIT]["seed"] = -1
     found = reasons(judged(draft, tmp_path))
     assert set(found) >= {"BD-SPL-004", "BD-SPL-005", "BD-SPL-006", "BD-FID-006", "BD-FID-010", "BD-REL-003"}
-    assert {found[rule_id] for rule_id in set(found) - UNDER_NOISE} == {f"{SPLIT} is missing or breaks its schema"}
+    assert {found[rule_id] for rule_id in set(found) - NO_SUBJECT} == {f"{SPLIT} is missing or breaks its schema"}
 
 
 def test_near_duplicates_on_the_threshold_are_told_either_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -249,3 +249,21 @@ def effective_action_is_the_policy(view: ShardView, subjects: Mask) -> Iterator[
         return Mismatch({"table": "rollouts", "column": column}, quote(wanted[view.policy[i]][column]), found)
 
     yield Check.of_subjects(subjects, subjects & (differs != ""), describe)
+
+
+@rule("BD-CTL-015")
+def one_axis_is_never_both(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``min(throttle, brake) <= tolerance`` of expert and applied commands, where the descriptor declares one axis."""
+    vehicle, controls = view.descriptor.vehicle, view.controls
+    subjects = subjects & (vehicle is not None and vehicle.actuation == "single_axis")
+    both = np.zeros(len(controls), bool)
+    for kind in ("expert", "applied"):
+        both |= (
+            np.minimum(controls[f"{kind}_throttle"], controls[f"{kind}_brake"]) > view.descriptor.tolerances.actuator
+        )
+
+    def found(row: int) -> str:
+        commands = (f"{kind}_{pedal}" for kind in ("expert", "applied") for pedal in ("throttle", "brake"))
+        return ", ".join(f"{command} {quote(controls[command][row])}" for command in commands)
+
+    yield _at_rows(view, subjects, both, lambda _: "throttle or brake, which are one axis of this vehicle", found)

@@ -1,4 +1,4 @@
-"""Map rules: elements are whole, towns have maps, and lanes, road and speed limits of rollouts recompute from them.
+"""Map rules: elements are whole, towns have maps, and what rollouts record of lanes, road and walls fits them.
 
 Source: spec/05-raw-streams.md#map.
 """
@@ -15,7 +15,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.town_map import POINTS, ground, is_whole, lanes_under, least_vertices, shapes
+from branchdrive.raw.town_map import POINTS, ground, is_whole, lanes_under, least_vertices, shapes, walls_inside
 from branchdrive.tables.frame import repeated_rows
 
 
@@ -161,3 +161,19 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return Mismatch(place, expected, quote(float(observations["speed_limit_mps"][row])), int(summary.count[i]))
 
     yield Check.of_subjects(subjects, subjects & summary.any, mismatch)
+
+
+@rule("BD-MAP-008")
+def wall_contacts_are_recorded(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``collision`` holds where a wall reaches into the ego's box."""
+    if "map" not in view or "evidence" not in view:
+        return
+    evidence = view.stream("evidence")
+    frame, wall = view.observations.rows_of(evidence), walls_inside(view)
+    bad = (frame >= 0) & (wall[frame] >= 0) & ~evidence["collision"].astype(bool)
+
+    def describe(row: int) -> tuple[str, str]:
+        name = quote(view.map["element_id"][wall[frame[row]]])
+        return f"true: the wall {name} reaches into the box of the ego", "false"
+
+    yield _of_evidence(view, subjects, "collision", bad, describe)

@@ -17,13 +17,14 @@ from branchdrive.driving.response import NO_RESPONSE, Responses
 from branchdrive.files.survey import Survey
 
 MIN_INTERVENTIONS = 8
-"""Interventions below which nothing is concluded; nine in ten of fewer is all of them."""
+"""Interventions, attempts or tracks below which nothing is concluded; nine in ten of fewer is all of them."""
 
 MIN_EQUAL = 3
 """Futures equal bit for bit under other commands that are no accident, if nearly all of a policy are."""
 
 PHYSICAL = {
     "BD-RTE-001": "observations",
+    "BD-RTE-003": "observations",
     "BD-MOT-001": "observations",
     "BD-MOT-002": "observations",
     "BD-MOT-003": "observations",
@@ -39,10 +40,14 @@ def _responses(survey: Survey) -> Responses:
     return Responses.of_all(shard.responses for shard in survey.shards)
 
 
+def prevails(num_shown: int, num_counted: int, least: int = MIN_INTERVENTIONS) -> bool:
+    """Whether at least `least` count, and nearly all of them show it."""
+    return num_counted >= least and 100 * num_shown >= SHARE_PERCENT * num_counted
+
+
 def _prevails(shows: Mask, counts: Mask, least: int = MIN_INTERVENTIONS) -> bool:
     """Whether at least `least` interventions count, and nearly all of them show it."""
-    num_shown, num_counted = int((shows & counts).sum()), int(counts.sum())
-    return num_counted >= least and 100 * num_shown >= SHARE_PERCENT * num_counted
+    return prevails(int((shows & counts).sum()), int(counts.sum()), least)
 
 
 @rule("BD-RSP-001")
@@ -137,7 +142,7 @@ def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
         counts = [shard.judged[rule_id] for shard in survey.shards if rule_id in shard.judged]
         num_failed, num_examined = (sum(part) for part in zip(*counts, strict=True)) if counts else (0, 0)
         examined += num_examined >= MIN_INTERVENTIONS
-        if num_examined >= MIN_INTERVENTIONS and 100 * num_failed >= SHARE_PERCENT * num_examined:
+        if prevails(num_failed, num_examined):
             text = f"{num_failed} of {num_examined} attempts that fail it"
             found.append(Mismatch({"table": table}, f"{rule_id} ({CATALOGUE[rule_id].title}) in most attempts", text))
     yield Check.of(examined, found)

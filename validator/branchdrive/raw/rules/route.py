@@ -1,6 +1,7 @@
 """Route rules: progress, offset, heading error and target points recompute from pose and polyline.
 
-Source: spec/05-raw-streams.md#projection, #target-points.
+The polyline itself is that of a route which the nominal drives near, in its direction.
+Source: spec/05-raw-streams.md#routes, #projection, #target-points.
 """
 
 from __future__ import annotations
@@ -9,10 +10,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
+from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import RoutePosition, project
+from branchdrive.raw.motion import before_contact
 from branchdrive.raw.route_state import contradicts_route, misplaces_target_points, routes
 from branchdrive.raw.shard_view import ShardView
 
@@ -75,3 +79,41 @@ def target_points_lie_ahead(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return f"points of the polyline, in order from {progress:.3f} m on", f"target point {', '.join(parts)}"
 
     yield _of_observations(view, subjects, misplaces_target_points(view), "target_point_1_x_m", text)
+
+
+@rule("BD-RTE-003")
+def nominal_drives_near_its_route(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The nominal is near the polyline around its branch, and does not drive against it."""
+    observations, bounds = view.observations, physical_bounds()
+    lines = view.cached(routes)
+    subjects = subjects & view.role("nominal") & view.branched & (lines.of_rollout >= 0)
+    offset_ticks = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    rows = np.flatnonzero(
+        np.append(subjects, False)[observations.rollout]
+        & (offset_ticks >= PREDECESSOR_OFFSET)
+        & (offset_ticks <= FUTURE_OFFSETS[-1])
+    )
+    is_far, drives, goes_along = (np.zeros(len(observations), bool) for _ in range(3))
+    is_far[rows] = np.abs(observations["route_offset_m"][rows]) > bounds.route_distance_m
+    drives[rows] = observations["speed_mps"][rows] > bounds.driving_mps
+    goes_along[rows] = np.abs(observations["route_heading_error_rad"][rows]) < np.pi / 2
+    far = _of_observations(
+        view, subjects, is_far & view.cached(before_contact), "route_offset_m",
+        lambda row: (
+            f"the nominal within {bounds.route_distance_m:g} m of its route",
+            f"{abs(float(observations['route_offset_m'][row])):.1f} m away from it",
+        ),
+    )  # fmt: skip
+    against = observations.by_rollout(drives & ~goes_along)
+    is_against = against.any & ~observations.by_rollout(drives & goes_along).any
+
+    def describe(i: int) -> Mismatch:
+        place: dict[str, str | int] = {
+            "table": "observations", "column": "route_heading_error_rad",
+            "tick": int(observations.tick[against.first_row[i]]),
+        }  # fmt: skip
+        expected = "a nominal that drives in the direction of its route"
+        found = f"heading errors above a right angle at all {against.count[i]} observations at which it drives"
+        return Mismatch(place, expected, found, int(against.count[i]))
+
+    yield Check.of_any(far, Check.of_subjects(subjects, subjects & is_against, describe))

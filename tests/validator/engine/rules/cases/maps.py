@@ -239,3 +239,41 @@ def limit_of_one_of_two_lanes(d: Draft) -> None:
 def limit_of_a_lane_where_it_is_unknown(d: Draft) -> None:
     d.set("map", "speed_limit_mps", None, element_id="lane-0")
     d.set("observations", "speed_limit_mps", 25.0, **HERE)
+
+
+# BD-MAP-008
+
+
+def _wall(d: Draft, beyond_m: float) -> dict[str, Any]:
+    """Put a wall across the outermost ego of a group, `beyond_m` from its centre and off the lane; that observation."""
+    here = _narrow(d, -0.5)
+    d.drop("map", element_id="ground-0")
+    row = d.take("observations", **here)
+    x_m, y_m = row["x_m"][0].as_py(), row["y_m"][0].as_py()
+    across_m = y_m + np.sign(y_m) * beyond_m
+    d.set("map", "x_m", [x_m - 0.2, x_m + 0.2, x_m + 0.2], town="Town12", element_id="far-wall")
+    d.set("map", "y_m", [across_m, across_m, y_m + 9 * np.sign(y_m)], town="Town12", element_id="far-wall")
+    return here
+
+
+@mutant("BD-MAP-008", at={"table": "evidence", "column": "collision"})
+def wall_that_nobody_feels(d: Draft) -> None:
+    _wall(d, 0.75)
+
+
+@boundary("BD-MAP-008")
+def wall_beside_the_ego(d: Draft) -> None:
+    _wall(d, 3.0)
+
+
+@boundary("BD-MAP-008")
+def wall_that_is_hit(d: Draft) -> None:
+    here = _wall(d, 0.75)
+    d.set("evidence", "collision", True, rollout_id=here["rollout_id"])
+    d.set("rollouts", "result_num_static_collisions", 1, rollout_id=here["rollout_id"])
+
+
+@boundary("BD-MAP-008")
+def rail_of_a_bridge_over_the_road(d: Draft) -> None:
+    d.set("map", "x_m", [60.0, 60.0, 61.0], town="Town12", element_id="far-wall")
+    d.set("map", "y_m", [-50.0, 50.0, 50.0], town="Town12", element_id="far-wall")

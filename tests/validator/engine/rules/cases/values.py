@@ -258,6 +258,7 @@ def actor_in_centimetres(d: Draft) -> None:
 
 @boundary("BD-BOX-001")
 def boxes_of_a_hundred_metres_and_of_a_hair(d: Draft) -> None:
+    d.set("actors", "actor_class", "static", rollout_id=BRAKE, actor_id=[FAR_ACTOR, 1])
     d.set("actors", ("length_m", "width_m", "height_m"), 100.0, rollout_id=BRAKE, actor_id=FAR_ACTOR)
     d.set("actors", ("length_m", "width_m", "height_m"), 1e-6, rollout_id=BRAKE, actor_id=1)
     d.refresh_evidence(BRAKE)

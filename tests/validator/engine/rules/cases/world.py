@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pyarrow as pa
+from tests.driving import Array, route_columns
 from tests.synthetic import BRANCH_TICK, EGO_BOX_M, to_table
-from tests.validator.engine.rules.case import BRAKE, SHARD_0, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
@@ -89,6 +92,41 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
     ):
         left = iter(values.tolist())
         d.set("observations", column, lambda _, left=left: next(left), rollout_id=BRAKE)  # type: ignore[misc]
+
+
+# BD-RTE-003
+
+
+def _reroute(d: Draft, change: Callable[[Array, Array], tuple[Array, Array]]) -> None:
+    """Give the attempts of the first group another polyline, with the route state on it."""
+    for rollout_id in d.take("rollouts", group_id="g0")["rollout_id"].to_pylist():
+        record, rows = d.take("rollouts", rollout_id=rollout_id), d.take("observations", rollout_id=rollout_id)
+        line = change(*(np.array(record[f"route_{axis}_m"][0].as_py()) for axis in "xy"))
+        x, y, yaw = (rows[name].to_numpy().astype(float) for name in ("x_m", "y_m", "yaw_rad"))
+        columns = route_columns(x, y, yaw, line)
+        for name, values in columns.items():
+            left = iter(values.tolist())
+            d.set("observations", name, lambda _, left=left: next(left), rollout_id=rollout_id)  # type: ignore[misc]
+        for axis, vertices in zip("xy", line, strict=True):
+            d.set("rollouts", f"route_{axis}_m", lambda _, v=vertices: v, rollout_id=rollout_id)  # type: ignore[misc]
+        length_m = np.hypot(*(np.diff(axis) for axis in line)).sum()
+        fraction = float(columns["route_progress_m"].max() / length_m)
+        d.set("rollouts", "result_route_fraction", fraction, rollout_id=rollout_id)
+
+
+@mutant("BD-RTE-003", base="bare", at={"column": "route_offset_m", "rollout_id": NOMINAL, "tick": BRANCH_TICK - 80})
+def route_of_the_next_street(d: Draft) -> None:
+    _reroute(d, lambda x, y: (x, y + 40))
+
+
+@mutant("BD-RTE-003", base="bare", at={"column": "route_heading_error_rad", "rollout_id": NOMINAL})
+def route_from_its_end_to_its_start(d: Draft) -> None:
+    _reroute(d, lambda x, y: (x[::-1], y[::-1]))
+
+
+@boundary("BD-RTE-003", base="bare")
+def route_on_the_other_carriageway(d: Draft) -> None:
+    _reroute(d, lambda x, y: (x, y - 29))
 
 
 # BD-MOT
