@@ -9,6 +9,7 @@ from __future__ import annotations
 from tests.validator.engine.rules.case import REGISTRY, Boundary, Mutant, new_draft
 from tests.validator.engine.rules.cases import (
     attempts,
+    axis,
     battery,
     benchmark,
     benchmark_results,
@@ -47,9 +48,9 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, companions, documents, tables, values, nulls, keys, attempts, controls, windows, evidence, extents,
-    world, trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features, leakage,
-    battery, release, replays, responses, benchmark, benchmark_results,
+    layout, companions, documents, tables, values, nulls, keys, attempts, controls, axis, windows, evidence,
+    extents, world, trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features,
+    leakage, battery, release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases."""
 
