@@ -240,7 +240,8 @@ class StreamView(TableView):
 
     def by_rollout(self, marked: Mask) -> RowSummary:
         """Summary of marked rows by rollout."""
-        rows = np.flatnonzero(marked & (self.rollout >= 0))
+        rows = np.flatnonzero(marked)
+        rows = rows[self.rollout[rows] >= 0]
         owner = self.rollout[rows]
         first = np.full(self.num_rollouts, -1)
         first[owner[::-1]] = rows[::-1]
