@@ -165,9 +165,11 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
 
 @rule("BD-MAP-008")
 def wall_contacts_are_recorded(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """``collision`` holds where a wall reaches into the ego's box."""
+    """``collision`` holds where a wall reaches into the ego's box; attempts in towns without walls are no subjects."""
     if "map" not in view or "evidence" not in view:
         return
+    walled = set(view.map["town"][view.map.equals("kind", "wall")])
+    subjects = subjects & np.array([town in walled for town in view.rollouts["town"]], bool)
     evidence = view.stream("evidence")
     frame, wall = view.observations.rows_of(evidence), walls_inside(view)
     bad = (frame >= 0) & (wall[frame] >= 0) & ~evidence["collision"].astype(bool)

@@ -20,6 +20,9 @@ from branchdrive.raw.motion import before_contact
 from branchdrive.raw.route_state import contradicts_route, misplaces_target_points, routes
 from branchdrive.raw.shard_view import ShardView
 
+_MIN_DRIVEN = 8
+"""Observations of two seconds of driving, below which a direction shows too little."""
+
 
 def _position(view: ShardView, row: int, x_m: float, y_m: float) -> RoutePosition:
     """Where a world point lies on the route of an observation, each field ``[1]``."""
@@ -105,7 +108,7 @@ def nominal_drives_near_its_route(view: ShardView, subjects: Mask) -> Iterator[C
         ),
     )  # fmt: skip
     against = observations.by_rollout(drives & ~goes_along)
-    is_against = against.any & ~observations.by_rollout(drives & goes_along).any
+    is_against = (against.count >= _MIN_DRIVEN) & ~observations.by_rollout(drives & goes_along).any
 
     def describe(i: int) -> Mismatch:
         place: dict[str, str | int] = {

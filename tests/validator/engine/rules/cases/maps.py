@@ -277,3 +277,8 @@ def wall_that_is_hit(d: Draft) -> None:
 def rail_of_a_bridge_over_the_road(d: Draft) -> None:
     d.set("map", "x_m", [60.0, 60.0, 61.0], town="Town12", element_id="far-wall")
     d.set("map", "y_m", [-50.0, 50.0, 50.0], town="Town12", element_id="far-wall")
+
+
+@boundary("BD-MAP-008", status="skipped")
+def towns_without_walls(d: Draft) -> None:
+    d.drop("map", kind="wall")

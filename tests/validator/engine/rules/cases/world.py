@@ -129,6 +129,15 @@ def route_on_the_other_carriageway(d: Draft) -> None:
     _reroute(d, lambda x, y: (x, y - 29))
 
 
+@boundary("BD-RTE-003", base="bare")
+def nominal_that_hardly_drives(d: Draft) -> None:
+    """Its speeds are not compared with its way where it has a contact."""
+    _reroute(d, lambda x, y: (x[::-1], y[::-1]))
+    d.set("rollouts", COUNTS[0], None, rollout_id=NOMINAL)
+    d.set("observations", "speed_mps", 0.5, rollout_id=NOMINAL)
+    d.set("observations", "speed_mps", 1.0, rollout_id=NOMINAL, tick=range(BRANCH_TICK, BRANCH_TICK + 35))
+
+
 # BD-MOT
 
 
