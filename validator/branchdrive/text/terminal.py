@@ -7,6 +7,7 @@ others may hold any, but for the sign ±.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -45,14 +46,25 @@ def render(draw: Callable[[Console], None], stdout: TextIO, *, is_file: bool = F
 
     Args:
         draw: Prints on a console.
-        stdout: Where the text is to go: a terminal gets colour and its own width.
-        is_file: Whether it goes to a file instead.
+        stdout: Where the text is to go: a terminal gets its own width, and colour unless the user wants otherwise.
+        is_file: Whether it goes to a file instead, which has no colour ever.
     """
     buffer = StringIO()
     is_terminal = stdout.isatty() and not is_file
     width = Console(file=stdout).width if is_terminal else PLAIN_WIDTH
-    draw(Console(file=buffer, force_terminal=is_terminal, width=width, highlight=False, emoji=False))
+    is_coloured = not is_file and _wants_colour(stdout)
+    draw(Console(file=buffer, force_terminal=is_coloured, no_color=False, width=width, highlight=False, emoji=False))
     return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
+
+
+def _wants_colour(stdout: TextIO) -> bool:
+    """Whether to colour: `NO_COLOR` forbids it, `FORCE_COLOR` asks for it, else a terminal decides.
+
+    Source: no-color.org, force-color.org; as Python itself does, the first wins over the second.
+    """
+    if os.environ.get("NO_COLOR"):
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or stdout.isatty()
 
 
 def _escaped(text: str) -> str:
