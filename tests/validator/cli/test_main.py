@@ -79,9 +79,6 @@ WRONG = {
     "waivers that are no JSON": (["DATASET", "--waivers", "waivers.json"], "cannot be read"),
     "waivers that are incomplete": (["DATASET", "--waivers", "no rule.json"], "/waivers/0: expected properties"),
     "output into no folder": (["DATASET", "--output", "nowhere/report.json"], "nowhere' does not exist"),
-    "two reports into one file": (
-        ["DATASET", "--output", "waivers.json", "--output", "waivers.json"], "waivers.json' is named twice",
-    ),
     "output over a folder": (["DATASET", "--output", "empty"], "is a folder; name a file"),
 }  # fmt: skip
 
@@ -253,8 +250,7 @@ def test_help_names_commands_and_options(capsys: pytest.CaptureFixture[str]) -> 
         )  # fmt: skip
         assert all(option in text for option in options)
         groups = ("what to report:", "what to judge:", "what to accept:", "how to read:")
-        places = [text.index(f"\n{group}\n") for group in groups]
-        assert places == sorted(places)
+        assert [line for line in text.splitlines() if line in groups] == list(groups)
     assert "branchdrive " in help_of(run, "--version", capsys=capsys)
 
 

@@ -28,3 +28,10 @@ def test_several_forms_go_to_files_of_their_own(invalid_root: Path, tmp_path: Pa
 def test_a_file_may_have_an_equals_sign(invalid_root: Path, tmp_path: Path, quick: None) -> None:
     assert call(invalid_root, "--output", tmp_path / "html=report")[0] == 1
     assert [path.name for path in tmp_path.iterdir()] == ["html=report"]
+
+
+def test_two_reports_in_one_file_are_wrong_usage(invalid_root: Path, tmp_path: Path) -> None:
+    code, out, err = call(invalid_root, "--output", tmp_path / "report", "--output", f"sarif={tmp_path / 'report'}")
+    assert (code, out) == (2, "")
+    assert "report' is named twice; give every report a file of its own" in err
+    assert list(tmp_path.iterdir()) == []
