@@ -1,6 +1,6 @@
 """The readme of the package's page: README.md with links that lead there from anywhere.
 
-Links of the README are relative, so that they work in a checkout; an index of packages has no files for them to lead to.
+Links of the README are relative, so that they work in a checkout; an index of packages has no files they could lead to.
 """
 
 from __future__ import annotations
