@@ -1,8 +1,8 @@
 """Tables and texts on a terminal, or as plain text of a fixed width where there is none.
 
 A table that is too wide is parted: its columns stand in several blocks below each other, each with the columns that
-name the rows. Numbers stay whole, and no column is lost. Characters that are not ASCII are escaped, because text of
-others may hold any, but for the sign ±.
+name the rows. Numbers stay whole, and no column is lost but those that have nothing in any row. Characters that are not
+ASCII are escaped, because text of others may hold any, but for the sign ±.
 """
 
 from __future__ import annotations
@@ -98,6 +98,9 @@ def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
 
 def _print_rows(console: Console, table: Table) -> None:
     blocks = _blocks(table, console.width)
+    if table.rows and (blocks is None or len(blocks) > 1):
+        table = table.only([i for i, column in enumerate(table.columns) if column.is_name or _has_cells(table, i)])
+        blocks = _blocks(table, console.width)
     if blocks is None:
         for row in table.rows:
             titles = [column.title for column in table.columns]
@@ -108,6 +111,10 @@ def _print_rows(console: Console, table: Table) -> None:
         if i:
             console.print()
         _print_block(console, table.only(places))
+
+
+def _has_cells(table: Table, place: int) -> bool:
+    return any(row[place] for row in table.rows)
 
 
 def _print_block(console: Console, table: Table) -> None:
