@@ -233,5 +233,6 @@ def _print_rule(console: Console, info: RuleInfo) -> None:
         "only if claimed": ", ".join(info.streams),
         "after": ", ".join(f"{r} ({CATALOGUE[r].title})" for r in info.requires),
         "remedy": info.remedy,
+        "page": info.url,
     }
     print_facts(console, [fact for fact in facts.items() if fact[1]])

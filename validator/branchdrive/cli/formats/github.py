@@ -1,14 +1,14 @@
 """The report as workflow commands of GitHub Actions, which become annotations of a run.
 
-One command a line: the verdict, and one for every rule that failed or could not be judged, since a step shows ten
-errors and ten warnings at most. Escaping: `actions/toolkit`, packages/core/src/command.ts.
+One command a line: the verdict, one for every rule that failed, and one for every reason why rules could not be judged,
+since a step shows ten errors and ten warnings at most. Escaping: `actions/toolkit`, packages/core/src/command.ts.
 """
 
 from __future__ import annotations
 
 from pathlib import PurePosixPath
 
-from branchdrive.cli.formats.outcome import Level, headline, levels, refusals, summary, verdict_level
+from branchdrive.cli.formats.outcome import Level, failures, headline, refusals, summary, unjudged, verdict_level
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import Report
@@ -23,7 +23,8 @@ def render(report: Report) -> str:
     """Workflow commands, the verdict first."""
     verdict = "; ".join([headline(report), *refusals(report), *report.conditions])
     lines = [_command(_COMMANDS[verdict_level(report)], verdict, title=f"BranchDrive: {report.verdict}")]
-    lines += [_of_rule(level, tally, report) for level, tally in levels(report)]
+    lines += [_of_rule(level, tally, report) for level, tally in failures(report)]
+    lines += [_command("warning", told, title="Not judged") for told in unjudged(report)]
     lines += [_command("error", message, title="BranchDrive failed") for message in report.errors]
     return "".join(f"{line}\n" for line in lines)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.cli.formats.outcome import Level, headline, levels, refusals, summary
+from branchdrive.cli.formats.outcome import Level, failures, headline, refusals, summary, unjudged
 from branchdrive.cli.funnel import funnel_table
 from branchdrive.contract.text import counted
 from branchdrive.engine.finding import location_text
@@ -26,7 +26,7 @@ _SIGNS: dict[str, str] = {
 }  # fmt: skip
 _HEADS: dict[Level, str] = {
     "error": "What is wrong",
-    "warning": "What was not judged, or is not as recommended",
+    "warning": "What is not as recommended",
     "note": "Why attempts and groups do not qualify, and what is waived",
 }
 
@@ -58,13 +58,15 @@ def _head_lines(report: Report) -> Iterator[str]:
 
 
 def _rule_lines(report: Report) -> Iterator[str]:
-    found = levels(report)
+    found = failures(report)
     for level, head in _HEADS.items():
         tallies = [tally for its_level, tally in found if its_level == level]
         if tallies:
             yield from ("", f"## {head}")
         for tally in tallies:
             yield from _tally_lines(tally)
+    if reasons := unjudged(report):
+        yield from ("", "## What was not judged", "", *(f"- {code_span(reason)}" for reason in reasons))
 
 
 def _tally_lines(tally: Tally) -> Iterator[str]:

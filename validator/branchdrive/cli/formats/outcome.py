@@ -14,9 +14,13 @@ from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
 
-__all__ = ["MEANING", "Level", "headline", "level_of", "levels", "refusals", "summary", "verdict_level"]
+__all__ = [
+    "MEANING", "Level", "failures", "headline", "level_of", "refusals", "summary", "unjudged", "verdict_level",
+]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
+
+_RULES_SHOWN = 12
 
 MEANING: Mapping[Verdict, str] = MappingProxyType(
     {
@@ -78,11 +82,29 @@ def level_of(tally: Tally, report: Report) -> Level | None:
             return "warning" if tally.is_claimed and tally.unjudged and info.decides else None
 
 
-def levels(report: Report) -> list[tuple[Level, Tally]]:
-    """Rules of which there is something to say, the gravest first, then in catalogue order."""
+def failures(report: Report) -> list[tuple[Level, Tally]]:
+    """Rules that failed, or that the tool failed at, the gravest first, then in catalogue order."""
     order = ("error", "warning", "note")
-    found = [(level, tally) for tally in report.tallies if (level := level_of(tally, report))]
+    found = [
+        (level, tally)
+        for tally in report.tallies
+        if tally.status in ("fail", "error") and (level := level_of(tally, report))
+    ]
     return sorted(found, key=lambda item: order.index(item[0]))
+
+
+def unjudged(report: Report) -> list[str]:
+    """What kept rules from a judgement that a verdict rests on, each with the rules, one sentence each."""
+    rules: dict[str, list[str]] = {}
+    for tally in report.tallies:
+        if tally.status not in ("fail", "error") and level_of(tally, report):
+            rules.setdefault(summary(tally), []).append(tally.rule_id)
+    return [f"{counted(len(ids), 'rule')} {why} - {_listed(ids)}" for why, ids in rules.items()]
+
+
+def _listed(rule_ids: list[str]) -> str:
+    more = f" and {len(rule_ids) - _RULES_SHOWN} more" if len(rule_ids) > _RULES_SHOWN else ""
+    return ", ".join(rule_ids[:_RULES_SHOWN]) + more
 
 
 def summary(tally: Tally) -> str:
