@@ -57,6 +57,7 @@ def edited_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of spec and schemas in which one generated region was edited and one record schema removed."""
     shutil.copytree(ROOT / "spec", tmp_path / "spec")
     shutil.copytree(ROOT / "schemas", tmp_path / "schemas")
+    shutil.copytree(ROOT / "docs" / "rules", tmp_path / "docs" / "rules")
     chapter = tmp_path / "spec" / "09-security.md"
     chapter.write_text(chapter.read_text("utf-8").replace("200,000", "300,000"), "utf-8")
     schemas = tmp_path / "schemas" / f"v{SPEC_VERSION}"

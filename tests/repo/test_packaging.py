@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from tests.repo.checkout import ROOT
 
 import branchdrive
+from branchdrive.contract.resources import PROJECT_URL
 
 HEAVY = ("torch", "pymunk", "cvxpy", "scipy", "cv2", "numba")
 
@@ -82,6 +84,17 @@ def test_wheel_holds_packages_only(wheel: Path) -> None:
     with ZipFile(wheel) as archive:
         tops = {path.split("/")[0] for path in archive.namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"branchdrive", "branchdrive_reference"}
+
+
+def test_wheel_has_a_page_whose_links_lead_there_from_anywhere(wheel: Path) -> None:
+    with ZipFile(wheel) as archive:
+        (place,) = [path for path in archive.namelist() if path.endswith(".dist-info/METADATA")]
+        metadata = archive.read(place).decode()
+    assert f"\nProject-URL: Homepage, {PROJECT_URL}\n" in metadata
+    assert "\nDescription-Content-Type: text/markdown\n" in metadata
+    links = re.findall(r"\]\(([^)]+)\)", re.sub(r"^```.*?^```", "", metadata, flags=re.DOTALL | re.MULTILINE))
+    assert len(links) >= 10
+    assert all(link.startswith(("https://", "#")) for link in links)
 
 
 def test_installed_package_is_the_one_that_is_imported(probe: dict[str, Any], site: Path) -> None:

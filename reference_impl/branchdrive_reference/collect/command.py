@@ -54,31 +54,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     presets = ", ".join(f"{name} ({preset.num_groups:,} groups)" for name, preset in PRESETS.items())
     fault_presets = " or ".join(FAULT_PRESETS)
     parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
-    parser.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
-    parser.add_argument(
+    what = parser.add_argument_group("what to collect")
+    what.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
+    what.add_argument(
         "--preset", choices=PRESETS, help=f"defaults of groups, replay noise and faults: {presets}; options override it"
     )
-    parser.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
-    parser.add_argument("--jobs", metavar="J", type=count, help="worker processes (default: 1)")
-    parser.add_argument(
+    what.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
+    what.add_argument(
         "--scenario",
         metavar="NAME",
         action="append",
         help="collect this scenario type only; can be repeated; docs/reference-world.md describes them",
     )
-    parser.add_argument(
+    what.add_argument(
+        "--no-media", action="store_true", help="structured streams only, which is all that this version records"
+    )
+    wrong = parser.add_argument_group("what goes wrong on purpose")
+    wrong.add_argument(
         "--replay-noise", metavar="STRENGTH", type=strength, help="declared noise of replays; 0 replays exactly"
     )
-    parser.add_argument(
+    wrong.add_argument(
         "--faults",
         metavar="SPEC",
         help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(Fault)}; "
         "docs/reference-world.md describes them",
     )
-    parser.add_argument(
-        "--no-media", action="store_true", help="structured streams only, which is all that this version records"
-    )
-    parser.add_argument("--resume", action="store_true", help="only go on with a collection that OUT already holds")
+    work = parser.add_argument_group("how to work")
+    work.add_argument("--jobs", metavar="J", type=count, help="worker processes (default: 1)")
+    work.add_argument("--resume", action="store_true", help="only go on with a collection that OUT already holds")
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ SUMMARY = "show what a dataset contains: population, outcomes, replay fidelity"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("dataset", metavar="DATASET", type=Path, help="folder of a finished dataset")
+    parser.add_argument("--full", action="store_true", help="print every table: by scenario type, and every variable")
     parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
     parser.add_argument("--output", metavar="FILE", type=Path, help="write the study there instead of to the terminal")
 
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if args.format == "json":
         text = json.dumps(study.to_json(), indent=2, allow_nan=False) + "\n"
     else:
-        text = render_study(study, stdout, is_file=args.output is not None)
+        text = render_study(study, stdout, is_file=args.output is not None, is_full=args.full)
     if args.output is not None:
         replace_file(args.output, text.encode())
     else:

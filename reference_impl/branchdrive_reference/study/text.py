@@ -12,6 +12,7 @@ from rich.text import Text
 
 from branchdrive.contract.text import NONE, counted
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
+from branchdrive.driving.discrepancy import CORE
 from branchdrive.text.table import Column, Table
 from branchdrive.text.terminal import print_facts, print_section, render
 from branchdrive_reference.study.label import label
@@ -35,9 +36,59 @@ _RANKING = (
 )
 
 
-def render_study(study: Study, stdout: TextIO, *, is_file: bool = False) -> str:
-    """The study as text, coloured if `stdout` is a terminal and the text goes there."""
-    return render(partial(_print_study, study=study), stdout, is_file=is_file)
+def render_study(study: Study, stdout: TextIO, *, is_file: bool = False, is_full: bool = True) -> str:
+    """The study as text for `stdout` or a file: every table, or a page of headlines."""
+    return render(partial(_print_study if is_full else _print_headlines, study=study), stdout, is_file=is_file)
+
+
+def _print_headlines(console: Console, study: Study) -> None:
+    """What fits on a screen: outcomes of all groups together, and the largest discrepancies."""
+    console.print(Text(f"{label(study.dataset_id)} {label(study.dataset_version)}", style="bold"))
+    _print_population(console, study.population)
+    console.print()
+    _print_overall(console, study)
+    if discrepancies := _largest_discrepancies(study):
+        console.print()
+        print_section(console, discrepancies)
+    _print_equality(console, study)
+    console.print(Text("--full has every scenario type and variable, --format json every number.", style="dim"))
+
+
+def _print_overall(console: Console, study: Study) -> None:
+    """Outcomes of all groups: of nominal drives in words, of families as a table."""
+    overall = study.overall
+    if not overall.num_groups:
+        console.print(Text("No outcomes: no group is integrity-complete", style="bold"))
+        return
+    unseen = f"; not always monitored: {', '.join(study.not_monitored)}" if study.not_monitored else ""
+    title = f"Outcomes of {counted(overall.num_groups, 'integrity-complete group')}, % of each family"
+    nominal = f"Of nominal drives {_percent(overall.completed)} % completed their route, {_percent(overall.clean)} % "
+    nominal += f"without a collision or an infraction{unseen}."
+    if not study.has_evidence:
+        console.print(Text(nominal))
+        console.print(Text("Collisions and ranks are unknown: the dataset claims no risk evidence", style="bold"))
+        return
+    shares = {f"collides within {_WINDOW}": overall.collided_in_window, "collides ever": overall.collided}
+    if overall.num_ranked:
+        ranked = counted(overall.num_ranked, "ranked group")
+        shares |= {f"has the best of {ranked}": overall.best, f"has the worst of {ranked}": overall.worst}
+    families = list(overall.best)
+    rows = [[name, *(_percent(rates[family]) for family in families)] for name, rates in shares.items()]
+    print_section(console, Table(title, [Column.name("outcome"), *map(Column, families)], rows, [nominal]))
+    if overall.num_ranked:
+        _print_ranking(console, study)
+
+
+def _largest_discrepancies(study: Study) -> Table | None:
+    """The largest discrepancy from the nominal before the branch, by variable; ``None`` where nothing was compared."""
+    subjects = {"interventions": study.interventions, "nominal replays": study.nominal_replays}
+    compared = {f"{spreads[0].num:,} {name}": spreads for name, spreads in subjects.items() if spreads[0].num}
+    if not compared:
+        return None
+    variables = [(spread.variable, spread.unit) for spread in study.interventions[: len(CORE)]]
+    columns = [Column(f"{name}, {unit}" if unit else name) for name, unit in variables]
+    rows = [[name, *(_extent(spread.max) for spread in spreads[: len(CORE)])] for name, spreads in compared.items()]
+    return Table("Largest discrepancy from the nominal before the branch", [Column.name("of"), *columns], rows)
 
 
 def _print_study(console: Console, study: Study) -> None:
@@ -174,6 +225,10 @@ def _rate_table(
     )
 
 
+def _extent(value: float | None) -> str:
+    return "inf" if value is None else f"{value:.3g}"
+
+
 def _print_spreads(console: Console, subject: str, spreads: Sequence[Spread]) -> None:
     num = spreads[0].num
     if not num:
@@ -187,10 +242,7 @@ def _print_spreads(console: Console, subject: str, spreads: Sequence[Spread]) ->
         [
             spread.variable,
             spread.unit,
-            *(
-                "inf" if value is None else f"{value:.3g}"
-                for value in (spread.median, spread.q90, spread.q99, spread.max)
-            ),
+            *(_extent(value) for value in (spread.median, spread.q90, spread.q99, spread.max)),
             _percent(spread.zero, is_whole=is_whole),
             *(f"{spread.num_infinite:,}" for _ in lacking),
         ]

@@ -33,7 +33,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
-    code, out, err = study(root)
+    code, out, err = study(root, "--full")
     assert (code, err) == (0, "")
     for title in (
         "Population",
@@ -53,6 +53,18 @@ def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
     assert "\x1b" not in out
     tables = [line.split()[0] for line in lines if line.startswith(("CutIn", "all"))]
     assert tables == ["CutIn", "all"] * 5
+
+
+def test_headlines_fit_on_a_screen_and_say_where_the_rest_is(root: Path) -> None:
+    code, out, err = study(root)
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert len(lines) <= 36 < len(study(root, "--full")[1].splitlines())
+    assert max(map(len, lines)) <= PLAIN_WIDTH
+    assert "Outcomes of 3 integrity-complete groups, % of each family" in lines
+    assert sum(line.startswith(("collides ", "has the ")) for line in lines) == 4
+    assert [line.split()[1] for line in lines if line.startswith(("36 ", "6 "))][:2] == ["interventions", "nominal"]
+    assert lines[-1] == "--full has every scenario type and variable, --format json every number."
 
 
 def test_json_holds_the_numbers_of_the_text(root: Path) -> None:

@@ -194,13 +194,14 @@ def test_workers_say_what_one_process_says(
 
 @each_entry
 @pytest.mark.parametrize("form", ["text", "json"])
-def test_output_goes_to_the_file_whole_and_alone(
+def test_output_goes_to_the_file_and_text_to_the_terminal(
     entry: Run, form: str, invalid_root: Path, tmp_path: Path, quick: None
 ) -> None:
     _, printed, _ = call(entry, invalid_root, "--format", form)
+    _, text, _ = call(entry, invalid_root)
     target = tmp_path / "report"
     target.write_text("an older and much longer report " * 10_000)
-    assert call(entry, invalid_root, "--format", form, "--output", target) == (1, "", "")
+    assert call(entry, invalid_root, "--format", form, "--output", target) == (1, text, "")
     assert target.read_text() == printed
     assert list(tmp_path.iterdir()) == [target]
 
@@ -248,6 +249,8 @@ def test_help_names_commands_and_options(capsys: pytest.CaptureFixture[str]) -> 
             "--format", "--output", "--select", "--ignore", "--jobs", "--no-hash", "--waivers", "--require-groups",
         )  # fmt: skip
         assert all(option in text for option in options)
+        groups = ("what to report:", "what to judge:", "what to accept:", "how to read:")
+        assert [line for line in text.splitlines() if line in groups] == list(groups)
     assert "branchdrive " in help_of(run, "--version", capsys=capsys)
 
 

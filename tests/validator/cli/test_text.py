@@ -14,7 +14,7 @@ from tests import synthetic
 from tests.validator.engine.datasets import DEPARTURES, edited, with_column, write
 from tests.validator.engine.test_report import HOSTILE, SITUATIONS
 
-from branchdrive.cli.text import render_report, render_rule, render_rules
+from branchdrive.cli.text import render, render_report, render_rule, render_rules
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
@@ -239,7 +239,7 @@ def test_text_on_a_terminal_is_coloured_by_the_validator_alone(report: Report) -
     assert text.isascii()
     assert all(line.isprintable() for line in text.splitlines())
     assert "\x1b[" in render_report(report, Terminal())
-    assert "\x1b[" not in render_report(report, Terminal(), Path("report.txt"))
+    assert "\x1b[" not in render(report)
 
 
 def test_text_of_a_dataset_is_shown_literally(tmp_path: Path) -> None:
@@ -260,12 +260,35 @@ def test_text_is_as_wide_as_it_may_be(report: Report, monkeypatch: pytest.Monkey
         assert width(render_report(report, io.StringIO())) <= PLAIN_WIDTH
 
 
-def test_colours_do_not_depend_on_the_environment(valid_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    report = validate(valid_root)
-    plain = render_report(report, io.StringIO())
-    for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "TTY_COMPATIBLE", "JUPYTER_COLUMNS"):
-        monkeypatch.setenv(name, "1")
-    assert render_report(report, io.StringIO()) == plain
+@pytest.mark.parametrize(
+    ("environment", "stream", "is_coloured"),
+    [
+        ({}, Terminal, True),
+        ({}, io.StringIO, False),
+        ({"FORCE_COLOR": "1"}, io.StringIO, True),
+        ({"FORCE_COLOR": ""}, io.StringIO, False),
+        ({"NO_COLOR": "1"}, Terminal, False),
+        ({"NO_COLOR": ""}, Terminal, True),
+        ({"NO_COLOR": "1", "FORCE_COLOR": "1"}, Terminal, False),
+        ({"CLICOLOR_FORCE": "1", "TTY_COMPATIBLE": "1", "JUPYTER_COLUMNS": "9"}, io.StringIO, False),
+    ],
+)
+def test_colours_are_those_that_the_user_wants(
+    environment: dict[str, str],
+    stream: type[io.StringIO],
+    is_coloured: bool,
+    valid_root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    report = validate(valid_root, select=["BD-LAY"])
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    text = render_report(report, stream())
+    assert ("\x1b[" in text) == is_coloured
+    assert stream is Terminal or SGR.sub("", text) == render(report)
+    assert "\x1b[" not in render(report)
 
 
 def test_rules_on_a_terminal_say_the_same() -> None:

@@ -68,6 +68,15 @@ def test_a_table_that_is_too_wide_is_parted(width: int, text: str) -> None:
     assert page(TABLE, width) == text
 
 
+def test_columns_without_a_cell_go_first_where_there_is_too_little_room() -> None:
+    columns = [Column.name("Name"), Column("Nothing at all"), Column("Number")]
+    table = Table("T", columns, [["a", "", "1"], ["b", "", "2"]])
+    assert page(table, 40).split("\n")[2].split() == ["Name", "Nothing", "at", "all", "Number"]
+    narrow = ["T", "Warning: Look", "out.", "Name  Number", "------------", "a          1", "b          2", ""]
+    assert page(table, 16).split("\n") == narrow
+    assert "Nothing" in page(replace(table, rows=[]), 16)
+
+
 def test_where_names_leave_no_room_there_is_a_line_for_every_cell() -> None:
     lines = page(TABLE, 20).split("\n")
     assert lines[2:7] == [

@@ -41,30 +41,33 @@ def calibration(text: str) -> tuple[int, int]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("dataset", metavar="DATASET", type=Path, help="dataset with a finished raw layer")
-    parser.add_argument(
+    what = parser.add_argument_group("what to build")
+    what.add_argument(
         "--output", metavar="RELEASE", type=Path, help="make a detached release there; it names its raw layer by digest"
     )
-    parser.add_argument(
+    what.add_argument(
         "--stage",
         choices=_STAGES,
         action="append",
         help="carry out this stage only (repeatable; default: all, in order)",
     )
-    parser.add_argument(
+    what.add_argument(
         "--no-leakage", action="store_true", help="leave the leakage audit out, an earlier one too; the card says so"
     )
-    parser.add_argument(
+    population = parser.add_argument_group("whom it holds")
+    population.add_argument(
         "--seed", metavar="S", type=seed, default=0, help="seed of split, intervals and audit (default: 0)"
     )
-    parser.add_argument(
+    population.add_argument(
         "--calibration", metavar="GROUPS,CLUSTERS", type=calibration,
         help="least groups and route clusters of a calibration partition (default: no such partition)",
     )  # fmt: skip
-    parser.add_argument(
+    population.add_argument(
         "--variants", metavar="FILE", type=Path, help="JSON list of further populations: name, title, where"
     )
-    parser.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
-    parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
+    work = parser.add_argument_group("how to work")
+    work.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    work.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 __all__ = ["add_link_arguments"]
 
 
-def add_link_arguments(parser: argparse.ArgumentParser) -> None:
+def add_link_arguments(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """Declare `--follow-links` and `--allow`."""
     parser.add_argument(
         "--follow-links", action="store_true", help="follow links inside a dataset, and into allowed folders"

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
+from io import StringIO
 from typing import TYPE_CHECKING, TextIO, get_args
 
 from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
+from branchdrive.cli.formats.outcome import headline, refusals
+from branchdrive.cli.funnel import funnel_table
 from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
 from branchdrive.cli.response import print_response
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
@@ -19,14 +21,14 @@ from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
-from branchdrive.engine.verdict import Verdict, is_waived
-from branchdrive.text.table import Column, Table
-from branchdrive.text.terminal import print_facts, print_section, render
+from branchdrive.engine.verdict import is_waived
+from branchdrive.text.terminal import print_facts, print_section
+from branchdrive.text.terminal import render as drawn
 
 if TYPE_CHECKING:
     from branchdrive.release.builder import BuildReport
 
-__all__ = ["render_build", "render_report", "render_rule", "render_rules"]
+__all__ = ["render", "render_build", "render_report", "render_rule", "render_rules"]
 
 FINDINGS_SHOWN = 5
 _STYLE: dict[str, str] = {
@@ -34,13 +36,6 @@ _STYLE: dict[str, str] = {
     "error": "bold magenta", "pass": "green", "fail": "red", "skipped": "yellow", "not-claimed": "dim",
     "inconclusive": "yellow", "noted": "yellow",
 }  # fmt: skip
-_MEANING: dict[Verdict, str] = {
-    "valid": "the dataset conforms to the specification",
-    "valid-with-waivers": "it conforms except where a waiver accepts that it does not",
-    "partial": "nothing wrong was found, but not everything was judged",
-    "invalid": "the dataset breaks the specification",
-    "error": "the validator itself failed; this says nothing about the dataset",
-}
 
 
 _SECTIONS: dict[str, Callable[[RuleInfo], bool]] = {
@@ -61,14 +56,19 @@ def _size(num_bytes: int) -> str:
     return f"{size:.3g} {units[0]}"
 
 
-def render_report(report: Report, stdout: TextIO, output: Path | None = None) -> str:
-    """The report as text, coloured if `stdout` is a terminal and the text goes there."""
-    return render(partial(_print_report, report=report), stdout, is_file=output is not None)
+def render(report: Report) -> str:
+    """The report as text for a file."""
+    return drawn(partial(_print_report, report=report), StringIO(), is_file=True)
+
+
+def render_report(report: Report, stdout: TextIO) -> str:
+    """The report as text for `stdout`."""
+    return drawn(partial(_print_report, report=report), stdout)
 
 
 def render_build(report: BuildReport, stdout: TextIO) -> str:
     """What a build made, as text: population, replay fidelity and leakage, as far as they were built."""
-    return render(partial(_print_build, report=report), stdout)
+    return drawn(partial(_print_build, report=report), stdout)
 
 
 def _print_report(console: Console, report: Report) -> None:
@@ -158,15 +158,7 @@ def _print_funnel(console: Console, report: Report) -> None:
     if report.funnel is None:
         console.print(Text("Funnel: not judged", style="yellow"))
         return
-    rows = []
-    for stage in report.funnel.to_json()["stages"]:
-        common = Counter(stage["reasons"]).most_common(4)
-        reasons = ", ".join(f"{rule_id} ({count})" for rule_id, count in common)
-        if len(stage["reasons"]) > len(common):
-            reasons += ", ..."
-        rows.append([stage["title"], f"{stage['groups']:,}", f"{stage['lost']:,}" if stage["lost"] else "", reasons])
-    columns = [Column.name("Stage"), Column("Groups"), Column("Lost"), Column("Reasons (groups)", is_text=True)]
-    print_section(console, Table("Funnel", columns, rows))
+    print_section(console, funnel_table(report.funnel))
 
 
 def _print_waivers(console: Console, report: Report) -> None:
@@ -203,25 +195,17 @@ def _print_rules(console: Console, report: Report) -> None:
 
 
 def _print_verdict(console: Console, report: Report) -> None:
-    console.print(
-        Text.assemble("Verdict: ", (report.verdict, _STYLE[report.verdict]), f" - {_MEANING[report.verdict]}")
-    )
+    meaning = headline(report).removeprefix(report.verdict)
+    console.print(Text.assemble("Verdict: ", (report.verdict, _STYLE[report.verdict]), meaning))
     for condition in report.conditions:
         console.print(Padding(Text(condition, style="dim"), (0, 0, 0, 2)))
-    if report.lacks_groups:
-        found = report.num_qualified or 0
-        required = report.options.require_groups
-        console.print(Text(f"{found} of {required} required branch groups qualify", style="bold red"))
-    if report.options.is_strict and report.noted:
-        failed = ", ".join(tally.rule_id for tally in report.noted)
-        console.print(
-            Text(f"--strict refuses what these diagnostics and recommendations found: {failed}", style="bold red")
-        )
+    for told in refusals(report):
+        console.print(Text(told, style="bold red"))
 
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
     """Rules as a list, by area."""
-    return render(partial(_print_rule_list, rules=rules), stdout)
+    return drawn(partial(_print_rule_list, rules=rules), stdout)
 
 
 def _print_rule_list(console: Console, rules: Sequence[RuleInfo]) -> None:
@@ -236,7 +220,7 @@ def _print_rule_list(console: Console, rules: Sequence[RuleInfo]) -> None:
 
 def render_rule(info: RuleInfo, stdout: TextIO) -> str:
     """One rule in full."""
-    return render(partial(_print_rule, info=info), stdout)
+    return drawn(partial(_print_rule, info=info), stdout)
 
 
 def _print_rule(console: Console, info: RuleInfo) -> None:
@@ -249,5 +233,6 @@ def _print_rule(console: Console, info: RuleInfo) -> None:
         "only if claimed": ", ".join(info.streams),
         "after": ", ".join(f"{r} ({CATALOGUE[r].title})" for r in info.requires),
         "remedy": info.remedy,
+        "page": info.url,
     }
     print_facts(console, [fact for fact in facts.items() if fact[1]])

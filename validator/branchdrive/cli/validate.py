@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
@@ -34,16 +34,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
     )
-    parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
-    parser.add_argument("--output", metavar="FILE", type=Path, help="write the report there instead of to the terminal")
-    parser.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
-    parser.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
-    parser.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
-    parser.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
-    add_link_arguments(parser)
-    parser.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
-    parser.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
-    parser.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
+    report = parser.add_argument_group("what to report")
+    report.add_argument(
+        "--format", metavar="FORMAT", choices=[*FORMATS],
+        default="text", help=f"what to print: {', '.join(FORMATS)} (default: text)",
+    )  # fmt: skip
+    report.add_argument(
+        "--output", metavar="[FORMAT=]FILE", action="append", default=[],
+        help="write a report to a file, in --format or in a FORMAT of its own, and print the text (repeatable)",
+    )  # fmt: skip
+    rules = parser.add_argument_group("what to judge")
+    rules.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
+    rules.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
+    rules.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
+    verdict = parser.add_argument_group("what to accept")
+    verdict.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
+    verdict.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
+    verdict.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
+    reading = parser.add_argument_group("how to read")
+    reading.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    add_link_arguments(reading)
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
@@ -55,8 +65,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.engine.worker import isolated
     from branchdrive.formats.durable import replace_file
 
-    for root in (args.dataset, args.raw):
-        check_output(args.output, outside=root)
+    written = outputs(args.output)
+    for output in written:
+        for root in (args.dataset, args.raw):
+            check_output(output.path, outside=root)
     waivers = load_waivers(args.waivers) if args.waivers else ()
     with progress_bar(stderr, "validating shards") as progress:
         report = validate(
@@ -73,13 +85,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             executor=isolated(args.jobs),
             progress=progress,
         )
-    if args.format == "json":
-        text = json.dumps(report.to_json(), indent=2, sort_keys=True, allow_nan=False) + "\n"
-    else:
-        text = render_report(report, stdout, args.output)
-    if args.output is not None:
-        replace_file(args.output, text.encode())
-    else:
-        stdout.write(text)
-        stdout.flush()
+    for output in written:
+        replace_file(output.path, renderer(output.form or args.format)(report).encode())
+    is_kept = any(output.form is None for output in written)  # a file has what `--format` asks for
+    stdout.write(render_report(report, stdout) if is_kept or args.format == "text" else renderer(args.format)(report))
+    stdout.flush()
     return report.exit_code

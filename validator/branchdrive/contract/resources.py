@@ -9,10 +9,13 @@ from typing import Any
 
 from branchdrive.errors import BranchDriveError
 
-__all__ = ["SPEC_VERSION", "load_resource", "schema_dir"]
+__all__ = ["PROJECT_URL", "SPEC_VERSION", "load_resource", "schema_dir"]
 
 SPEC_VERSION = "0.1"
 """Version of the dataset specification that this library implements."""
+
+PROJECT_URL = "https://branchdrive.org"
+"""Where the files of the repository are found under their paths; `[project.urls]` of pyproject.toml says the same."""
 
 _PACKAGE_DIR = Path(__file__).resolve().parents[1]
 

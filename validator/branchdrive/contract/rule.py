@@ -26,7 +26,7 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, TypeVar
 
 from branchdrive.contract.mismatch import Check
-from branchdrive.contract.resources import load_resource
+from branchdrive.contract.resources import PROJECT_URL, load_resource
 from branchdrive.errors import BranchDriveError
 
 __all__ = ["AREAS", "CATALOGUE", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "Scope", "Stage", "rule", "rules_of"]
@@ -76,6 +76,11 @@ class RuleInfo:
     def decides(self) -> bool:
         """Whether the rule can make a dataset invalid."""
         return self.kind in ("structure", "claim") and self.level == "MUST"
+
+    @property
+    def url(self) -> str:
+        """Where the page of the rule is."""
+        return f"{PROJECT_URL}/docs/rules/{self.id}.md"
 
 
 def _rule(declared: Mapping[str, Any]) -> RuleInfo:

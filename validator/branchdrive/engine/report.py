@@ -181,6 +181,7 @@ class Report:
                     "total": tally.total,
                     "num_findings": tally.num_findings,
                     "num_waived": tally.places(f for f in tally.findings if f.waived),
+                    "url": tally.info.url,
                 }
                 for tally in self.tallies
             ],

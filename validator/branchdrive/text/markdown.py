@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+from branchdrive.contract.text import printable
 from branchdrive.text.table import Column, Passage, Table
 
-__all__ = ["grid", "plain", "section_lines"]
+__all__ = ["code_span", "grid", "plain", "section_lines"]
 
 _TAG = re.compile(r"<(?![ =])")
 
@@ -40,3 +41,14 @@ def grid(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> list[str]:
 def plain(text: str) -> str:
     """Text on one line without a cell or a tag of its own; a sign of comparison before a blank stays."""
     return _TAG.sub("&lt;", text.replace("|", "\\|"))
+
+
+def code_span(text: str) -> str:
+    """Text of anyone, in which no renderer finds markup: on one line, between more back-ticks than it has in a row.
+
+    It is for places outside of tables, whose cells a bar would end even here.
+    """
+    shown = printable(text) or " "
+    fence = "`" * (1 + max(map(len, re.findall("`+", shown)), default=0))
+    pad = " " if shown[0] in "` " or shown[-1] in "` " else ""
+    return f"{fence}{pad}{shown}{pad}{fence}"

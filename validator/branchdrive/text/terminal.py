@@ -1,12 +1,13 @@
 """Tables and texts on a terminal, or as plain text of a fixed width where there is none.
 
 A table that is too wide is parted: its columns stand in several blocks below each other, each with the columns that
-name the rows. Numbers stay whole, and no column is lost. Characters that are not ASCII are escaped, because text of
-others may hold any, but for the sign ±.
+name the rows. Numbers stay whole, and no column is lost but those that have nothing in any row. Characters that are not
+ASCII are escaped, because text of others may hold any, but for the sign ±.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -45,14 +46,25 @@ def render(draw: Callable[[Console], None], stdout: TextIO, *, is_file: bool = F
 
     Args:
         draw: Prints on a console.
-        stdout: Where the text is to go: a terminal gets colour and its own width.
-        is_file: Whether it goes to a file instead.
+        stdout: Where the text is to go: a terminal gets its own width, and colour unless the user wants otherwise.
+        is_file: Whether it goes to a file instead, which has no colour ever.
     """
     buffer = StringIO()
     is_terminal = stdout.isatty() and not is_file
     width = Console(file=stdout).width if is_terminal else PLAIN_WIDTH
-    draw(Console(file=buffer, force_terminal=is_terminal, width=width, highlight=False, emoji=False))
+    is_coloured = not is_file and _wants_colour(stdout)
+    draw(Console(file=buffer, force_terminal=is_coloured, no_color=False, width=width, highlight=False, emoji=False))
     return "\n".join(line.rstrip(" ") for line in buffer.getvalue().split("\n"))
+
+
+def _wants_colour(stdout: TextIO) -> bool:
+    """Whether to colour: `NO_COLOR` forbids it, `FORCE_COLOR` asks for it, else a terminal decides.
+
+    Source: no-color.org, force-color.org; as Python itself does, the first wins over the second.
+    """
+    if os.environ.get("NO_COLOR"):
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or stdout.isatty()
 
 
 def _escaped(text: str) -> str:
@@ -86,6 +98,9 @@ def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
 
 def _print_rows(console: Console, table: Table) -> None:
     blocks = _blocks(table, console.width)
+    if table.rows and (blocks is None or len(blocks) > 1):
+        table = table.only([i for i, column in enumerate(table.columns) if column.is_name or _has_cells(table, i)])
+        blocks = _blocks(table, console.width)
     if blocks is None:
         for row in table.rows:
             titles = [column.title for column in table.columns]
@@ -96,6 +111,10 @@ def _print_rows(console: Console, table: Table) -> None:
         if i:
             console.print()
         _print_block(console, table.only(places))
+
+
+def _has_cells(table: Table, place: int) -> bool:
+    return any(row[place] for row in table.rows)
 
 
 def _print_block(console: Console, table: Table) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from tests.mutation import MUTANTS, Mutant, new_draft
+from tests.rule_examples import EXAMPLE_MUTANTS, EXAMPLES_PATH, example, without_numbers
 from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, judged
 
 from branchdrive.contract.rule import CATALOGUE
@@ -51,3 +53,7 @@ def test_mutant_fails_exactly_its_rule(mutant: Mutant, tmp_path: Path) -> None:
         assert reasons[mutant.rule] == mutant.lost
         assert set(reasons) <= mutant.may_fail
         assert not any(report.funnel.reasons[other] for other in STAGES if other != stage)
+
+    if EXAMPLE_MUTANTS[mutant.rule] is mutant:  # the page of the rule shows what is said of it
+        shown = json.loads(EXAMPLES_PATH.read_text("utf-8"))[mutant.rule]
+        assert without_numbers(example(mutant, report)) == without_numbers(shown)

@@ -1,4 +1,4 @@
-"""Everything in the repository that is written by machine: tables and numbers of the spec, record schemas, metrics.
+"""Everything in the repository that is written by machine: parts of the spec and of schemas, and pages of rules.
 
 ``python -m branchdrive.contract.generate`` writes them, ``--check`` only names the stale ones. A
 generated region of a chapter lies between ``<!-- generated: NAME -->`` and ``<!-- end generated -->``;
@@ -14,6 +14,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.generate.clause import LEDGER, ledger_faults, ledger_text, number_clauses
+from branchdrive.contract.generate.page import rule_pages
 from branchdrive.contract.generate.record import metric_schemas, protocol_text, record_schemas
 from branchdrive.contract.generate.region import REGIONS, render_regions
 from branchdrive.contract.resources import SPEC_VERSION, schema_dir
@@ -46,6 +47,7 @@ def generated_files(root: Path) -> dict[Path, str]:
     chapters = _chapters(root)
     files = {root / "spec" / name: text for name, text in chapters.items()}
     files[root / "spec" / LEDGER] = ledger_text(chapters)
+    files |= rule_pages(root, chapters)
     schemas = root / "schemas" / f"v{SPEC_VERSION}"
     for name, schema in (record_schemas() | metric_schemas()).items():
         files[schemas / name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
@@ -71,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="python -m branchdrive.contract.generate",
-        description="Write the generated parts of spec/ and schemas/.",
+        description="Write the generated parts of spec/ and schemas/, and docs/rules/.",
     )
     parser.add_argument("--check", action="store_true", help="change nothing; name stale files, exit 1 if any")
     check = parser.parse_args(arguments).check

@@ -68,7 +68,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
     summary = evidence.by_rollout(bad)
 
     def text(available: bool, value: float) -> str:
-        return quote(float(value)) if available else "unavailable"
+        return quote(value) if available else "unavailable"
 
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
@@ -134,6 +134,6 @@ def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
         place: Location = {
             "table": "evidence", "column": "nearest_vehicle_rel_speed_mps", "tick": int(evidence.tick[row]),
         }  # fmt: skip
-        return Mismatch(place, quote(float(candidates[0])), quote(float(speeds[row])), int(summary.count[i]))
+        return Mismatch(place, quote(candidates[0]), quote(speeds[row]), int(summary.count[i]))
 
     return Check.of_subjects(subjects, subjects & summary.any, describe)

@@ -158,7 +158,7 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
         place: dict[str, str | int] = {
             "table": "observations", "column": "speed_limit_mps", "tick": int(observations.tick[row]),
         }  # fmt: skip
-        return Mismatch(place, expected, quote(float(observations["speed_limit_mps"][row])), int(summary.count[i]))
+        return Mismatch(place, expected, quote(observations["speed_limit_mps"][row]), int(summary.count[i]))
 
     yield Check.of_subjects(subjects, subjects & summary.any, mismatch)
 

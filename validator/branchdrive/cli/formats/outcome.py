@@ -1,0 +1,115 @@
+"""What a report means to who looks at it: how grave each rule's result is, and the verdict in words.
+
+Every form takes its colours from here, so that none shows green what is not `valid`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+from branchdrive.contract.text import counted
+from branchdrive.engine.report import Report
+from branchdrive.engine.tally import Tally
+from branchdrive.engine.verdict import Verdict, is_waived
+
+__all__ = [
+    "MEANING", "Level", "failures", "headline", "level_of", "refusals", "summary", "unjudged", "verdict_level",
+]  # fmt: skip
+
+Level = Literal["error", "warning", "note"]
+
+_RULES_SHOWN = 12
+
+MEANING: Mapping[Verdict, str] = MappingProxyType(
+    {
+        "valid": "the dataset conforms to the specification",
+        "valid-with-waivers": "it conforms except where a waiver accepts that it does not",
+        "partial": "nothing wrong was found, but not everything was judged",
+        "invalid": "the dataset breaks the specification",
+        "error": "the validator itself failed; this says nothing about the dataset",
+    }
+)
+
+_VERDICT_LEVEL: Mapping[Verdict, Level] = MappingProxyType(
+    {"valid": "note", "valid-with-waivers": "warning", "partial": "warning", "invalid": "error", "error": "error"}
+)
+
+
+def headline(report: Report) -> str:
+    """The verdict and what it means."""
+    return f"{report.verdict} - {MEANING[report.verdict]}"
+
+
+def verdict_level(report: Report) -> Level:
+    """How grave the verdict is; where the exit code refuses a valid dataset, as grave as an invalid one."""
+    return "error" if refusals(report) else _VERDICT_LEVEL[report.verdict]
+
+
+def refusals(report: Report) -> list[str]:
+    """What the caller's own demands refuse, one sentence each."""
+    told = []
+    if report.lacks_groups:
+        found = report.num_qualified or 0
+        told.append(f"{found} of {report.options.require_groups} required branch groups qualify")
+    if report.options.is_strict and report.noted:
+        failed = ", ".join(tally.rule_id for tally in report.noted)
+        told.append(f"--strict refuses what these diagnostics and recommendations found: {failed}")
+    return told
+
+
+def level_of(tally: Tally, report: Report) -> Level | None:
+    """How grave the result of a rule is; ``None`` where there is nothing to say of it.
+
+    An error is what fails a dataset or the tool, or what `--strict` refuses. A warning is what keeps a verdict from
+    being `valid` without making it `invalid`, and what a diagnostic or a recommendation found. A note is what a waiver
+    covers, and why attempts and groups do not qualify.
+    """
+    info = tally.info
+    match tally.status:
+        case "error":
+            return "error"
+        case "fail" if info.decides:
+            return "note" if is_waived(tally) else "error"
+        case "fail" if info.kind == "qualification":
+            return "note"
+        case "fail":
+            return "error" if report.options.is_strict else "warning"
+        case "inconclusive":
+            return "warning"
+        case _:
+            return "warning" if tally.is_claimed and tally.unjudged and info.decides else None
+
+
+def failures(report: Report) -> list[tuple[Level, Tally]]:
+    """Rules that failed, or that the tool failed at, the gravest first, then in catalogue order."""
+    order = ("error", "warning", "note")
+    found = [
+        (level, tally)
+        for tally in report.tallies
+        if tally.status in ("fail", "error") and (level := level_of(tally, report))
+    ]
+    return sorted(found, key=lambda item: order.index(item[0]))
+
+
+def unjudged(report: Report) -> list[str]:
+    """What kept rules from a judgement that a verdict rests on, each with the rules, one sentence each."""
+    rules: dict[str, list[str]] = {}
+    for tally in report.tallies:
+        if tally.status not in ("fail", "error") and level_of(tally, report):
+            rules.setdefault(summary(tally), []).append(tally.rule_id)
+    return [f"{counted(len(ids), 'rule')} {why} - {_listed(ids)}" for why, ids in rules.items()]
+
+
+def _listed(rule_ids: list[str]) -> str:
+    more = f" and {len(rule_ids) - _RULES_SHOWN} more" if len(rule_ids) > _RULES_SHOWN else ""
+    return ", ".join(rule_ids[:_RULES_SHOWN]) + more
+
+
+def summary(tally: Tally) -> str:
+    """What became of a rule, in a few words."""
+    if tally.status == "fail":
+        waived = ", waived" if is_waived(tally) else ""
+        return f"{counted(tally.num_findings, 'violation')} in {counted(tally.examined, tally.info.grain)}{waived}"
+    return tally.status if tally.reason is None else f"{tally.status}: {tally.reason}"
