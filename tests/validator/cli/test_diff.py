@@ -16,6 +16,7 @@ from tests.validator.engine.datasets import FOLDER, cells, edited, write
 from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.cli.main import run
+from branchdrive.engine.validate import validate
 
 
 def diff(*arguments: object) -> tuple[int, str, str]:
@@ -50,6 +51,22 @@ def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_copy_is_equal(base: Path, tmp_path: Path) -> None:
     shutil.copytree(base, tmp_path / "copy")
     assert diff(base, tmp_path / "copy") == (0, "files equal, data equal\n", "")
+
+
+def test_a_release_that_duckdb_wrote_holds_equal_data(release: Path, tmp_path: Path) -> None:
+    duckdb = pytest.importorskip("duckdb")
+    other = tmp_path / "other"
+    shutil.copytree(release, other)
+    with duckdb.connect() as connection:
+        for path in sorted(other.rglob("*.parquet")):
+            connection.register("source", pq.read_table(path))
+            connection.execute(f"COPY (SELECT * FROM source) TO '{path}' (FORMAT parquet, COMPRESSION gzip)")
+    seal_dataset(other)
+    code, out, _ = diff(release, other)
+    assert (code, out.splitlines()[0]) == (0, "files differ, data equal")
+    reports = [validate(root) for root in (release, other)]
+    assert [report.verdict for report in reports] == ["valid", "valid"]
+    assert reports[0].dataset.content == reports[1].dataset.content
 
 
 def test_files_that_another_program_wrote_hold_equal_data(release: Path, tmp_path: Path) -> None:

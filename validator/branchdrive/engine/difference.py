@@ -15,7 +15,7 @@ import numpy as np
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
-from branchdrive.contract.layer import table_path
+from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
@@ -197,13 +197,12 @@ def _compare_layers(
     ours, theirs = (
         file_content(root, claimed_files(claimed, there), links) for root, there in zip(roots, listed, strict=True)
     )
-    names = {table_path(name): name for name in LAYER_TABLES}
     for path in sorted(ours.keys() | theirs.keys()):
         if ours.get(path) == theirs.get(path):
             continue
-        if path in names:
-            mine, others = (read_table(root, path, names[path], links) for root in roots)
-            result.tables[path] = _tables(names[path], mine, others)
+        if path in TABLE_OF_PATH:
+            name = TABLE_OF_PATH[path]
+            result.tables[path] = _tables(name, *(read_table(root, path, name, links) for root in roots))
         elif path in ours and path in theirs:
             result.documents[path] = differing_values(*(read_document(root, path, links) for root in roots))
         else:
