@@ -12,8 +12,10 @@ import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import LAYERS, table_paths
+from branchdrive.contract.machine_trace import trace_mismatches
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
+from branchdrive.layers.compare import document_check
 from branchdrive.layers.view import ReleaseView
 from branchdrive.raw.rules.nulls import (
     masks_agree_with_values,
@@ -23,6 +25,7 @@ from branchdrive.raw.rules.nulls import (
 from branchdrive.raw.rules.values import (
     categories_are_declared,
     text_matches_pattern,
+    texts_hold_no_trace,
     values_are_finite,
     values_lie_in_range,
 )
@@ -128,3 +131,15 @@ def layer_rows_are_sorted(view: ReleaseView) -> Iterator[Check]:
             bad[:1],
             partial(_elsewhere, len(bad)),
         )
+
+
+_FIRST_TABLE = {column.name: table.name for table in reversed(LAYER_TABLES.values()) for column in table.columns}
+"""First table with a column of a name; later ones repeat what it says, as other rules judge."""
+
+
+@rule("BD-LYR-011")
+def layer_texts_name_no_machine(view: ReleaseView) -> Iterator[Check]:
+    """No text of a table or a document holds a path, a host or a time of the machine that wrote it."""
+    yield from texts_hold_no_trace(view, lambda table, column: _FIRST_TABLE[column] == table)
+    for path, document in view.documents.items():
+        yield document_check(path, 1, trace_mismatches(document))

@@ -336,3 +336,30 @@ def rows_in_the_file_of_a_partition_without_groups(d: ReleaseDraft) -> None:
         empty.write_bytes(content)
 
     d.before_seal(move)
+
+
+# BD-LYR-011
+
+
+def _declare(d: ReleaseDraft, title: str) -> None:
+    """Declare a further variant."""
+    d.documents[VARIANTS]["variants"].append({"name": "screened", "title": title, "where": {"core_valid": True}})
+    d.reseal("variants")
+
+
+@mutant("BD-LYR-011", at={"table": "records", "column": "provenance", "group_id": "g2"}, base="alone")
+def provenance_of_a_record_with_a_path(d: ReleaseDraft) -> None:
+    text = "replayed from /srv/ada/runs/17"
+    d.set("records", "provenance", text, group_id="g2", action_key="brake_0.50")
+
+
+@mutant("BD-LYR-011", at={"file": VARIANTS, "pointer": "/variants/1/title"})
+def title_of_a_variant_with_a_host_and_a_time(d: ReleaseDraft) -> None:
+    _declare(d, "declared by ada@node7, 2026-03-01T12:30")
+
+
+@boundary("BD-LYR-011", base="alone")
+def texts_of_a_release_that_look_like_paths_and_times(d: ReleaseDraft) -> None:
+    text = "maps/Town10/route 3, 5 km/h at 12:30, built 2026-03-01, see https://a.b/c/d"
+    d.set("records", "provenance", text, group_id="g2", action_key="brake_0.50")
+    _declare(d, text)
