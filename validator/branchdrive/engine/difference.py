@@ -234,7 +234,7 @@ def _compare_layers(
 
 def _add_rows(found: TableDifference, name: str, ours: pa.Table, theirs: pa.Table) -> None:
     """Compare rows of a table with the declared schema by their key."""
-    pairs = align(*(from_arrow(table, name) for table in (ours, theirs)), declared_table(name).key)
+    pairs = align(from_arrow(ours, name), from_arrow(theirs, name), declared_table(name).key)
     found.only_first += len(pairs.missing)
     found.only_second += len(pairs.extra)
     found.add(ours.take(pairs.expected), theirs.take(pairs.found))

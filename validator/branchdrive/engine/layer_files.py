@@ -26,7 +26,7 @@ from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
-from branchdrive.contract.text import printable, quote
+from branchdrive.contract.text import counted, printable, quote
 from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
@@ -239,16 +239,17 @@ def _read_table(task: LayerFilesTask, path: str, name: str, files: _Files, resul
 
 
 def _strays(path: str, name: str, table: pa.Table) -> Iterator[Mismatch]:
-    """Partitions that rows of a file name beside the one that it is for, the first row of each."""
+    """Rows of a file that are of another partition than the one that it is for: the first of them, and how many."""
     own = dict(zip(table_paths(name), LAYER_TABLES[name].partitions, strict=False)).get(path)
     if own is None:
         return
     codes, texts = TableView(name, table).categories("partition")
-    for code, text in enumerate(texts):
-        rows = np.flatnonzero(codes == code)
-        if len(rows) and text != own:
-            where: Location = {"table": name, "column": "partition", "row": int(rows[0])}
-            yield Mismatch(where, f"rows of {own!r} alone", f"{len(rows)} rows of {quote(text)}")
+    is_other = np.array([text != own for text in texts] + [False], bool)  # a null is another rule's
+    rows = np.flatnonzero(is_other[codes])
+    if len(rows):
+        where: Location = {"table": name, "column": "partition", "row": int(rows[0])}
+        found = f"{counted(len(rows), 'row')} of others, the first of {quote(texts[codes[rows[0]]])}"
+        yield Mismatch(where, f"rows of {own!r} alone", found)
 
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:

@@ -133,7 +133,7 @@ def layer_rows_are_sorted(view: ReleaseView) -> Iterator[Check]:
         )
 
 
-_FIRST_TABLE = {column.name: table.name for table in reversed(LAYER_TABLES.values()) for column in table.columns}
+_FIRST_TABLE = {column.name: table.name for table in reversed([*LAYER_TABLES.values()]) for column in table.columns}
 """First table with a column of a name; later ones repeat what it says, as other rules judge."""
 
 
