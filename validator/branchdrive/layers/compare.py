@@ -38,9 +38,12 @@ Index = NDArray[np.int64]
 
 
 def place(table: str, frame: Frame, row: int, column: str | None = None) -> Location:
-    """Location of a row: its file, its table and its key."""
-    partition = frame["partition"][row] if LAYER_TABLES[table].partitions else None
-    found: Location = {"file": table_path(table, partition), "table": table}
+    """Location of a row: its file, its table and its key; no file is for a row of no partition."""
+    partitions = LAYER_TABLES[table].partitions
+    partition = frame["partition"][row] if partitions else None
+    found: Location = {"table": table}
+    if not partitions or partition in partitions:
+        found = {"file": table_path(table, partition), **found}
     if column is not None:
         found["column"] = column
     return {**found, **key_of(table, frame, row)}
