@@ -16,8 +16,8 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.encoding import encode_bank
-from branchdrive.contract.layer import table_path
 from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import parts_of
 from branchdrive.model.arrays import ModelArrays, pack_arrays
 from branchdrive.model.features import HISTORIES, features_document
 from branchdrive.model.normalisation_document import normalisation_document
@@ -71,9 +71,11 @@ def make_frames(seed: int = 0, *, bare: bool = False, assignment: Mapping[str, s
     frames["actions"]["encoded"] = np.full(len(vectors), not bare)
     frames["contexts"] = {
         **_filled("contexts", rng, {"group_id": members}),
-        "partition": np.array([assignment[group_id] for group_id in members], object),
         "extended_valid": np.isin(members, EXTENDED),
     }
+    for name, frame in frames.items():
+        if LAYER_TABLES[name].partitions:
+            frame["partition"] = np.array([assignment[group_id] for group_id in frame["group_id"].tolist()], object)
     quality = _filled("group_quality", rng, {"group_id": tuple(assignment)})
     names = np.array(list(assignment), object)
     quality["core_valid"] = names != OUTSIDER
@@ -131,7 +133,8 @@ def write_release(
         (root / layer).mkdir(parents=True)
     files = {"branchdrive.json": dump_json(about.model_dump(mode="json"))}
     for name, frame in frames.items():
-        files[table_path(name)] = encode_table(to_arrow(name, frame))
+        rows = parts_of(name, to_arrow(name, frame))
+        files.update({path: encode_table(part) for path, part in rows.items()})
     if "normalisation" not in documents:
         documents["normalisation"] = normalisation_document(make_arrays(frames), ASSIGNMENT)
     documents = {"features": features_document(about), **documents}

@@ -40,7 +40,7 @@ from tests.driving import (
 )
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import STREAMS, table_schema
+from branchdrive.contract.columns import LAYER_TABLES, STREAMS, TABLES, table_schema
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.encoding import encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
@@ -48,6 +48,7 @@ from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.driving.risk import risk_evidence
 from branchdrive.formats.manifest import build_manifest
 from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import parts_of
 
 __all__ = [
     "ACTORS", "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",
@@ -345,24 +346,24 @@ def bare_descriptor() -> dict[str, Any]:
     return {**document, "streams": [name for name in document["streams"] if name != "actor_risk_evidence"]}
 
 
-_shared: dict[int, tuple[pa.Table, list[bytes]]] = {}
-"""Tables that many datasets hold, with their bytes once they are known."""
+_shared: dict[int, tuple[pa.Table, dict[str, bytes]]] = {}
+"""Tables that many datasets hold, with the bytes of their files once they are known."""
 
 
 def shared(tables: dict[str, Tables]) -> dict[str, Tables]:
     """The same tables, whose bytes will be computed once; they live as long as the process."""
-    _shared.update({id(table): (table, []) for shard in tables.values() for table in shard.values()})
+    _shared.update({id(table): (table, {}) for shard in tables.values() for table in shard.values()})
     return tables
 
 
-def _bytes(table: pa.Table) -> bytes:
-    """Parquet bytes; those of the shared tables are computed once."""
-    if id(table) not in _shared:
-        return encode_table(table)
-    known = _shared[id(table)][1]
+def _files(name: str, table: pa.Table) -> dict[str, bytes]:
+    """Parquet bytes of the files of a table by file name; those of the shared tables are computed once."""
+    _, known = _shared.get(id(table), (table, {}))
     if not known:
-        known.append(encode_table(table))
-    return known[0]
+        is_raw = name not in LAYER_TABLES
+        parts = {TABLES[name].file_name: table} if is_raw else parts_of(name, table)
+        known.update({path.split("/")[-1]: encode_table(rows) for path, rows in parts.items()})
+    return known
 
 
 def write_dataset(root: Path, tables: Mapping[str, Tables], document: Mapping[str, Any], *, seal: bool = True) -> None:
@@ -372,7 +373,8 @@ def write_dataset(root: Path, tables: Mapping[str, Tables], document: Mapping[st
     for folder, shard in tables.items():
         (root / folder).mkdir(parents=True, exist_ok=True)
         for name, table in shard.items():
-            (root / folder / f"{name}.parquet").write_bytes(_bytes(table))
+            for file_name, content in _files(name, table).items():
+                (root / folder / file_name).write_bytes(content)
         if "frames" in shard:
             (root / folder / MEDIA_FILE).write_bytes(bytes(8 * len(STREAMS["rgb_surround"].cameras)))
     if seal:

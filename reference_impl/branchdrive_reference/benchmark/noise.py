@@ -12,9 +12,8 @@ import numpy as np
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, outcome_noise
-from branchdrive.contract.layer import table_path
 from branchdrive.driving.target import Targets
-from branchdrive.formats.table_file import read_table
+from branchdrive.formats.table_file import read_layer_table
 from branchdrive.model.targets import targets_of
 from branchdrive.raw.shard import find_shards
 from branchdrive.raw.shard_view import ShardView
@@ -83,4 +82,4 @@ def _replays(release: Release, groups: dict[str, int]) -> dict[str, int]:
 
 
 def _frame(release: Release, name: str) -> Frame:
-    return from_arrow(read_table(release.root, table_path(name), name), name)
+    return from_arrow(read_layer_table(release.root, name), name)

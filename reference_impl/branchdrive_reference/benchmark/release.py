@@ -19,12 +19,12 @@ from branchdrive.benchmark.prediction_rows import TABLES
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.contract.document import parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.manifest import Manifest, parse_manifest
-from branchdrive.formats.table_file import read_table
+from branchdrive.formats.table_file import read_layer_table
 from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.tables.arrow import from_arrow
@@ -62,7 +62,7 @@ class Release:
     @cached_property
     def clusters(self) -> dict[str, int]:
         """Route cluster of every group of the model layer."""
-        contexts = from_arrow(read_table(self.root, table_path("contexts"), "contexts"), "contexts")
+        contexts = from_arrow(read_layer_table(self.root, "contexts"), "contexts")
         return dict(zip(contexts["group_id"].tolist(), contexts["route_cluster"].tolist(), strict=True))
 
     def content(self, path: str) -> bytes:
@@ -134,7 +134,7 @@ def benchmark_data(release: Release) -> BenchmarkData:
     Raises:
         DatasetError: A table cannot be read or packed.
     """
-    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in DATA_TABLES}
+    frames = {name: from_arrow(read_layer_table(release.root, name), name) for name in DATA_TABLES}
     return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
 
 
@@ -147,7 +147,7 @@ def published_predictions(release: Release, protocol: BenchmarkProtocol, data: B
     """
     if not release.has_benchmark:
         raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
-    frames = {name: from_arrow(read_table(release.root, table_path(name), name), name) for name in TABLES}
+    frames = {name: from_arrow(read_layer_table(release.root, name), name) for name in TABLES}
     for wrong in prediction_mismatches(frames, data, protocol):
         raise DatasetError(f"{release.root}: {mismatch_text(wrong)}; run `branchdrive predict` again")
     return PredictionSet.from_frames(frames, data)

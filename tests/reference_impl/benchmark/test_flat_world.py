@@ -42,7 +42,7 @@ def test_it_is_valid_with_its_benchmark(release: Path) -> None:
     assert report.errors == ()
     assert [f.message for f in report.findings if CATALOGUE[f.rule].decides] == []
     assert report.verdict == "valid"
-    card = (release / "CARD.md").read_text()
+    card = (release / "README.md").read_text()
     assert "| Driver | recorded log |" in card
     assert "`observations.speed_limit_mps`" in card
 

@@ -75,7 +75,7 @@ def test_accesses_move_to_the_ledger_and_to_the_card(evaluated: Path, rebuilt: P
     assert locks(rebuilt, LEDGER_FILE) == before
     assert (
         "earlier builds accessed the test partition 1 time for predictions and 1 time"
-        in (rebuilt / "CARD.md").read_text()
+        in (rebuilt / "README.md").read_text()
     )
     assert findings(rebuilt, "valid") == findings(evaluated, "valid")
 

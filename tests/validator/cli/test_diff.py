@@ -5,17 +5,23 @@ from __future__ import annotations
 import io
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from tests import synthetic
 from tests.synthetic import seal_dataset
+from tests.synthetic_map import map_descriptor, map_tables
 from tests.validator.engine.datasets import FOLDER, cells, edited, write
 from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.cli.main import run
+from branchdrive.engine.validate import validate
 
 
 def diff(*arguments: object) -> tuple[int, str, str]:
@@ -50,6 +56,22 @@ def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_copy_is_equal(base: Path, tmp_path: Path) -> None:
     shutil.copytree(base, tmp_path / "copy")
     assert diff(base, tmp_path / "copy") == (0, "files equal, data equal\n", "")
+
+
+def test_a_release_that_duckdb_wrote_holds_equal_data(release: Path, tmp_path: Path) -> None:
+    duckdb = pytest.importorskip("duckdb")
+    other = tmp_path / "other"
+    shutil.copytree(release, other)
+    with duckdb.connect() as connection:
+        for path in sorted(other.rglob("*.parquet")):
+            connection.register("source", pq.read_table(path))
+            connection.execute(f"COPY (SELECT * FROM source) TO '{path}' (FORMAT parquet, COMPRESSION gzip)")
+    seal_dataset(other)
+    code, out, _ = diff(release, other)
+    assert (code, out.splitlines()[0]) == (0, "files differ, data equal")
+    reports = [validate(root) for root in (release, other)]
+    assert [report.verdict for report in reports] == ["valid", "valid"]
+    assert reports[0].dataset.content == reports[1].dataset.content
 
 
 def test_files_that_another_program_wrote_hold_equal_data(release: Path, tmp_path: Path) -> None:
@@ -93,6 +115,50 @@ def test_rows_and_attempts_of_one_alone_are_named(base: Path, tmp_path: Path) ->
     code, found = document(half, base)
     assert (code, found["only_first"], found["tables"]) == (1, [], {})
     assert found["only_second"] != []
+
+
+def with_map(root: Path, change: Callable[[pa.Table], pa.Table] | None = None) -> Path:
+    """The valid dataset with maps, those of all shards changed in one way."""
+    tables = dict(map_tables())
+    for folder, shard in tables.items():
+        tables[folder] = {**shard, "map": change(shard["map"]) if change else shard["map"]}
+    synthetic.write_dataset(root, tables, map_descriptor())
+    return root
+
+
+def test_maps_are_told_apart_by_town_element_and_column(tmp_path: Path) -> None:
+    base = with_map(tmp_path / "base")
+    towns = sorted({town for shard in map_tables().values() for town in shard["map"]["town"].to_pylist()})
+
+    def shifted(table: pa.Table) -> pa.Table:
+        place = table.schema.get_field_index("x_m")
+        is_wall = [element == "far-wall" for element in table["element_id"].to_pylist()]
+        moved = [
+            [x + 0.5 for x in xs] if wall else xs for xs, wall in zip(table["x_m"].to_pylist(), is_wall, strict=True)
+        ]
+        return table.set_column(place, table.schema.field(place), pa.array(moved, table.schema.field(place).type))
+
+    code, found = document(base, with_map(tmp_path / "moved", shifted))
+    assert (code, found["data"], found["changed"], found["towns"]) == (1, "differ", [], towns)
+    assert found["tables"]["map"]["columns"] == {"x_m": {"num_cells": len(towns), "largest": None}}
+
+    def without_signal(table: pa.Table) -> pa.Table:
+        return table.filter(pc.not_equal(table["element_id"], "far-signal"))
+
+    other = with_map(tmp_path / "less", without_signal)
+    assert document(base, other)[1]["tables"]["map"] == {"only_first": len(towns), "only_second": 0, "columns": {}}
+    out = diff(base, other)[1]
+    assert f"towns whose maps differ: {len(towns)}\n  {towns[0]}\n" in out
+
+    reordered = with_map(tmp_path / "reordered", lambda table: table.take(np.arange(len(table))[::-1]))
+    assert diff(base, reordered)[:2][0] == 0
+
+
+def test_maps_that_one_alone_has_are_named(base: Path, tmp_path: Path) -> None:
+    found = document(base, with_map(tmp_path / "mapped"))[1]
+    assert found["towns"]
+    assert found["tables"]["map"]["only_first"] == 0
+    assert found["tables"]["map"]["only_second"] > 0
 
 
 def test_split_and_population_have_sections_of_their_own(release: Path, tmp_path: Path) -> None:

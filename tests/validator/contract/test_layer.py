@@ -27,7 +27,7 @@ from branchdrive.contract.columns import (
 )
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import schema_mismatches
-from branchdrive.contract.layer import LAYERS, layer_of_table, table_path
+from branchdrive.contract.layer import LAYERS, TABLE_OF_PATH, layer_of_table, table_path, table_paths
 from branchdrive.contract.resources import load_resource, schema_dir
 
 COLUMNS = [(table, column) for table in LAYER_TABLES.values() for column in table.columns]
@@ -213,9 +213,20 @@ def test_arrow_schema_has_the_declared_columns(table: Table) -> None:
 
 @each_table
 def test_path_of_a_table_lies_in_the_folder_of_its_layer(table: Table) -> None:
-    path = PurePosixPath(table_path(table.name))
-    assert path.parts == (layer_of_table(table.name), f"{table.name}.parquet")
-    assert table_path(table.name) in LAYERS[path.parts[0]].required_files
+    layer = layer_of_table(table.name)
+    names = [f"{table.name}-{partition}.parquet" for partition in table.partitions] or [f"{table.name}.parquet"]
+    assert [PurePosixPath(path).parts for path in table_paths(table.name)] == [(layer, name) for name in names]
+    assert [table_path(table.name, partition) for partition in table.partitions or (None,)] == [
+        *table_paths(table.name)
+    ]
+    assert {*table_paths(table.name)} <= {*LAYERS[layer].required_files}
+    assert {TABLE_OF_PATH[path] for path in table_paths(table.name)} == {table.name}
+
+
+@each_table
+def test_tables_of_the_model_layer_are_divided_by_partition_where_they_name_groups(table: Table) -> None:
+    is_divided = layer_of_table(table.name) == "model" and table.key[0] == "group_id"
+    assert table.partitions == (table["partition"].values if is_divided else ())
 
 
 @pytest.mark.parametrize("name", ["rollouts", "no_such_table"])
@@ -247,7 +258,7 @@ def test_clause_of_a_description_exists(stem: str) -> None:
 
 def test_inputs_and_outcomes_have_the_track_that_the_contracts_rely_on() -> None:
     tracks = {
-        name: {column.track for column in LAYER_TABLES[name].columns if column.name not in LAYER_TABLES[name].key}
+        name: {column.track for column in LAYER_TABLES[name].value_columns}
         for name in ("state", "past_controls", "expert", "surroundings", "scalars", "trajectories")
     }
     assert tracks == {

@@ -6,24 +6,36 @@ import hashlib
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from tests.each import each
+from tests.synthetic_map import map_descriptor
 from tests.validator.contract.vectors import FOLDER, VECTORS, text
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.columns import declared_table, table_schema
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.encoding import encode_bank, encode_policy
+from branchdrive.contract.identity import content_identity, derived_content, document_digest
 from branchdrive.contract.policy import Policy
 from branchdrive.contract.resources import load_resource
 from branchdrive.driving.box import Boxes, box_gap
 from branchdrive.driving.risk import risk_evidence
+from branchdrive.driving.route import project
+from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.manifest import Manifest
 from branchdrive.quality.variants import variants_document
+from branchdrive.raw.content import attempt_content, raw_content, table_content
+from branchdrive.raw.shard_view import ShardView
 from branchdrive.statistics.split import split_digest
+from branchdrive.tables.content import table_digest
 
 AGREE = {"rtol": 1e-9, "atol": 1e-9}
 RISK = load_resource("vectors/risk.json")
 ENCODING = load_resource("vectors/encoding.json")
 DIGESTS = load_resource("vectors/digests.json")
+PROJECTION = load_resource("vectors/projection.json")
+CONTENT = load_resource("vectors/content.json")
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -65,6 +77,61 @@ def test_gaps(scene: dict[str, Any]) -> None:
 
     gap = box_gap(boxes([scene["ego"]] * len(scene["actors"])), boxes(scene["actors"])).gap_m
     np.testing.assert_allclose(gap, [actor["gap_m"] for actor in scene["actors"]], **AGREE)
+
+
+@each("case", PROJECTION["polylines"], ids=lambda case: case["title"])
+def test_projection(case: dict[str, Any]) -> None:
+    x, y = (np.array([point[name] for point in case["points"]]) for name in ("x_m", "y_m"))
+    found = project(x, y, np.array(case["x_m"]), np.array(case["y_m"]))
+    for name, values in found._asdict().items():
+        np.testing.assert_allclose(values, [point[name] for point in case["points"]], **AGREE)
+
+
+def test_projection_of_single_points() -> None:
+    for case in PROJECTION["polylines"]:
+        for point in case["points"]:
+            found = project(
+                *(np.array([point[name]]) for name in ("x_m", "y_m")), np.array(case["x_m"]), np.array(case["y_m"])
+            )
+            assert found.progress_m[0] == pytest.approx(point["progress_m"], abs=1e-9)
+
+
+def stored(name: str) -> pa.Table:
+    """A table of the vectors on content."""
+    case = CONTENT["tables"][name]
+    names = [column["name"] for column in case["columns"]]
+    rows = [dict(zip(names, row, strict=True)) for row in case["rows"]]
+    return pa.Table.from_pylist(rows, schema=table_schema(name))
+
+
+@each("name", list(CONTENT["tables"]))
+def test_content_of_tables(name: str) -> None:
+    case, table = CONTENT["tables"][name], stored(name)
+    declared = declared_table(name)
+    assert case["key"] == list(declared.key)
+    assert case["columns"] == [{"name": c.name, "type": c.type, "may_be_null": c.nullable} for c in declared.columns]
+    assert table_digest(name, table) == case["block"]
+    assert table_digest(name, table.take(np.arange(len(table))[::-1])) == case["block"]
+
+
+def test_content_of_attempts_and_layers() -> None:
+    tables = {name: stored(name) for name in ("rollouts", "controls", "observations", "actors", "evidence", "map")}
+    view = ShardView(tables, Descriptor.model_validate(map_descriptor()))
+    blocks = table_content(view)
+    for place, rollout_id in enumerate(view.rollout_ids):
+        found = {name: digests[place].hex() for name, digests in blocks.items()}
+        assert found == CONTENT["attempts"][rollout_id]["rows"]
+    attempts = attempt_content(view)
+    assert attempts == {one: case["sha256"] for one, case in CONTENT["attempts"].items()}
+    (town,) = set(tables["map"]["town"].to_pylist())
+    assert CONTENT["maps"] == {f"map {town}": table_digest("map", tables["map"])}
+    facts = ShardFacts("raw/shard-00000", attempts=attempts, maps={town: table_digest("map", tables["map"])})
+    documents = {path: document_digest(case["value"]) for path, case in CONTENT["documents"].items()}
+    parts = {"canonical/attempts.parquet": table_digest("attempts", stored("attempts")), **documents}
+    assert parts == CONTENT["parts"]
+    layers = {"raw": raw_content([facts]), **derived_content(parts, parts)}
+    assert layers == CONTENT["layers"]
+    assert content_identity(layers, ("raw", "canonical")) == CONTENT["identity"]
 
 
 def test_encoding() -> None:

@@ -1,23 +1,29 @@
 """Vectors of `schemas/v0.1/vectors/` for readers of any language, by second implementations.
 
-Risk evidence comes from the oracle with shapely, the encoding from its definition by index, digests from hashlib
-over the lines that the chapters spell out. ``python -m tests.validator.contract.vectors`` writes the files; a test
-compares them with this text and the library with them.
+Risk evidence comes from the oracle with shapely, projections from their definition point by point, the encoding from
+its definition by index, digests from hashlib over the lines and bytes that the chapters spell out.
+``python -m tests.validator.contract.vectors`` writes the files; a test compares them with this text and the library
+with them.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import struct
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from tests.synthetic_map import map_tables
 from tests.validator.contract.test_encoding import vector_by_index
 from tests.validator.driving.oracle import Actor, Ego, closing_mps, evidence
+from tests.validator.raw.spelled_content import attempt_blocks, lines_digest, sha, table_block
 
 from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.columns import LAYER_TABLES, declared_table
 from branchdrive.contract.resources import schema_dir
 
 FOLDER = schema_dir() / "vectors"
@@ -127,8 +133,68 @@ def encoding_vectors() -> dict[str, Any]:
     }
 
 
+_POLYLINES: dict[str, tuple[list[tuple[float, float]], list[tuple[float, float]]]] = {
+    "two vertices": (
+        [(0.0, 0.0), (100.0, 0.0)],
+        [(50.0, 2.5), (50.0, -2.5), (50.0, 0.0), (0.0, 0.0), (100.0, 0.0), (-3.0, 4.0), (103.0, -4.0), (-3.0, 0.0)],
+    ),
+    "a corner to the left: equally near segments, and the vertex from both sides": (
+        [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)],
+        [(7.0, 3.0), (10.0, 0.0), (13.0, -4.0), (11.0, -1.0), (10.0, 20.0)],
+    ),
+    "a corner to the right, and a segment that leads back": (
+        [(-8.0, 6.0), (0.0, 0.0), (-8.0, -6.0), (-8.0, 0.0)],
+        [(-4.0, 1.0), (2.0, 0.0), (-8.0, 0.5), (-9.0, -3.0)],
+    ),
+    "a route that crosses itself": (
+        [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (5.0, 10.0), (5.0, -10.0)],
+        [(5.0, 0.0), (5.0, 0.25), (5.25, 0.0), (5.0, -1.0), (7.5, 5.0)],
+    ),
+    "an arc of 40 vertices": (
+        [(round(50 * math.sin(0.05 * i), 3), round(50 - 50 * math.cos(0.05 * i), 3)) for i in range(40)],
+        [(0.0, 0.0), (20.0, 3.0), (45.0, 31.0), (0.0, 50.0), (60.0, 70.0), (46.5, 68.9)],
+    ),
+}
+
+
+def projection_vectors() -> dict[str, Any]:
+    """Polylines with points, and where each lies: progress, offset and heading."""
+    return {
+        "about": "Position of points on a polyline as spec/05-raw-streams.md#projection has it; agreement within 1e-9. "
+        "Points before, behind, on and between vertices, equally near feet, and a route that crosses itself.",
+        "polylines": [
+            {
+                "title": title,
+                "x_m": [x for x, _ in line],
+                "y_m": [y for _, y in line],
+                "points": [{"x_m": x, "y_m": y, **_projected(x, y, line)} for x, y in points],
+            }
+            for title, (line, points) in _POLYLINES.items()
+        ],
+    }
+
+
+def _projected(x: float, y: float, line: list[tuple[float, float]]) -> dict[str, float]:
+    """The nearest foot, segment by segment; of equally near ones the first."""
+    best, arc = (math.inf, {}), 0.0
+    for (ax, ay), (bx, by) in pairwise(line):
+        ex, ey, px, py = bx - ax, by - ay, x - ax, y - ay
+        share = min(max((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+        distance, length = math.dist((px, py), (share * ex, share * ey)), math.hypot(ex, ey)
+        if distance < best[0] - 1e-12:
+            side = -1.0 if ex * py - ey * px < 0 else 1.0
+            found = {
+                "progress_m": _rounded(arc + share * length),
+                "offset_m": _rounded(side * distance),
+                "heading_rad": _rounded(math.atan2(ey, ex)),
+            }
+            best = distance, found
+        arc += length
+    return best[1]
+
+
 _FILES = {
-    "CARD.md": "# Card\n",
+    "README.md": "# Card\n",
     "branchdrive.json": '{"spec_version": "0.1"}\n',
     "canonical/source.json": "{}\n",
     "model/features.json": "[]\n",
@@ -172,7 +238,113 @@ def digest_vectors() -> dict[str, Any]:
     }
 
 
-VECTORS = {"risk.json": risk_vectors, "encoding.json": encoding_vectors, "digests.json": digest_vectors}
+_GROUP = "g0"
+_ATTEMPTS = ("g0.nominal.a1", "g0.brake_0.50.a1")
+_TICKS = range(6)
+"""Ticks that the dataset of `content_vectors` keeps, so that people can look through it."""
+
+_CANONICAL: dict[str, Any] = {
+    "source.json": {"spec_version": "0.1", "raw_layer": None, "num_groups": 1, "share": 0.1, "tiny": -2.5e-7,
+                    "large": 1e300, "nothing": [], "text": "gr\u00fc\u00dfe", "flags": {"b": True, "a": False}},
+}  # fmt: skip
+
+
+def content_vectors() -> dict[str, Any]:
+    """One group with rows of every table, and the digest of everything that the content of a dataset is made of."""
+    rows = {name: _rows_of(name) for name in ("rollouts", "controls", "observations", "actors", "evidence", "map")}
+    blocks = {one: attempt_blocks(one, rows) for one in sorted(_ATTEMPTS)}
+    attempts = {one: sha(b"".join(found.values())).hex() for one, found in blocks.items()}
+    towns = {f"map {town}": table_block("map", rows["map"]).hex() for town in sorted({r["town"] for r in rows["map"]})}
+    raw = lines_digest({**attempts, **towns})
+    records = [_record(row) for row in rows["rollouts"]]
+    document = {**_CANONICAL["source.json"], "raw_layer": raw}
+    parts = {
+        "canonical/attempts.parquet": table_block("attempts", records).hex(),
+        "canonical/source.json": sha(_spelled_document(document)).hex(),
+    }
+    canonical = lines_digest(parts)
+    text = json.dumps({"dataset_id": "vectors", "layers": ["raw", "canonical"]}, indent=2) + "\n"
+    return {
+        "about": "Content digests of spec/03-layout.md#content on one branch group, cut to a few ticks and two "
+        "attempts, so no valid dataset. A row is a list in the order of `columns`; float32 columns hold the doubles "
+        "that are equal to them. `block` is the digest of all rows of a table, `rows` of an attempt that of its rows.",
+        "descriptor": {"text": text, "sha256": _sha256(text)},
+        "tables": {
+            **{name: _table(name, found) for name, found in rows.items()},
+            "attempts": _table("attempts", records),
+        },
+        "attempts": {
+            one: {"rows": {name: digest.hex() for name, digest in blocks[one].items()}, "sha256": attempts[one]}
+            for one in attempts
+        },
+        "maps": towns,
+        "documents": {"canonical/source.json": {"value": document, "sha256": parts["canonical/source.json"]}},
+        "parts": parts,
+        "layers": {"raw": raw, "canonical": canonical},
+        "identity": _sha256(f"layer raw {raw}\nlayer canonical {canonical}\n"),
+    }
+
+
+def _rows_of(name: str) -> list[dict[str, Any]]:
+    (rows,) = [
+        shard[name].to_pylist()
+        for shard in map_tables().values()
+        if _GROUP in shard["rollouts"]["group_id"].to_pylist()
+    ]
+    if name == "map":
+        town = next(row["town"] for row in _rows_of("rollouts"))
+        return [row for row in rows if row["town"] == town and row["element_id"].startswith("far-")]
+    rows = [row for row in rows if row["rollout_id"] in _ATTEMPTS and row.get("tick", 0) in _TICKS]
+    if name == "rollouts":
+        rows = [{**row, "route_x_m": row["route_x_m"][:3], "route_y_m": row["route_y_m"][:3]} for row in rows]
+    if name == "controls":
+        rows[0]["applied_brake"] = -0.0
+    return rows
+
+
+def _record(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        **{column.name: row.get(column.name) for column in LAYER_TABLES["attempts"].columns},
+        "disposition": "selected",
+    }
+
+
+def _table(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    columns = declared_table(name).columns
+    return {
+        "columns": [{"name": c.name, "type": c.type, "may_be_null": c.nullable} for c in columns],
+        "key": list(declared_table(name).key),
+        "rows": [[row[column.name] for column in columns] for row in rows],
+        "block": table_block(name, rows).hex(),
+    }
+
+
+def _spelled_document(value: Any) -> bytes:
+    """The value of a document in the bytes that chapter 3 spells."""
+    match value:
+        case None | bool():
+            return {None: b"n", True: b"t", False: b"f"}[value]
+        case int() | float() if float(value).is_integer():
+            return b"i%d;" % int(value)
+        case float():
+            return b"d%b;" % value.hex().encode()
+        case str():
+            return b"s%d:%b" % (len(value.encode()), value.encode())
+        case list():
+            return b"a%d:%b" % (len(value), b"".join(map(_spelled_document, value)))
+        case _:
+            members = sorted(value.items(), key=lambda member: member[0].encode())
+            pieces = (_spelled_document(key) + _spelled_document(member) for key, member in members)
+            return b"o%d:%b" % (len(value), b"".join(pieces))
+
+
+VECTORS = {
+    "risk.json": risk_vectors,
+    "projection.json": projection_vectors,
+    "encoding.json": encoding_vectors,
+    "digests.json": digest_vectors,
+    "content.json": content_vectors,
+}
 """Functions of the vectors by file name."""
 
 

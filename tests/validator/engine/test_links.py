@@ -9,20 +9,28 @@ from pathlib import Path
 import pytest
 from tests import synthetic
 from tests.validator.engine.datasets import FOLDER, failing, write
+from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.untrusted import open_file
+from branchdrive.model.reader import open_model
 from branchdrive.raw.reader import open_dataset
 
 
 @pytest.fixture
 def cache(tmp_path: Path) -> Path:
-    """The valid dataset with media as a hub's cache keeps it: every file is a link to a blob."""
+    """The valid dataset with media in a hub's cache."""
     plain = tmp_path / "plain"
     synthetic.write_dataset(plain, synthetic.media_tables(), synthetic.media_descriptor())
-    folder = tmp_path / "datasets--someone--drive"
+    folder = cached(plain, tmp_path / "datasets--someone--drive")
+    (snapshot_of(folder) / "README.md").symlink_to("../../blobs/readme")
+    return folder
+
+
+def cached(plain: Path, folder: Path) -> Path:
+    """Move the dataset at `plain` into a hub's cache: every file is a link to a blob."""
     snapshot, blobs = folder / "snapshots" / "0123abcd", folder / "blobs"
     blobs.mkdir(parents=True)
     for path in (path for path in plain.rglob("*") if path.is_file()):
@@ -31,7 +39,6 @@ def cache(tmp_path: Path) -> Path:
         blob = blobs / hashlib.sha256(path.read_bytes()).hexdigest()
         path.rename(blob)
         link.symlink_to(os.path.relpath(blob, link.parent))
-    (snapshot / "README.md").symlink_to("../../blobs/readme")
     return folder
 
 
@@ -52,6 +59,24 @@ def test_a_hub_cache_is_valid_when_its_links_are_followed(cache: Path) -> None:
     opened = open_dataset(snapshot_of(cache), follow_links=True, allow=[cache])
     assert len(opened.groups) == 3
     assert len(opened.group(opened.groups[0]).rollouts) > 0
+
+
+def test_a_release_in_a_hub_cache_is_valid_with_its_card(tmp_path: Path) -> None:
+    folder = cached(release_draft().write(tmp_path / "plain"), tmp_path / "datasets--someone--drive")
+    (snapshot_of(folder) / ".cache" / "huggingface").mkdir(parents=True)
+    report = validate(snapshot_of(folder), follow_links=True, allow=[folder / "blobs"])
+    assert (report.verdict, report.dataset.num_beside) == ("valid", 1)
+    layer = open_model(snapshot_of(folder), follow_links=True, allow=[folder / "blobs"])
+    assert layer.targets("test").scalars.shape[0] == len(layer.groups("test"))
+
+
+def test_a_release_in_a_git_checkout_is_valid(tmp_path: Path) -> None:
+    root = release_draft().write(tmp_path / "checkout")
+    (root / ".git" / "objects").mkdir(parents=True)
+    (root / ".git" / "HEAD").write_text("ref: refs/heads/main\n")
+    (root / ".gitattributes").write_text("*.parquet filter=lfs diff=lfs merge=lfs -text\n")
+    report = validate(root)
+    assert (report.verdict, report.dataset.num_beside) == ("valid", 2)
 
 
 def test_links_are_not_followed_silently(cache: Path) -> None:

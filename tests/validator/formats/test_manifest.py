@@ -158,6 +158,13 @@ def test_the_manifest_of_a_folder_lists_every_other_file(tmp_path: Path) -> None
     assert (tmp_path / MANIFEST_FILE).read_bytes() == manifest.render()
 
 
+def test_a_text_of_somebody_is_no_card_before_there_is_a_release(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_bytes(b"mine")
+    assert not build_manifest(tmp_path).files
+    (tmp_path / "quality").mkdir()
+    assert dict(build_manifest(tmp_path).files) == {"README.md": sha256("mine")}
+
+
 @pytest.mark.parametrize("kind", ["link", "link to folder", "fifo", "unsafe name"])
 def test_a_folder_with_other_than_plain_files_has_no_manifest(tmp_path: Path, kind: str) -> None:
     match kind:

@@ -52,7 +52,7 @@ def test_features_are_the_columns_of_their_table_with_unit_frame_and_track(table
         if table != "past_controls":  # audit columns of the raw layer that every contract admits
             assert column.track == feature.track
     masks = {column.available.mask for column in LAYER_TABLES[table].columns if column.available} - {None}
-    assert set(declared) == {"group_id", "offset_ticks", *masks}
+    assert set(declared) == {"partition", "group_id", "offset_ticks", *masks}
 
 
 def test_the_document_describes_the_arrays() -> None:
@@ -120,7 +120,7 @@ def test_a_contract_admits_exactly_its_tracks(contract: InputContract, table: st
 def test_a_contract_reads_the_tables_with_features_that_it_admits() -> None:
     for contract, tables in CONTRACT_TABLES.items():
         for table in HISTORIES:
-            tracks = {c.track for c in LAYER_TABLES[table].columns if c.name not in LAYER_TABLES[table].key}
+            tracks = {column.track for column in LAYER_TABLES[table].value_columns}
             assert (table in tables) == tracks.issubset(contract.tracks)
 
 

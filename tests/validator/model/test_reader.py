@@ -39,6 +39,7 @@ from branchdrive import (
 from branchdrive.contract.columns import LAYER_TABLES, table_schema
 from branchdrive.contract.layer import LAYERS
 from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import join_parts, parts_of
 from branchdrive.model.features import features_document
 from branchdrive.model.normalisation_document import normalisation_document, scalings_of
 from branchdrive.quality.variants import Variant
@@ -218,7 +219,7 @@ def test_a_column_is_in_its_own_type_and_order(layer: ModelLayer) -> None:
 def test_arrow_tables_have_the_declared_schema(layer: ModelLayer, table: str) -> None:
     found = layer.arrow(table)
     assert found.schema.equals(table_schema(table), check_metadata=True)
-    assert found.equals(to_arrow(table, FRAMES[table]))
+    assert found.equals(join_parts([*parts_of(table, to_arrow(table, FRAMES[table])).values()]))
 
 
 @pytest.mark.parametrize("table", ["records", "controls", "../state"])
@@ -238,20 +239,20 @@ def test_a_dataset_without_evidence_and_encoding_says_so(tmp_path: Path) -> None
 
 def test_nothing_is_read_before_it_is_asked_for(tmp_path: Path) -> None:
     folder = write_release(tmp_path / "release", FRAMES)
-    (folder / "model/surroundings.parquet").unlink()
-    (folder / "model/expert.parquet").write_bytes(b"no table")
+    (folder / "model/surroundings-test.parquet").unlink()
+    (folder / "model/expert-val.parquet").write_bytes(b"no table")
     layer = open_model(folder)
     assert layer.sensor_inputs().state.shape == (5, 16, 21)
-    with pytest.raises(DatasetError, match=r"'model/expert.parquet': table `expert` does not decode"):
+    with pytest.raises(DatasetError, match=r"'model/expert-val.parquet': table `expert` does not decode"):
         layer.mixed_inputs()
-    with pytest.raises(DatasetError, match=r"'model/surroundings.parquet' does not exist"):
+    with pytest.raises(DatasetError, match=r"'model/surroundings-test.parquet' does not exist"):
         layer.privileged_inputs()
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:
     folder = write_release(tmp_path / "release", FRAMES)
-    (folder / "model/state.parquet").rename(tmp_path / "elsewhere.parquet")
-    (folder / "model/state.parquet").symlink_to(tmp_path / "elsewhere.parquet")
+    (folder / "model/state-train.parquet").rename(tmp_path / "elsewhere.parquet")
+    (folder / "model/state-train.parquet").symlink_to(tmp_path / "elsewhere.parquet")
     with pytest.raises(DatasetError, match="cannot be opened without following links"):
         open_model(folder).sensor_inputs()
 
@@ -259,7 +260,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
 def test_columns_that_are_not_declared_are_refused(tmp_path: Path) -> None:
     folder = write_release(tmp_path / "release", FRAMES)
     table = to_arrow("state", FRAMES["state"]).append_column("rollout", pa.array(FRAMES["state"]["group_id"].tolist()))
-    (folder / "model/state.parquet").write_bytes(encode_table(table))
+    (folder / "model/state-train.parquet").write_bytes(encode_table(table))
     with pytest.raises(DatasetError, match=r"columns \['rollout'\] are not as layers.json declares"):
         open_model(folder).sensor_inputs()
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,54 +13,18 @@ import pyarrow as pa
 import pytest
 from tests import synthetic
 from tests.validator.engine.datasets import FOLDER, OTHER_FOLDER, Tables, edited, parquet_bytes, write_with
+from tests.validator.raw.spelled_content import ORDER, attempt_blocks, lines_digest, sha, table_block
 
-from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.identity import document_digest
 from branchdrive.engine.validate import validate
 from branchdrive.tables.content import table_digest
-
-ORDER = ("rollouts", "controls", "observations", "actors", "evidence")
-
-
-def sha(content: bytes) -> bytes:
-    return hashlib.sha256(content).digest()
-
-
-def spelled(column: Column, cells: list[Any]) -> bytes:
-    """A column of a block, byte by byte as chapter 3 has it."""
-    content = bytes(cell is not None for cell in cells) if column.nullable else b""
-    if column.type == "string":
-        texts = sorted({cell.encode() for cell in cells if cell is not None})
-        places = [-1 if cell is None else texts.index(cell.encode()) for cell in cells]
-        content += b"".join(struct.pack("<i", place) for place in (*places, len(texts)))
-        return content + b"".join(struct.pack("<i", len(text)) + text for text in texts)
-    if column.type.startswith("list"):
-        lists = [cell or [] for cell in cells]
-        content += b"".join(struct.pack("<i", len(values)) for values in lists)
-        return content + b"".join(struct.pack("<d", value) for values in lists for value in values)
-    form = {"bool": "<?", "int32": "<i", "int64": "<q", "float32": "<f", "float64": "<d"}[column.type]
-    return content + b"".join(struct.pack(form, 0 if cell is None else cell) for cell in cells)
-
-
-def block(name: str, rows: list[dict[str, Any]], columns: Iterable[Column]) -> bytes:
-    ordered = sorted(rows, key=lambda row: [row[part] for part in TABLES[name].key])
-    return sha(
-        f"{name} {len(rows)}\n".encode()
-        + b"".join(spelled(column, [row[column.name] for row in ordered]) for column in columns)
-    )
 
 
 def spelled_content(tables: Tables) -> str:
     """Content digest of a raw layer, without any of the code that it is a digest of."""
     rows = {name: [row for shard in tables.values() for row in shard[name].to_pylist()] for name in ORDER}
-    lines = []
-    for record in rows["rollouts"]:
-        parts = [block("rollouts", [record], TABLES["rollouts"].columns)]
-        for name in ORDER[1:]:
-            own = [row for row in rows[name] if row["rollout_id"] == record["rollout_id"]]
-            parts.append(block(name, own, TABLES[name].columns[1:]))
-        lines.append(f"{record['rollout_id']} {sha(b''.join(parts)).hex()}\n")
-    return sha("".join(sorted(lines, key=str.encode)).encode()).hex()
+    ids = [record["rollout_id"] for record in rows["rollouts"]]
+    return lines_digest({one: sha(b"".join(attempt_blocks(one, rows).values())).hex() for one in ids})
 
 
 def content_of(root: Path) -> str | None:
@@ -90,7 +52,7 @@ def test_it_is_what_the_specification_spells(base: str) -> None:
 @pytest.mark.parametrize("name", ORDER)
 def test_a_table_without_rows_is_a_block(name: str) -> None:
     empty = synthetic.base_tables()[FOLDER][name].slice(0, 0)
-    assert table_digest(name, empty) == block(name, [], TABLES[name].columns).hex()
+    assert table_digest(name, empty) == table_block(name, []).hex()
 
 
 def shuffled(tables: Tables) -> Tables:

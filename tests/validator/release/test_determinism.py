@@ -18,6 +18,7 @@ from tests.validator.release.running import build, contents, derived
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
+from branchdrive.contract.layer import TABLE_OF_PATH, table_paths
 from branchdrive.engine.worker import isolated
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.release.builder import STAGES
@@ -82,10 +83,12 @@ def test_neither_the_order_of_shards_nor_of_rows_decides_anything(raw: Path, bui
     write_dataset(root, dict(sorted(renumbered.items())), parse_json((raw / "branchdrive.json").read_bytes()))
     build(root)
     found, expected = derived(root), derived(built)
-    naming_shards = ["canonical/records.parquet", "model/media_index.parquet"]
-    assert [path for path in sorted(expected) if found[path] != expected[path]] == naming_shards
-    for path in naming_shards:
-        name = path.split("/")[1].removesuffix(".parquet")
+    naming_shards = {path for name in ("records", "media_index") for path in table_paths(name)}
+    differing = {path for path in expected if found[path] != expected[path]}
+    assert differing <= naming_shards
+    assert {TABLE_OF_PATH[path] for path in differing} == {"records", "media_index"}
+    for path in differing:
+        name = TABLE_OF_PATH[path]
         rows, wanted = (read_table(place, path, name).drop_columns("shard") for place in (root, built))
         assert rows.equals(wanted)
 

@@ -47,7 +47,7 @@ def test_the_identity_covers_raw_canonical_quality_and_model(raw: Path, built: P
     assert validate(built).dataset.identity == found.identity
 
 
-@pytest.mark.parametrize("path", ["CARD.md", "LICENCE.txt", "raw/shard-00000/media.bin"])
+@pytest.mark.parametrize("path", ["README.md", "LICENCE.txt", "raw/shard-00000/media.bin"])
 def test_the_identity_does_not_cover_texts_and_media(built: Path, path: str) -> None:
     found = manifest(built)
     files = {name: digest for name, digest in found.files.items() if name != path}

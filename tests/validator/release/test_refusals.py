@@ -14,7 +14,7 @@ from tests.synthetic import descriptor, seal_dataset, write_dataset
 from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.engine import datasets
 from tests.validator.engine.rules.draft import Draft
-from tests.validator.release.running import build, call, contents
+from tests.validator.release.running import breaches, build, call, contents
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.engine.validate import validate
@@ -248,7 +248,7 @@ def test_an_output_that_is_a_file_or_a_link_to_nowhere_is_refused(raw: Path, tmp
 
 
 @pytest.mark.parametrize(
-    "name", [STAGING_DIR, "canonical", "quality", "CARD.md", ".branchdrive.json.partial", "MANIFEST.sha256"]
+    "name", [STAGING_DIR, "canonical", "quality", "README.md", ".branchdrive.json.partial", "MANIFEST.sha256"]
 )
 @pytest.mark.parametrize("detached", [False, True])
 def test_nothing_is_written_through_a_link(raw: Path, tmp_path: Path, name: str, detached: bool) -> None:
@@ -265,6 +265,24 @@ def test_nothing_is_written_through_a_link(raw: Path, tmp_path: Path, name: str,
     err = refused(raw, "--output", root) if detached else refused(root)
     assert "is a link; a build writes into plain folders only, remove it" in err or "MANIFEST.sha256" in err
     assert contents(outside) == {"file": b"mine"}
+
+
+@pytest.mark.parametrize("detached", [False, True])
+def test_a_text_of_somebodys_own_is_not_overwritten(raw: Path, tmp_path: Path, detached: bool) -> None:
+    root = tmp_path / "release" if detached else shutil.copytree(raw, tmp_path / "release")
+    root.mkdir(exist_ok=True)
+    (root / "README.md").write_text("mine")
+    err = refused(raw, "--output", root) if detached else refused(root)
+    assert "README.md is a text of your own" in err
+    assert (root / "README.md").read_text() == "mine"
+    if not detached:
+        build(root, stages=["canonical"])
+        assert (root / "README.md").read_text() == "mine"
+        assert breaches(root) == set()
+        (root / "README.md").unlink()
+        build(root)
+        build(root, seed=7)
+        assert breaches(root) == set()
 
 
 def test_hostile_names_are_printed_safely(raw: Path, tmp_path: Path) -> None:

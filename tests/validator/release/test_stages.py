@@ -87,7 +87,7 @@ def test_each_stage_claims_what_is_there(dataset: Path) -> None:
         report = build(dataset, stages=[stage])
         assert parse_json((dataset / "branchdrive.json").read_bytes())["layers"] == layers
         assert report.layers == tuple(layers[1:])
-        assert (dataset / "CARD.md").exists() == ("quality" in layers)
+        assert (dataset / "README.md").exists() == ("quality" in layers)
 
 
 @pytest.mark.parametrize(("stage", "needed"), [("quality", "canonical"), ("leakage", "quality"), ("model", "quality")])
@@ -139,7 +139,7 @@ def test_another_seed_drops_what_follows_and_adds_to_the_ledger(audited: Path, t
     assert not (release / "quality/leakage.json").exists()
     assert entries(release)[:3] == first
     assert [entry["number"] for entry in entries(release)] == [1, 2, 3, 4, 5, 6]
-    assert "Leakage was not audited" in (release / "CARD.md").read_text()
+    assert "Leakage was not audited" in (release / "README.md").read_text()
     report = validate(release)
     assert report.verdict == "valid"
     (told,) = (tally for tally in report.tallies if tally.rule_id == "BD-FID-012")
@@ -148,10 +148,10 @@ def test_another_seed_drops_what_follows_and_adds_to_the_ledger(audited: Path, t
 
 def test_a_test_partition_that_was_opened_twice_is_told(release: Path) -> None:
     once = "The test partition was accessed once"
-    assert once in (release / "CARD.md").read_text()
+    assert once in (release / "README.md").read_text()
     code, out, _ = call("build", release, "--seed", "1", "--no-leakage")
     assert code == 0
-    for text in (out, (release / "CARD.md").read_text()):
+    for text in (out, (release / "README.md").read_text()):
         assert once not in text
         assert "The test partition was accessed 2 times" in text
 
@@ -164,7 +164,7 @@ def test_a_rebuild_with_the_same_options_opens_nothing_and_keeps_the_audit(audit
 
 def test_an_audit_that_is_left_out_is_gone(audited: Path, built: Path, tmp_path: Path) -> None:
     release = shutil.copytree(audited, tmp_path / "release")
-    assert "Leakage was not audited" not in (release / "CARD.md").read_text()
+    assert "Leakage was not audited" not in (release / "README.md").read_text()
     code, out, _ = call("build", release, "--no-leakage", "--seed", str(SEED))
     assert code == 0
     assert "Leakage was not audited" in out

@@ -69,6 +69,7 @@ def _lines(found: DatasetDifference) -> Iterator[str]:
     yield from _listed("attempts only in A", found.only_first)
     yield from _listed("attempts only in B", found.only_second)
     yield from _listed("attempts whose data differ", found.changed)
+    yield from _listed("towns whose maps differ", found.towns)
     for path, members in found.documents.items():
         yield from _listed(f"{_TITLES.get(path, path)} (A, not B)", members)
     for name, table in found.tables.items():

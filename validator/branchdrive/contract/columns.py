@@ -88,13 +88,23 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """One declared table: a Parquet file of every shard, or of a derived layer."""
+    """One declared table: a Parquet file of every shard, or of a derived layer, or one for each partition.
+
+    Attributes:
+        name: Its name.
+        title: What it holds, one sentence.
+        rate: What has a row.
+        key: Columns whose values no two rows share.
+        columns: Its columns.
+        partitions: Partitions whose rows have a file each, in the order of the rows; none where all are in one.
+    """
 
     name: str
     title: str
     rate: str
     key: tuple[str, ...]
     columns: tuple[Column, ...]
+    partitions: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Column:
         for column in self.columns:
@@ -109,8 +119,23 @@ class Table:
 
     @property
     def file_name(self) -> str:
-        """Name of the table's file inside its folder."""
+        """Name of the table's file inside its folder, of a table in one file."""
         return f"{self.name}.parquet"
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the table's files inside its folder."""
+        return tuple(f"{self.name}-{partition}.parquet" for partition in self.partitions) or (self.file_name,)
+
+    @property
+    def value_columns(self) -> tuple[Column, ...]:
+        """Columns that are neither of the key nor the partition of the row."""
+        return tuple(column for column in self.columns if column.name not in self.order)
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Columns by which rows are sorted."""
+        return ("partition", *self.key) if self.partitions else self.key
 
 
 @dataclass(frozen=True)
@@ -139,18 +164,14 @@ def _column(table: str, declared: Mapping[str, Any]) -> Column:
 
 def tables_of(declared: Mapping[str, Any]) -> Mapping[str, Table]:
     """Tables by name, from their JSON declarations."""
-    return MappingProxyType(
-        {
-            name: Table(
-                name,
-                table["title"],
-                table["rate"],
-                tuple(table["key"]),
-                tuple(_column(name, column) for column in table["columns"]),
-            )
-            for name, table in declared.items()
-        }
-    )
+    return MappingProxyType({name: _table(name, table) for name, table in declared.items()})
+
+
+def _table(name: str, declared: Mapping[str, Any]) -> Table:
+    columns = tuple(_column(name, column) for column in declared["columns"])
+    divided_by = declared.get("divided_by")
+    partitions = next((column.values for column in columns if column.name == divided_by), ())
+    return Table(name, declared["title"], declared["rate"], tuple(declared["key"]), columns, partitions)
 
 
 def _streams() -> Mapping[str, Stream]:

@@ -10,7 +10,7 @@ from collections.abc import Collection
 from fnmatch import translate
 
 from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR
+from branchdrive.contract.layout import CARD_FILE, DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR
 from branchdrive.contract.limits import spec_limits
 
 __all__ = ["IGNORE_FILE", "Companions", "ignored_names"]
@@ -19,7 +19,7 @@ IGNORE_FILE = ".branchdriveignore"
 """Patterns of further names in the root that are no part of the dataset, one a line."""
 
 _IN_ROOT = frozenset(
-    {".cache", ".git", ".gitattributes", ".gitignore", ".huggingface", "README.md", IGNORE_FILE}
+    {".cache", ".git", ".gitattributes", ".gitignore", ".huggingface", CARD_FILE, IGNORE_FILE}
 )  # fmt: skip
 _ANYWHERE = frozenset({".DS_Store", "Thumbs.db"})
 _OWN = frozenset({DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR, *LAYERS})

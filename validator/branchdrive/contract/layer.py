@@ -13,7 +13,7 @@ from types import MappingProxyType
 from branchdrive.contract.columns import LAYER_TABLES, Table
 from branchdrive.contract.resources import load_resource
 
-__all__ = ["LAYERS", "Layer", "LayerDocument", "layer_of_table", "table_path"]
+__all__ = ["LAYERS", "TABLE_OF_PATH", "Layer", "LayerDocument", "layer_of_table", "table_path", "table_paths"]
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,16 @@ class Layer:
     def required_files(self) -> tuple[str, ...]:
         """Paths relative to the root of the files that the layer must have."""
         names = [name for name, document in self.documents.items() if not document.optional]
-        return tuple(f"{self.name}/{name}" for name in (*names, *(t.file_name for t in self.tables.values())))
+        return tuple(f"{self.name}/{name}" for name in (*names, *self._table_files))
 
     @property
     def files(self) -> tuple[str, ...]:
         """Paths relative to the root of the documents and tables that the layer may have."""
-        names = (*self.documents, *(table.file_name for table in self.tables.values()))
-        return tuple(f"{self.name}/{name}" for name in names)
+        return tuple(f"{self.name}/{name}" for name in (*self.documents, *self._table_files))
+
+    @property
+    def _table_files(self) -> tuple[str, ...]:
+        return tuple(name for table in self.tables.values() for name in table.file_names)
 
     def admits_free(self, path: str) -> bool:
         """Whether `path`, relative to the root, is one of the further files that the layer may have.
@@ -111,10 +114,29 @@ def layer_of_table(table: str) -> str:
     return _LAYER_OF_TABLE[table]
 
 
-def table_path(table: str) -> str:
-    """Path of a layer's table relative to the root.
+def table_path(table: str, partition: str | None = None) -> str:
+    """Path of a layer's table relative to the root: of its only file, or of that with the rows of a partition.
+
+    Raises:
+        KeyError: No derived layer has such a table, or it has no such file.
+    """
+    declared = LAYER_TABLES[table]
+    if not declared.partitions:
+        return table_paths(table)[0]
+    return dict(zip(declared.partitions, table_paths(table), strict=True))[str(partition)]
+
+
+def table_paths(table: str) -> tuple[str, ...]:
+    """Paths of all files of a layer's table relative to the root, in the order of their rows.
+
+    >>> table_paths("actions"), table_paths("scalars")[0]
+    (('model/actions.parquet',), 'model/scalars-train.parquet')
 
     Raises:
         KeyError: No derived layer has such a table.
     """
-    return f"{layer_of_table(table)}/{LAYER_TABLES[table].file_name}"
+    return tuple(f"{layer_of_table(table)}/{name}" for name in LAYER_TABLES[table].file_names)
+
+
+TABLE_OF_PATH: Mapping[str, str] = MappingProxyType({path: name for name in LAYER_TABLES for path in table_paths(name)})
+"""Table of a derived layer that a file holds, or some rows of, by its path relative to the root."""

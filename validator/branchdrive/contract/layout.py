@@ -47,7 +47,7 @@ DESCRIPTOR_FILE = "branchdrive.json"
 MANIFEST_FILE = "MANIFEST.sha256"
 """Digests of every other file; written last."""
 
-CARD_FILE = "CARD.md"
+CARD_FILE = "README.md"
 """Dataset card of a release."""
 
 LEDGER_FILE = "quality/ledger.json"

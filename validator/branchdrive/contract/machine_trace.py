@@ -9,8 +9,12 @@ Source: spec/02-time-frames-units.md#clock, spec/05-raw-streams.md#values.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
-__all__ = ["trace_of"]
+from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.text import quote
+
+__all__ = ["trace_mismatches", "trace_of"]
 
 _BEFORE = r"(?:^|(?<=[\s\"'`=(,;:|\[{]))"
 _YEAR, _HOUR = r"(?:19|20)\d\d", r"(?:[01]\d|2[0-3])"
@@ -38,3 +42,16 @@ def trace_of(text: str) -> str | None:
     if not _MAY_HOLD_ONE.search(text):
         return None
     return next((trace for trace, pattern in _TRACES.items() if pattern.search(text)), None)
+
+
+def trace_mismatches(document: object, pointer: str = "") -> Iterator[Mismatch]:
+    """Texts of a document that hold a trace of a machine, by pointer."""
+    if isinstance(document, str):
+        if trace := trace_of(document):
+            yield Mismatch({"pointer": pointer or "/"}, f"a text without {trace}", quote(document))
+    elif isinstance(document, dict):
+        for key, member in document.items():
+            yield from trace_mismatches(member, f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}")
+    elif isinstance(document, list):
+        for index, item in enumerate(document):
+            yield from trace_mismatches(item, f"{pointer}/{index}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["NONE", "count_text", "counted", "percent", "printable", "quote"]
+__all__ = ["NONE", "count_text", "counted", "one_line", "percent", "printable", "quote"]
 
 NONE = "-"
 """Stands where a value is not defined."""
@@ -14,6 +14,11 @@ MAX_QUOTED = 160
 def printable(text: str) -> str:
     """`text` on one line of printable ASCII, every other character escaped: safe on any terminal."""
     return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in text)
+
+
+def one_line(text: str) -> str:
+    """`text` on one line, with a blank for every character that has no shape."""
+    return "".join(char if char.isprintable() else " " for char in text)
 
 
 def quote(value: object) -> str:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
-from branchdrive.contract.layer import table_path
+from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
@@ -27,6 +27,7 @@ from branchdrive.layers.content import file_content, read_document
 from branchdrive.raw.content import attempt_content, table_content
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.town_map import map_digests
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import align
 
@@ -85,6 +86,7 @@ class DatasetDifference:
         only_first: Attempts that the first dataset alone has.
         only_second: Attempts that the second alone has.
         changed: Attempts of both whose data differ.
+        towns: Towns whose maps differ, or that one dataset alone has a map of.
         tables: Tables whose rows differ, by path in a derived layer and by name in the raw one.
         documents: Members of documents that differ, by path.
     """
@@ -95,13 +97,15 @@ class DatasetDifference:
     only_first: list[str] = field(default_factory=list)
     only_second: list[str] = field(default_factory=list)
     changed: list[str] = field(default_factory=list)
+    towns: list[str] = field(default_factory=list)
     tables: dict[str, TableDifference] = field(default_factory=dict)
     documents: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def has_equal_data(self) -> bool:
         """Whether every layer says the same in both."""
-        return not (self.layers or self.only_first or self.only_second or self.changed or self.tables or self.documents)
+        raw = (self.only_first, self.only_second, self.changed, self.towns)
+        return not (self.layers or any(raw) or self.tables or self.documents)
 
 
 def compare_datasets(first: Path, second: Path, links: Links = None) -> DatasetDifference:
@@ -135,11 +139,13 @@ def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
 
 
 class _RawSide:
-    """The raw layer of one dataset: which shard an attempt lies in, and what every table says of it."""
+    """The raw layer of one dataset: which shard an attempt lies in, what every table says of it, and the maps."""
 
     def __init__(self, root: Path, descriptor: Descriptor, links: Links) -> None:
         self.shard_of: dict[str, Shard] = {}
         self.content: dict[str, dict[str, bytes]] = {}
+        self.shard_of_town: dict[str, Shard] = {}
+        self.maps: dict[str, str] = {}
         self.tables = [name for name in descriptor.tables if name != "frames"]
         for shard in find_shards(root, links):
             view = ShardView({name: shard.decode(name) for name in self.tables}, descriptor)
@@ -149,6 +155,19 @@ class _RawSide:
             for place, rollout_id in enumerate(view.rollout_ids):
                 self.shard_of[rollout_id] = shard
                 self.content[rollout_id] = {name: digests[place] for name, digests in by_table.items()}
+            for town, digest in map_digests(view).items():
+                if self.maps.setdefault(town, digest) != digest:
+                    raise DatasetError(f"{shard.folder}: has another map of {town!r}; run `branchdrive-validate`")
+                self.shard_of_town.setdefault(town, shard)
+
+    def map_of(self, town: str) -> pa.Table:
+        """Rows of the map of a town; none where the dataset has none."""
+        import pyarrow.compute as pc
+
+        if town not in self.maps:
+            return table_schema("map").empty_table()
+        rows = self.shard_of_town[town].table("map")
+        return rows.filter(pc.equal(rows["town"], town))
 
 
 def _compare_raw(result: DatasetDifference, ours: _RawSide, theirs: _RawSide) -> None:
@@ -165,6 +184,9 @@ def _compare_raw(result: DatasetDifference, ours: _RawSide, theirs: _RawSide) ->
             continue
         for mine, others in zip(_rows(ours, name, changed), _rows(theirs, name, changed), strict=True):
             _add(found, mine, others)
+    result.towns = sorted(town for town in {*ours.maps, *theirs.maps} if ours.maps.get(town) != theirs.maps.get(town))
+    for town in result.towns:
+        _add_rows(result.tables.setdefault("map", TableDifference()), "map", ours.map_of(town), theirs.map_of(town))
 
 
 def _rows(side: _RawSide, name: str, attempts: Collection[str]) -> Iterator[pa.Table]:
@@ -197,26 +219,25 @@ def _compare_layers(
     ours, theirs = (
         file_content(root, claimed_files(claimed, there), links) for root, there in zip(roots, listed, strict=True)
     )
-    names = {table_path(name): name for name in LAYER_TABLES}
     for path in sorted(ours.keys() | theirs.keys()):
         if ours.get(path) == theirs.get(path):
             continue
-        if path in names:
-            mine, others = (read_table(root, path, names[path], links) for root in roots)
-            result.tables[path] = _tables(names[path], mine, others)
+        if path in TABLE_OF_PATH:
+            name = TABLE_OF_PATH[path]
+            mine, others = (conform(read_table(root, path, name, links), name) for root in roots)
+            _add_rows(result.tables.setdefault(path, TableDifference()), name, mine, others)
         elif path in ours and path in theirs:
             result.documents[path] = differing_values(*(read_document(root, path, links) for root in roots))
         else:
             result.documents[path] = [f"only in the {'first' if path in ours else 'second'}"]
 
 
-def _tables(name: str, ours: pa.Table, theirs: pa.Table) -> TableDifference:
-    found = TableDifference()
-    frames = [from_arrow(table, name) for table in (ours, theirs)]
-    pairs = align(frames[0], frames[1], LAYER_TABLES[name].key)
-    found.only_first, found.only_second = len(pairs.missing), len(pairs.extra)
-    found.add(conform(ours, name).take(pairs.expected), conform(theirs, name).take(pairs.found))
-    return found
+def _add_rows(found: TableDifference, name: str, ours: pa.Table, theirs: pa.Table) -> None:
+    """Compare rows of a table with the declared schema by their key."""
+    pairs = align(from_arrow(ours, name), from_arrow(theirs, name), declared_table(name).key)
+    found.only_first += len(pairs.missing)
+    found.only_second += len(pairs.extra)
+    found.add(ours.take(pairs.expected), theirs.take(pairs.found))
 
 
 def _same(one: Any, other: Any) -> bool:

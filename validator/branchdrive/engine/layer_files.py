@@ -14,26 +14,30 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.identity import document_digest
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import LAYERS, TABLE_OF_PATH, table_paths
 from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
-from branchdrive.contract.text import printable
+from branchdrive.contract.text import counted, printable, quote
 from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.table_file import join_parts
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.schema import CHECKED_METADATA, COLUMNS_KEY, metadata_mismatches, type_mismatches
+from branchdrive.tables.view import TableView
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -111,11 +115,18 @@ class LayerFiles:
 class _Files:
     """Files as they are read: what decodes, what parses, and what is wrong by rule."""
 
-    tables: dict[str, pa.Table] = field(default_factory=dict)
+    parts: dict[str, pa.Table] = field(default_factory=dict)
     documents: dict[str, Any] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
     sizes: dict[str, int] = field(default_factory=dict)
     mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
+
+    @property
+    def tables(self) -> dict[str, pa.Table]:
+        """Tables all of whose files decode with the declared columns, by name."""
+        names = dict.fromkeys(map(TABLE_OF_PATH.__getitem__, self.parts))
+        whole = [name for name in names if self.parts.keys() >= {*table_paths(name)}]
+        return {name: join_parts([self.parts[path] for path in table_paths(name)]) for name in whole}
 
     def note(self, rule_id: str, found: Mismatch) -> None:
         self.mismatches.setdefault(rule_id, []).append(found)
@@ -126,7 +137,8 @@ def read_layers(task: LayerFilesTask) -> LayerFiles:
     result, files = LayerFiles(), _Files()
     for name in task.descriptor.derived_layers:
         for table in LAYERS[name].tables:
-            _read_table(task, f"{name}/{table}.parquet", table, files, result)
+            for path in table_paths(table):
+                _read_table(task, path, table, files, result)
         for document in LAYERS[name].documents.values():
             _read_document(task, f"{name}/{document.name}", document.schema, files, result)
         for path in task.files:
@@ -137,26 +149,28 @@ def read_layers(task: LayerFilesTask) -> LayerFiles:
             files.contents[path] = content
     if task.is_hashed:
         result.content = {
-            **{table_path(name): table_digest(name, table) for name, table in files.tables.items()},
+            **{path: table_digest(TABLE_OF_PATH[path], table) for path, table in files.parts.items()},
             **{path: document_digest(document) for path, document in files.documents.items()},
         }
+    tables = files.tables
     view = ReleaseView(
         task.descriptor,
-        files.tables,
+        tables,
         files.documents,
         files.contents,
         RawLayer(None, "the raw layer was not read yet"),
         frozenset(task.names),
         files.mismatches,
         digests=result.digests,
+        num_rows={path: table.num_rows for path, table in files.parts.items()},
         sizes=files.sizes,
     )
     result.tallies, result.broken = judge_layers(view, STRUCTURE_RULES)
-    for name, table in files.tables.items():
+    for name, table in tables.items():
         task.spool.put_table(f"{name}.table", table)
     task.spool.put("documents", files.documents)
     task.spool.put("contents", files.contents)
-    result.tables, result.documents = tuple(files.tables), tuple(files.documents)
+    result.tables, result.documents = tuple(tables), tuple(files.documents)
     result.contents, result.sizes = tuple(files.contents), files.sizes
     return result
 
@@ -217,9 +231,25 @@ def _read_table(task: LayerFilesTask, path: str, name: str, files: _Files, resul
     for found in wrong:
         files.note("BD-LYR-003", found.within({"file": path}))
     if not wrong:
-        files.tables[name] = table
+        files.parts[path] = table
         for found in (*metadata_mismatches(table.schema, name), *_undeclared_metadata(table.schema, name)):
             files.note("BD-LYR-004", found.within({"file": path}))
+        for found in _strays(path, name, table):
+            files.note("BD-LYR-010", found.within({"file": path}))
+
+
+def _strays(path: str, name: str, table: pa.Table) -> Iterator[Mismatch]:
+    """Rows of a file that are of another partition than the one that it is for: the first of them, and how many."""
+    own = dict(zip(table_paths(name), LAYER_TABLES[name].partitions, strict=False)).get(path)
+    if own is None:
+        return
+    codes, texts = TableView(name, table).categories("partition")
+    is_other = np.array([text != own for text in texts] + [False], bool)  # a null is another rule's
+    rows = np.flatnonzero(is_other[codes])
+    if len(rows):
+        where: Location = {"table": name, "column": "partition", "row": int(rows[0])}
+        found = f"{counted(len(rows), 'row')} of others, the first of {quote(texts[codes[rows[0]]])}"
+        yield Mismatch(where, f"rows of {own!r} alone", found)
 
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:

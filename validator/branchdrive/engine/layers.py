@@ -17,14 +17,13 @@ import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Check, Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
 from branchdrive.engine.judge import judge
 from branchdrive.engine.spool import Spool, SpooledFrames, SpooledTables
 from branchdrive.engine.tally import Tally
-from branchdrive.layers.compare import place
+from branchdrive.layers.compare import key_of
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.quality.rules import POPULATION
 from branchdrive.tables.frame import Frame, take
@@ -185,6 +184,7 @@ def _mismatches(view: ReleaseView, check: Check) -> Iterator[Mismatch]:
 
 def _row_location(view: ReleaseView, name: str, row: int) -> Location:
     """Location of a row: by its key, or by its number where a part of the key is null."""
+    path, number = view.file_of(name, row)
     if all(view.tables[name][part][row].is_valid for part in LAYER_TABLES[name].key):
-        return place(name, view.rows(name), row)
-    return {"file": table_path(name), "table": name, "row": row}
+        return {"file": path, "table": name, **key_of(name, view.rows(name), row)}
+    return {"file": path, "table": name, "row": number}

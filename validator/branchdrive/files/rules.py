@@ -22,7 +22,7 @@ from branchdrive.contract.layout import (
     unsafe_reason,
 )
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.machine_trace import trace_of
+from branchdrive.contract.machine_trace import trace_mismatches
 from branchdrive.contract.mismatch import Check, Location, Mismatch
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import rule
@@ -254,30 +254,12 @@ def descriptor_agrees_with_itself(survey: Survey) -> Iterator[Check]:
     yield Check.of(int(judged), (found.within(_DESCRIPTOR) for found in survey.conflicts))
 
 
-def _texts(value: object, pointer: str = "") -> Iterator[tuple[str, str]]:
-    """Every text of a document with its JSON pointer."""
-    if isinstance(value, str):
-        yield pointer or "/", value
-    elif isinstance(value, dict):
-        for key, member in value.items():
-            yield from _texts(member, f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}")
-    elif isinstance(value, list):
-        for index, item in enumerate(value):
-            yield from _texts(item, f"{pointer}/{index}")
-
-
 @rule("BD-DOC-005")
 def descriptor_names_no_machine(survey: Survey) -> Iterator[Check]:
     """No text of the descriptor holds a path, a host or a time of the machine that wrote it."""
     judged = survey.document_error is None
-    yield Check.of(
-        int(judged),
-        (
-            Mismatch({**_DESCRIPTOR, "pointer": pointer}, f"a text without {trace}", quote(text))
-            for pointer, text in (_texts(survey.document) if judged else ())
-            if (trace := trace_of(text))
-        ),
-    )
+    found = trace_mismatches(survey.document) if judged else ()
+    yield Check.of(int(judged), (mismatch.within(_DESCRIPTOR) for mismatch in found))
 
 
 @rule("BD-ENC-001")

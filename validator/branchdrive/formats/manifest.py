@@ -21,6 +21,7 @@ from pathlib import Path
 
 from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
 from branchdrive.contract.layout import (
+    CARD_FILE,
     IDENTITY_LAYERS,
     LAYERS,
     MANIFEST_FILE,
@@ -39,6 +40,7 @@ __all__ = [
     "write_manifest",
 ]  # fmt: skip
 
+_QUALITY = "quality"
 _HEADER = "# branchdrive-manifest 0.1"
 _LAYER_LINE = re.compile(r"# layer ([a-z]+) ([0-9a-f]{64})")
 _DATASET_LINE = re.compile(r"# dataset ([0-9a-f]{64})")
@@ -234,6 +236,8 @@ class _Reading:
 def build_manifest(root: Path, listed: Collection[str] = ()) -> Manifest:
     """Digest every file below `root`, except the manifest itself, a writer's working area and companions.
 
+    Where there is a quality layer, `README.md` is the card of the release and no companion.
+
     Args:
         root: The dataset folder.
         listed: Paths of files that are part of the dataset, whatever they are called.
@@ -247,7 +251,9 @@ def build_manifest(root: Path, listed: Collection[str] = ()) -> Manifest:
             patterns = ignored_names(read_file(root, IGNORE_FILE, spec_limits().max_ignore_bytes))
         except ValueError as error:
             raise DatasetError(f"{root}: {IGNORE_FILE!r} {error}; correct it") from error
-    return Manifest.of({path: _file_digest(root, path) for path in _files_under(root, Companions(listed, patterns))})
+    card = [CARD_FILE] if (root / _QUALITY).is_dir() else []
+    companions = Companions((*listed, *card), patterns)
+    return Manifest.of({path: _file_digest(root, path) for path in _files_under(root, companions)})
 
 
 def check_against_manifest(root: Path) -> Manifest:

@@ -1,14 +1,16 @@
-"""One stored table: a Parquet file of unknown origin, read whole, within limits, with the declared columns.
+"""Stored tables: Parquet files of unknown origin, read whole, within limits, with the declared columns.
 
 Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.columns import LAYER_TABLES, TABLES, table_schema
+from branchdrive.contract.layer import table_path, table_paths
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.parquet import decode_table, written_out_bytes
@@ -17,7 +19,31 @@ from branchdrive.formats.untrusted import Links, read_file
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["conform", "read_table"]
+__all__ = ["conform", "join_parts", "parts_of", "read_layer_table", "read_table"]
+
+
+def read_layer_table(root: Path, name: str, links: Links = None) -> pa.Table:
+    """The table `name` of a derived layer below `root`, from all of its files; see `read_table`."""
+    return join_parts([read_table(root, path, name, links) for path in table_paths(name)])
+
+
+def join_parts(parts: Sequence[pa.Table]) -> pa.Table:
+    """Rows of the files of one table, one file after the other, with one dictionary for each column of text."""
+    import pyarrow as pa
+
+    if len(parts) == 1:
+        return parts[0]
+    return pa.concat_tables([part.cast(parts[0].schema) for part in parts]).unify_dictionaries().combine_chunks()
+
+
+def parts_of(name: str, table: pa.Table) -> dict[str, pa.Table]:
+    """Rows of a table of a derived layer by the path of the file that they belong in, without those of no partition."""
+    import pyarrow.compute as pc
+
+    partitions = LAYER_TABLES[name].partitions
+    if not partitions:
+        return {table_path(name): table}
+    return {table_path(name, one): table.filter(pc.equal(table["partition"], one)) for one in partitions}
 
 
 def read_table(root: Path, path: str, name: str, links: Links = None) -> pa.Table:

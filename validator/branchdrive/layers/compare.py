@@ -26,6 +26,7 @@ __all__ = [
     "document_check",
     "format_cell",
     "frames_agree",
+    "key_of",
     "place",
     "rows_agree",
     "rows_are",
@@ -37,14 +38,21 @@ Index = NDArray[np.int64]
 
 
 def place(table: str, frame: Frame, row: int, column: str | None = None) -> Location:
-    """Location of a row: its file, its table and its key."""
-    found: Location = {"file": table_path(table), "table": table}
+    """Location of a row: its file, its table and its key; no file is for a row of no partition."""
+    partitions = LAYER_TABLES[table].partitions
+    partition = frame["partition"][row] if partitions else None
+    found: Location = {"table": table}
+    if not partitions or partition in partitions:
+        found = {"file": table_path(table, partition), **found}
     if column is not None:
         found["column"] = column
-    for name in LAYER_TABLES[table].key:
-        value = frame[name][row]
-        found[name] = value if isinstance(value, str) else int(value)
-    return found
+    return {**found, **key_of(table, frame, row)}
+
+
+def key_of(table: str, frame: Frame, row: int) -> Location:
+    """Key of a row."""
+    values = {name: frame[name][row] for name in LAYER_TABLES[table].key}
+    return {name: value if isinstance(value, str) else int(value) for name, value in values.items()}
 
 
 def differs(expected: Values, found: Values, *, exact: bool = False) -> Mask:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.identity import derived_content, document_digest
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.table_file import read_table
@@ -35,10 +35,9 @@ def file_content(root: Path, paths: Collection[str], links: Links = None) -> dic
     Raises:
         DatasetError: As `layers_content`.
     """
-    tables = {table_path(name): name for layer in LAYERS.values() for name in layer.tables}
     return {
-        path: table_digest(tables[path], read_table(root, path, tables[path], links))
-        if path in tables
+        path: table_digest(TABLE_OF_PATH[path], read_table(root, path, TABLE_OF_PATH[path], links))
+        if path in TABLE_OF_PATH
         else document_digest(read_document(root, path, links))
         for path in sorted(paths)
     }

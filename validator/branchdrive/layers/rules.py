@@ -11,9 +11,11 @@ from functools import partial
 import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_paths
+from branchdrive.contract.machine_trace import trace_mismatches
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
+from branchdrive.layers.compare import document_check
 from branchdrive.layers.view import ReleaseView
 from branchdrive.raw.rules.nulls import (
     masks_agree_with_values,
@@ -23,6 +25,7 @@ from branchdrive.raw.rules.nulls import (
 from branchdrive.raw.rules.values import (
     categories_are_declared,
     text_matches_pattern,
+    texts_hold_no_trace,
     values_are_finite,
     values_lie_in_range,
 )
@@ -66,6 +69,13 @@ def layer_columns_carry_metadata(view: ReleaseView) -> Iterator[Check]:
     yield from _noted(view, "BD-LYR-004", len(view.table_names))
 
 
+@rule("BD-LYR-010")
+def layer_files_hold_their_partition(view: ReleaseView) -> Iterator[Check]:
+    """Every row of a table that has a file for each partition is in the file of its own."""
+    divided = [path for name in view.table_names if LAYER_TABLES[name].partitions for path in table_paths(name)]
+    yield from _noted(view, "BD-LYR-010", len(divided))
+
+
 @rule("BD-LYR-005")
 def layer_documents_conform(view: ReleaseView) -> Iterator[Check]:
     """Every document parses within the limits and meets its schema."""
@@ -103,22 +113,33 @@ def _elsewhere(num_rows: int, _row: int) -> tuple[str, str]:
 
 @rule("BD-LYR-009")
 def layer_rows_are_sorted(view: ReleaseView) -> Iterator[Check]:
-    """Rows ascend by key, action keys in the order of the bank."""
-    orders = {"action_key": view.descriptor.action_bank.keys}
+    """Rows ascend by key, action keys in the order of the bank, in every file."""
     for name in view.table_names:
         try:
             frame = view.frame(name)
         except PreconditionError:
             continue
-        key = LAYER_TABLES[name].key
-        ordered = sort_rows(
-            {**{part: frame[part] for part in key}, "row": np.arange(len(view.tables[name]))}, key, orders
-        )
+        key, paths, num_rows = LAYER_TABLES[name].key, table_paths(name), len(view.tables[name])
+        files = np.repeat(np.arange(len(paths)), [view.num_rows[path] for path in paths])
+        rows = {**{part: frame[part] for part in key}, "file": files, "row": np.arange(num_rows)}
+        ordered = sort_rows(rows, ("file", *key), {"action_key": view.descriptor.action_bank.keys})
         bad = np.flatnonzero(ordered["row"] != np.arange(len(ordered["row"])))
         yield Check.of_rows(
             name,
             None,
-            len(view.tables[name]),
+            num_rows,
             bad[:1],
             partial(_elsewhere, len(bad)),
         )
+
+
+_FIRST_TABLE = {column.name: table.name for table in reversed([*LAYER_TABLES.values()]) for column in table.columns}
+"""First table with a column of a name; later ones repeat what it says, as other rules judge."""
+
+
+@rule("BD-LYR-011")
+def layer_texts_name_no_machine(view: ReleaseView) -> Iterator[Check]:
+    """No text of a table or a document holds a path, a host or a time of the machine that wrote it."""
+    yield from texts_hold_no_trace(view, lambda table, column: _FIRST_TABLE[column] == table)
+    for path, document in view.documents.items():
+        yield document_check(path, 1, trace_mismatches(document))

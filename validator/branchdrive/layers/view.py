@@ -14,11 +14,11 @@ import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layer import LAYERS, layer_of_table
+from branchdrive.contract.layer import table_paths
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Mismatch, PreconditionError
 from branchdrive.tables.arrow import from_arrow
-from branchdrive.tables.frame import Alignment, Frame, Values, align, take
+from branchdrive.tables.frame import Alignment, Frame, Values, align, with_homes
 from branchdrive.tables.view import TableView
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ class ReleaseView:
         mismatches: Those that were found while files were read, by rule id.
         files: Paths of all files of the derived layers and of the root.
         digests: SHA-256 of the files that were read, by path; empty where digests were not computed.
+        num_rows: Rows of each file of a table, by path; empty where a view has a part of the rows.
         sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
         content: Digest of what each table and document says, by path; empty where digests were not computed.
     """
@@ -81,6 +82,7 @@ class ReleaseView:
         mismatches: Mapping[str, list[Mismatch]] | None = None,
         *,
         digests: Mapping[str, str] | None = None,
+        num_rows: Mapping[str, int] | None = None,
         sizes: Mapping[str, int] | None = None,
         content: Mapping[str, str] | None = None,
     ) -> None:
@@ -91,6 +93,7 @@ class ReleaseView:
         self.raw = raw
         self.files = files
         self.digests = dict(digests or {})
+        self.num_rows = dict(num_rows or {})
         self.sizes = dict(sizes or {})
         self.content = dict(content or {})
         self.mismatches = dict(mismatches or {})
@@ -112,6 +115,14 @@ class ReleaseView:
         """Typed columns of a decoded table."""
         return TableView(table, self.tables[table])
 
+    def file_of(self, table: str, row: int) -> tuple[str, int]:
+        """Path of the file that holds a row of a decoded table, and the number of the row in it."""
+        for path in table_paths(table):
+            if row < self.num_rows.get(path, len(self.tables[table])):
+                break
+            row -= self.num_rows[path]
+        return path, row
+
     def without(self, broken: Collection[str]) -> ReleaseView:
         """This view for rules that require others, without the tables that fail those; it shares what was computed."""
         view = copy(self)
@@ -129,7 +140,9 @@ class ReleaseView:
             PreconditionError: It is missing or breaks its structure.
         """
         if table not in self.tables or table in self._broken:
-            raise PreconditionError(f"{layer_of_table(table)}/{table}.parquet is missing or breaks the format")
+            paths = table_paths(table)
+            file = paths[0] if len(paths) == 1 else f"a file of the table `{table}`"
+            raise PreconditionError(f"{file} is missing or breaks the format")
         return self.rows(table)
 
     def rows(self, table: str) -> Frame:
@@ -176,11 +189,20 @@ class ReleaseView:
         """
         if table not in self._expected:
             frame = self.raw_rows[table]
-            if table in LAYERS["model"].tables:
-                wanted = set(self.frame("contexts")["group_id"].tolist())
-                frame = take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
+            if LAYER_TABLES[table].partitions:
+                frame = with_homes(frame, self.homes)
             self._expected[table] = frame
         return self._expected[table]
+
+    @property
+    def homes(self) -> dict[str, str]:
+        """Partition of every group of the contexts.
+
+        Raises:
+            PreconditionError: The contexts are missing or break their structure.
+        """
+        contexts = self.frame("contexts")
+        return dict(zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True))
 
     def aligned(self, table: str) -> Alignment:
         """Pairs of expected and stored rows of a table.

@@ -59,8 +59,8 @@ def _surroundings() -> Iterator[Feature]:
     """Evidence columns in their units; a categorical column becomes one feature for each category."""
     table = LAYER_TABLES["surroundings"]
     masks = {column.available.mask for column in table.columns if column.available}
-    for column in table.columns:
-        if column.name in masks or column.name in table.key:
+    for column in table.value_columns:
+        if column.name in masks:
             continue
         categories = TABLES["evidence"][column.name].values
         for category in categories:

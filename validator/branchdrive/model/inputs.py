@@ -60,10 +60,9 @@ def _state(view: ShardView, nominals: Index) -> dict[str, Values]:
     recorded: dict[str, NDArray[Any]] = dict(zip((feature.name for feature in profile.state), values.T, strict=True))
     absent = np.full(len(values), np.nan)
     frame = _keys(view, nominals, HISTORY_OFFSETS)
-    for column in LAYER_TABLES["state"].columns:
-        if column.name not in frame:
-            cells = recorded.get(column.name, absent)
-            frame[column.name] = np.ma.masked_array(cells, cells is absent) if column.nullable else cells
+    for column in LAYER_TABLES["state"].value_columns:
+        cells = recorded.get(column.name, absent)
+        frame[column.name] = np.ma.masked_array(cells, cells is absent) if column.nullable else cells
     return frame
 
 
@@ -88,7 +87,7 @@ def empty_columns(declared: Sequence[Column]) -> dict[str, Values]:
 def _copied(view: ShardView, name: str, table: str, nominals: Index) -> dict[str, Values]:
     """Columns of the table `name` that are the columns of `table` at the 16 observations."""
     keys = _keys(view, nominals, HISTORY_OFFSETS)
-    declared = [column for column in LAYER_TABLES[name].columns if column.name not in keys]
+    declared = LAYER_TABLES[name].value_columns
     if not len(nominals):
         return {**keys, **empty_columns(declared)}
     stream = view.stream(table)

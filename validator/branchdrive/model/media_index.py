@@ -16,8 +16,9 @@ __all__ = ["media_columns"]
 
 def media_columns(view: ShardView, nominals: NDArray[np.int64]) -> dict[str, Values]:
     """Rows of the media index of `nominals` at the 16 observations up to the branch; none without media."""
+    declared = [column for column in LAYER_TABLES["media_index"].columns if column.name != "partition"]
     if "frames" not in view:
-        return empty_columns(LAYER_TABLES["media_index"].columns)
+        return empty_columns(declared)
     frames = view.stream("frames")
     owner = frames.rollout
     offset = np.where(owner >= 0, frames.tick - view.branch_tick[owner], 1)
@@ -28,7 +29,7 @@ def media_columns(view: ShardView, nominals: NDArray[np.int64]) -> dict[str, Val
         "shard": np.full(len(rows), view.file_prefix, object),
         **{
             column.name: frames[column.name][rows]
-            for column in LAYER_TABLES["media_index"].columns
+            for column in declared
             if column.name not in ("group_id", "offset_ticks", "shard")
         },
     }

@@ -49,12 +49,13 @@ def contexts_are_no_near_duplicates(view: ReleaseView) -> Iterator[Check]:
         found = duplicates_among(view.frame("state"), view.frame("past_controls"), groups, homes)
     except (ValueError, DatasetError) as error:
         raise PreconditionError(f"contexts cannot be compared: {error}") from error
+    row_of = {group: row for row, group in enumerate(contexts["group_id"].tolist())}
     wanted = f"a distance of at least {found.threshold:.3g} to other partitions"
     yield Check.of(
         found.num_examined,
         [
             Mismatch(
-                {"file": "model/contexts.parquet", "table": "contexts", "group_id": groups[row]},
+                place("contexts", contexts, int(row_of[groups[row]])),
                 wanted,
                 f"{found.nearest.distance[row]:.3g} to {groups[int(found.nearest.row[row])]}",
             )

@@ -26,7 +26,7 @@ from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
-from branchdrive.formats.table_file import conform, read_table
+from branchdrive.formats.table_file import conform, read_layer_table
 from branchdrive.formats.untrusted import Links, linked_folders, read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
@@ -216,7 +216,7 @@ class ModelLayer:
     def _stored(self, table: str) -> pa.Table:
         if table not in LAYERS[LAYER].tables:
             raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
-        return read_table(self.root, table_path(table), table, self._links)
+        return read_layer_table(self.root, table, self._links)
 
     def _frame(self, table: str) -> dict[str, Values]:
         return from_arrow(self._stored(table), table)
@@ -265,8 +265,7 @@ class ModelLayer:
             ) from error
         if name not in declared:
             raise UsageError(f"{self.root}: no variant {name!r}; there are {list(declared)}")
-        table = read_table(self.root, table_path("group_quality"), "group_quality", self._links)
-        quality = from_arrow(table, "group_quality")
+        quality = from_arrow(read_layer_table(self.root, "group_quality", self._links), "group_quality")
         found = frozenset(quality["group_id"][members(quality, declared[name].where)].tolist())
         outside = sorted(found - self._contexts.keys())
         if outside:

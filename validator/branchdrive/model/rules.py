@@ -10,7 +10,7 @@ import numpy as np
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import DeclaredEncoding
 from branchdrive.contract.encoding import ENCODING_NAME
-from branchdrive.contract.layer import table_path
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
@@ -34,7 +34,7 @@ from branchdrive.model.normalisation_document import normalisation_mismatches
 from branchdrive.model.rows import action_rows, context_rows
 from branchdrive.quality.partition import assignment_of
 from branchdrive.quality.split_rules import SPLIT
-from branchdrive.tables.frame import Frame, align, take
+from branchdrive.tables.frame import Frame, align, num_rows, take, with_homes
 
 FEATURES = "model/features.json"
 NORMALISATION = "model/normalisation.json"
@@ -67,6 +67,18 @@ def contexts_repeat_the_other_layers(view: ReleaseView) -> Iterator[Check]:
     yield from frames_agree("contexts", columns, expected, found, pairs.expected, pairs.found)
 
 
+@rule("BD-MOD-021")
+def rows_name_the_partition_of_their_group(view: ReleaseView) -> Iterator[Check]:
+    """The partition of every row is the one that the split gives its group; that of contexts is BD-MOD-002's."""
+    homes = _assignment(view)
+    for name, table in LAYERS["model"].tables.items():
+        if table.partitions and name != "contexts":
+            frame = view.frame(name)
+            expected = with_homes({"group_id": frame["group_id"], "row": np.arange(num_rows(frame))}, homes)
+            left, right = np.arange(num_rows(expected)), np.ma.getdata(expected["row"])
+            yield from frames_agree(name, ("partition",), expected, frame, left, right)
+
+
 def _cross(axes: Mapping[str, list[object]]) -> Frame:
     """Every combination of the labels of several key columns."""
     sizes = [len(labels) for labels in axes.values()]
@@ -79,7 +91,7 @@ def _cross(axes: Mapping[str, list[object]]) -> Frame:
 
 
 def _complete(view: ReleaseView, table: str, axes: Mapping[str, list[object]]) -> Iterator[Check]:
-    expected, found = _cross(axes), view.frame(table)
+    expected, found = with_homes(_cross(axes), view.homes), view.frame(table)
     pairs = align(expected, found, LAYER_TABLES[table].key)
     yield from rows_are(table, expected, found, pairs)
 
@@ -109,7 +121,7 @@ def candidates_are_complete(view: ReleaseView) -> Iterator[Check]:
 
 
 def _values(table: str) -> list[str]:
-    return [column.name for column in LAYER_TABLES[table].columns if column.name not in LAYER_TABLES[table].key]
+    return [column.name for column in LAYER_TABLES[table].value_columns]
 
 
 _RECORDED = tuple(f.name for f in SENSOR_PROFILE.state if f.columns == (f.name,) or not f.normalised)

@@ -13,7 +13,7 @@ from typing import Any
 
 from branchdrive.card.card import render_card
 from branchdrive.card.licence import render_licence
-from branchdrive.contract.companion import Companions
+from branchdrive.contract.companion import IGNORE_FILE, Companions
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import (
     BENCHMARK,
@@ -35,7 +35,7 @@ from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
 from branchdrive.release.layers import LEDGERS, BuiltLayers, load_layers, load_ledger
 from branchdrive.release.leakage import build_leakage
-from branchdrive.release.publish import publish, published_identity, staging
+from branchdrive.release.publish import has_card, publish, published_identity, staging
 from branchdrive.release.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality, check_encoding
 
@@ -108,6 +108,7 @@ def build_release(
     # What is built from elsewhere is read before its release has a folder.
     scan = None if is_in_place else scanned()
     with staging(target, create=not is_in_place) as area:
+        _check_card(target, stages)
         scan = scan or scanned()
         if "model" in stages:
             check_encoding(scan)
@@ -152,6 +153,15 @@ def _check_own_folder(source: Path, target: Path) -> None:
         theirs, ours = (read_descriptor(folder).dataset_id for folder in (target, source))
         if theirs != ours:
             raise UsageError(f"{target} holds a release of {theirs!r}, not of {ours!r}; choose another folder")
+
+
+def _check_card(target: Path, stages: Sequence[str]) -> None:
+    """No text of somebody's own is where the card of the release goes."""
+    if {*stages} != {"canonical"} and (target / CARD_FILE).exists() and not has_card(target):
+        raise UsageError(
+            f"{target}: {CARD_FILE} is a text of your own, and the card of the release takes its place; rename it, and "
+            f"name it in {IGNORE_FILE} if it stays in the folder"
+        )
 
 
 def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], target: Path) -> None:

@@ -11,13 +11,13 @@ from typing import Any
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE, MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.manifest import parse_manifest
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.table_file import read_table
+from branchdrive.formats.table_file import parts_of, read_layer_table
 from branchdrive.formats.untrusted import read_file
 from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
@@ -46,13 +46,16 @@ class BuiltLayers:
     contents: dict[str, bytes] = field(default_factory=dict)
 
     def put_table(self, name: str, frame: Frame) -> None:
-        """Add a table; its rows are sorted by key.
+        """Add a table; its rows are sorted by partition, where it has a file for each, and by key.
 
         Raises:
             ContractError: Its columns are not those declared.
         """
-        self.frames[name] = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": self.keys})
-        self.contents[table_path(name)] = encode_table(to_arrow(name, self.frames[name]))
+        declared = LAYER_TABLES[name]
+        orders = {"action_key": self.keys, "partition": declared.partitions}
+        self.frames[name] = sort_rows(frame, declared.order, orders)
+        for path, rows in parts_of(name, to_arrow(name, self.frames[name])).items():
+            self.contents[path] = encode_table(rows)
 
     def put_document(self, path: str, document: Any) -> None:
         """Add a document."""
@@ -103,9 +106,9 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
         read = BuiltLayers(keys)
         try:
             for name in layer.tables:
-                path = table_path(name)
-                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
-                read.frames[name] = from_arrow(read_table(root, path, name), name)
+                for path in table_paths(name):
+                    read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
+                read.frames[name] = from_arrow(read_layer_table(root, name), name)
             for document in layer.documents.values():
                 path = f"{layer.name}/{document.name}"
                 if not document.optional or (root / path).is_file():

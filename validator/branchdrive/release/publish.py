@@ -25,20 +25,25 @@ from branchdrive.contract.layout import (
     layer_of,
 )
 from branchdrive.contract.limits import spec_limits
-from branchdrive.errors import BranchDriveError, ToolError, UsageError
+from branchdrive.errors import BranchDriveError, DatasetError, ToolError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.durable import delete, make_dir, move, replace_file, sync_dir, write_file
 from branchdrive.formats.file_lock import FileLock
 from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifest
 from branchdrive.formats.untrusted import read_file
 
-__all__ = ["benchmark_area", "lock_area", "make_private", "publish", "publish_layer", "published_identity", "staging"]
+__all__ = [
+    "benchmark_area", "has_card", "lock_area", "make_private", "publish", "publish_layer", "published_identity",
+    "staging",
+]  # fmt: skip
 
 _WORK = "build"
 _NEW = "new"
 _BENCHMARK = "benchmark-"
 """How the folders begin that wait for the benchmark of a release."""
 _PRIVATE = 0o700
+_WITH_CARD = "quality/split.json"
+"""A file that is published with the card."""
 
 
 @contextmanager
@@ -142,6 +147,19 @@ def benchmark_area(target: Path) -> Path:
 
 def _published_manifest(target: Path) -> Manifest:
     return parse_manifest(read_file(target, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+
+
+def has_card(target: Path) -> bool:
+    """Whether the card's place is taken by a card: by a file that the manifest lists.
+
+    One that it does not list is anybody's, unless a build was interrupted in the middle of its quality layer.
+    """
+    try:
+        listed = _published_manifest(target).files
+    except DatasetError:
+        listed = {}
+    is_interrupted = (target / _WITH_CARD).exists() and _WITH_CARD not in listed
+    return (target / CARD_FILE).is_file() and (CARD_FILE in listed or is_interrupted)
 
 
 def _drop_stale_benchmarks(target: Path, area: Path) -> None:
@@ -263,7 +281,8 @@ def _is_there(path: Path, digest: str) -> bool:
 
 def _own_files(target: Path) -> list[str]:
     """Files below `target` that a build has written, or may have."""
-    paths = [CARD_FILE, LICENCE_FILE, *(path for layer in LAYERS.values() for path in layer.files)]
+    card = [CARD_FILE] if has_card(target) else []
+    paths = [*card, LICENCE_FILE, *(path for layer in LAYERS.values() for path in layer.files)]
     return [path for path in (*paths, *_free_files(target)) if (target / path).is_file()]
 
 

@@ -41,7 +41,7 @@ from branchdrive.quality.variants import Variant, variants_document
 from branchdrive.release.layers import BuiltLayers
 from branchdrive.release.scan import RawScan
 from branchdrive.statistics.split import Calibration
-from branchdrive.tables.frame import of_groups
+from branchdrive.tables.frame import with_homes
 
 __all__ = ["BuildOptions", "build_canonical", "build_model", "build_quality", "check_encoding"]
 
@@ -145,12 +145,13 @@ def build_model(scan: RawScan, layers: BuiltLayers) -> None:
     check_encoding(scan)
     contexts = context_rows(layers.frames["group_quality"], layers.frames["records"])
     groups = contexts["group_id"].tolist()
+    homes = dict(zip(groups, contexts["partition"].tolist(), strict=True))
     assignment = assignment_of(layers.frames["group_quality"])
     layers.put_table("contexts", contexts)
     layers.put_table("actions", action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None))
     for name in LAYERS["model"].tables:
         if name not in ("contexts", "actions"):
-            layers.put_table(name, of_groups(scan.rows[name], groups))
+            layers.put_table(name, with_homes(scan.rows[name], homes))
     layers.put_document("model/features.json", features_document(descriptor))
     arrays = pack_arrays(layers.frames, groups, descriptor.action_bank.keys)
     try:

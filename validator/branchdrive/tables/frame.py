@@ -6,13 +6,16 @@ column with masked entries is a masked array, and a list column holds an array i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Alignment", "Frame", "align", "concat", "num_rows", "of_groups", "repeated_rows", "sort_rows", "take"]
+__all__ = [
+    "Alignment", "Frame", "align", "concat", "num_rows", "of_groups", "repeated_rows", "sort_rows", "take",
+    "with_homes",
+]  # fmt: skip
 
 Values: TypeAlias = "NDArray[Any] | np.ma.MaskedArray[Any, Any]"
 Frame: TypeAlias = Mapping[str, Values]
@@ -48,10 +51,21 @@ def take(frame: Frame, rows: NDArray[Any]) -> dict[str, Values]:
     return {name: values[rows] for name, values in frame.items()}
 
 
-def of_groups(frame: Frame, groups: Sequence[str]) -> dict[str, Values]:
+def of_groups(frame: Frame, groups: Collection[str]) -> dict[str, Values]:
     """Rows of `groups`, in the order of the frame."""
     wanted = set(groups)
     return take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
+
+
+def with_homes(frame: Frame, homes: Mapping[str, str]) -> dict[str, Values]:
+    """Rows of the groups that have a home, in the order of the frame, with the column `partition`.
+
+    Args:
+        frame: Rows with a `group_id`.
+        homes: Partition of each group.
+    """
+    rows = of_groups(frame, homes)
+    return {**rows, "partition": np.array([homes[group] for group in rows["group_id"].tolist()], object)}
 
 
 def concat(frames: Sequence[Frame]) -> dict[str, Values]:

@@ -27,7 +27,7 @@ from branchdrive.benchmark.results import noise_of, results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content, document_digest
-from branchdrive.contract.layer import table_path
+from branchdrive.formats.table_file import parts_of
 from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with_benchmark_access
 from branchdrive.tables.content import table_digest
 
@@ -215,7 +215,9 @@ def _predictions(protocol: BenchmarkProtocol, data: BenchmarkData) -> Prediction
 def identity(draft: ReleaseDraft) -> str | None:
     """Identity of the content of the derived layers."""
     tables = {name: table for layer in BUILT for name, table in draft.tables[layer].items()}
-    files = {table_path(name): table_digest(name, table) for name, table in tables.items()}
+    files = {
+        path: table_digest(name, rows) for name, table in tables.items() for path, rows in parts_of(name, table).items()
+    }
     files |= {path: document_digest(document) for path, document in draft.documents.items()}
     return content_identity(derived_content(files, claimed_files(BUILT, files)), BUILT)
 

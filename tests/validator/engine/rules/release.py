@@ -105,7 +105,7 @@ def _arrow(layers: BuiltLayers) -> dict[str, synthetic.Tables]:
 
 
 class ReleaseDraft(Draft):
-    """A release to edit: tables of all layers by name, documents by path, and the texts `CARD.md` and `LICENCE.txt`.
+    """A release to edit: tables of all layers by name, documents by path, and the texts `README.md` and `LICENCE.txt`.
 
     `raw` is the dataset beside a detached release that holds its raw layer, a draft of its own.
     """
@@ -126,7 +126,9 @@ class ReleaseDraft(Draft):
         """Replace a derived table; its rows are sorted by key."""
         (folder,) = (folder for folder, shard in self.tables.items() if table in shard)
         keys = self.descriptor["action_bank"]["policies"]
-        ordered = sort_rows(frame, LAYER_TABLES[table].key, {"action_key": [policy["key"] for policy in keys]})
+        declared = LAYER_TABLES[table]
+        orders = {"action_key": [policy["key"] for policy in keys], "partition": declared.partitions}
+        ordered = sort_rows(frame, declared.order, orders)
         self.tables[folder][table] = to_arrow(table, ordered)
 
     def sort(self, table: str) -> None:

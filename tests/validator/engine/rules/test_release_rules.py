@@ -10,6 +10,7 @@ from tests.mutation import MUTANTS, Mutant, new_draft
 from tests.validator.engine.rules.case import NO_SUBJECT, judged, judged_folder
 from tests.validator.engine.rules.release import BUILT, SPLIT, THRESHOLDS, ReleaseDraft, release_draft
 
+from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.rule import rules_of
 from branchdrive.engine.report import Report
@@ -44,7 +45,8 @@ def test_rules_on_values_distrust_a_table_that_breaks_its_structure(
     rule: str, name: str, table: str, tmp_path: Path
 ) -> None:
     root = spoiled(BY_NAME[rule, name]).write(tmp_path / "dataset")
-    words = f"{table_path(table)} is missing or breaks the format"
+    file = f"a file of the table `{table}`" if LAYER_TABLES[table].partitions else table_path(table)
+    words = f"{file} is missing or breaks the format"
     whole = reasons(judged_folder(root))
     assert words in whole.values()
     # The same, where the rules on structure are not asked for.

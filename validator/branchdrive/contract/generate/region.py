@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES, PATTERNS, STREAMS, TABLES, declared_table
 from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_digest
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.metric import DECLARED_METRICS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.errors import UsageError
@@ -53,8 +53,9 @@ def _columns_region(table: str) -> str:
         ]
         for c in declared.columns
     ]
-    path = table_path(table) if table in LAYER_TABLES else declared.file_name
-    place = f"File `{path}`, rate {declared.rate}, key {code(declared.key)}."
+    files = code(table_paths(table) if table in LAYER_TABLES else declared.file_names)
+    noun = "Files" if declared.partitions else "File"
+    place = f"{noun} {files}, rate {declared.rate}, key {code(declared.key)}."
     return f"{declared.title}\n{place}\n\n{grid(header, rows)}"
 
 

@@ -141,8 +141,13 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
 @rule("BD-VAL-006")
 def texts_name_no_machine(view: ShardView) -> Iterator[Check]:
     """No text holds a path, a host or a time of the machine that wrote it; ids count once, in their own table."""
+    yield from texts_hold_no_trace(view, lambda table, column: column != "rollout_id" or table == "rollouts")
+
+
+def texts_hold_no_trace(view: Tables, is_judged: Callable[[str, str], bool]) -> Iterator[Check]:
+    """No text of the columns that `is_judged` picks, by table and name, holds a trace of a machine."""
     for table, column in _columns(view, lambda c: c.type == "string" and not c.values and c.pattern != "checksum"):
-        if column.name != "rollout_id" or table.name == "rollouts":
+        if is_judged(table.name, column.name):
             bad = _rejected_rows(table, column, lambda text: trace_of(text) is None)
             yield Check.of_rows(
                 table.name, column.name, len(table), bad, _describe("no path, host or clock time", table, column)

@@ -38,7 +38,7 @@ def copy_history(d: ReleaseDraft, group: str, model: str) -> None:
     for table in ("state", "past_controls"):
         frame = {column: values.copy() for column, values in d.frame(table).items()}
         for column, values in frame.items():
-            if column not in ("group_id", "offset_ticks"):
+            if column not in ("group_id", "partition", "offset_ticks"):
                 values[frame["group_id"] == group] = values[frame["group_id"] == model]
         d.put(table, frame)
 

@@ -12,7 +12,9 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.cases.tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
-STATE = "model/state.parquet"
+from branchdrive.contract.layer import table_path, table_paths
+
+STATE = "model/state-train.parquet"
 GROUPS = "quality/group_quality.parquet"
 
 
@@ -37,7 +39,7 @@ def ledger_missing(d: ReleaseDraft) -> None:
     d.before_seal(lambda root: (root / LEDGER).unlink())
 
 
-@mutant("BD-LYR-001", at={"file": STATE})
+@mutant("BD-LYR-001", at={"file": STATE}, findings=4)
 def table_missing(d: ReleaseDraft) -> None:
     del d.tables["model"]["state"]
 
@@ -91,13 +93,14 @@ def derived_page_overwritten(d: ReleaseDraft) -> None:
 def derived_tables_inother_settings(d: ReleaseDraft) -> None:
     for layer in BUILT:
         for name in d.tables[layer]:
-            _rewrite(d, f"{layer}/{name}.parquet", other_settings)
+            for path in table_paths(name):
+                _rewrite(d, path, other_settings)
 
 
 # BD-LYR-003
 
 
-@mutant("BD-LYR-003", at={"file": STATE, "column": "separation_m"})
+@mutant("BD-LYR-003", at={"file": STATE, "column": "separation_m"}, findings=4)
 def privileged_column_among_sensor_histories(d: ReleaseDraft) -> None:
     def widen(rows: pa.Table) -> pa.Table:
         seen = d.tables["model"]["surroundings"]
@@ -113,7 +116,7 @@ def derived_column_missing(d: ReleaseDraft) -> None:
     d.map_table("group_quality", lambda rows: rows.drop_columns("near_duplicate"), folder="quality")
 
 
-@mutant("BD-LYR-003", at={"file": "model/past_controls.parquet", "column": "steer"})
+@mutant("BD-LYR-003", at={"file": "model/past_controls-test.parquet", "column": "steer"}, findings=4)
 def derived_column_of_another_type(d: ReleaseDraft) -> None:
     def widen(rows: pa.Table) -> pa.Table:
         place = rows.schema.get_field_index("steer")
@@ -148,22 +151,22 @@ def derived_text_as_dictionary(d: ReleaseDraft) -> None:
 # BD-LYR-004
 
 
-@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"})
+@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"}, findings=4)
 def derived_unit_in_other_words(d: ReleaseDraft) -> None:
     d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", unit="km/h"), folder="model")
 
 
-@mutant("BD-LYR-004", at={"file": "model/surroundings.parquet", "column": "separation_m"})
+@mutant("BD-LYR-004", at={"file": "model/surroundings-val.parquet", "column": "separation_m"}, findings=4)
 def privileged_column_called_a_sensor(d: ReleaseDraft) -> None:
     d.map_table("surroundings", lambda rows: _with_metadata(rows, "separation_m", track="sensor"), folder="model")
 
 
-@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"})
+@mutant("BD-LYR-004", at={"file": STATE, "column": "speed_mps"}, findings=4)
 def outcomes_in_the_metadata_of_a_column(d: ReleaseDraft) -> None:
     d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", note="12.5 11.0 3.4"), folder="model")
 
 
-@mutant("BD-LYR-004", at={"file": STATE})
+@mutant("BD-LYR-004", at={"file": STATE}, findings=4)
 def outcomes_in_the_metadata_of_a_file(d: ReleaseDraft) -> None:
     d.map_table("state", lambda rows: rows.replace_schema_metadata({"outcomes": "12.5 11.0 3.4"}), folder="model")
 
@@ -302,3 +305,61 @@ def two_rows_exchanged(d: ReleaseDraft) -> None:
         return rows.take(order)
 
     d.map_table("group_quality", exchange, folder="quality")
+
+
+# BD-LYR-010
+
+
+def _swap(d: ReleaseDraft, table: str, one: str, other: str) -> None:
+    """Give two partitions of a table each other's file."""
+
+    def swap(root: Path) -> None:
+        paths = [root / table_path(table, partition) for partition in (one, other)]
+        contents = [path.read_bytes() for path in paths]
+        for path, content in zip(paths, reversed(contents), strict=True):
+            path.write_bytes(content)
+
+    d.before_seal(swap)
+
+
+@mutant("BD-LYR-010", at={"file": table_path("scalars", "test"), "column": "partition", "row": 0}, findings=2)
+def files_of_two_partitions_exchanged(d: ReleaseDraft) -> None:
+    _swap(d, "scalars", "test", "val")
+
+
+@mutant("BD-LYR-010", at={"file": table_path("state", "calibration"), "column": "partition", "row": 0})
+def rows_in_the_file_of_a_partition_without_groups(d: ReleaseDraft) -> None:
+    def move(root: Path) -> None:
+        full, empty = (root / table_path("state", partition) for partition in ("val", "calibration"))
+        content = full.read_bytes()
+        full.write_bytes(empty.read_bytes())
+        empty.write_bytes(content)
+
+    d.before_seal(move)
+
+
+# BD-LYR-011
+
+
+def _declare(d: ReleaseDraft, title: str) -> None:
+    """Declare a further variant."""
+    d.documents[VARIANTS]["variants"].append({"name": "screened", "title": title, "where": {"core_valid": True}})
+    d.reseal("variants")
+
+
+@mutant("BD-LYR-011", at={"table": "records", "column": "provenance", "group_id": "g2"}, base="alone")
+def provenance_of_a_record_with_a_path(d: ReleaseDraft) -> None:
+    text = "replayed from /srv/ada/runs/17"
+    d.set("records", "provenance", text, group_id="g2", action_key="brake_0.50")
+
+
+@mutant("BD-LYR-011", at={"file": VARIANTS, "pointer": "/variants/1/title"})
+def title_of_a_variant_with_a_host_and_a_time(d: ReleaseDraft) -> None:
+    _declare(d, "declared by ada@node7, 2026-03-01T12:30")
+
+
+@boundary("BD-LYR-011", base="alone")
+def texts_of_a_release_that_look_like_paths_and_times(d: ReleaseDraft) -> None:
+    text = "maps/Town10/route 3, 5 km/h at 12:30, built 2026-03-01, see https://a.b/c/d"
+    d.set("records", "provenance", text, group_id="g2", action_key="brake_0.50")
+    _declare(d, text)

@@ -18,9 +18,9 @@ TRAIN, VAL, TEST = "g0", "g18", "g12"
 """A context of each partition; no scaling depends on the last two."""
 
 PER_GROUP = ("contexts", "state", "past_controls", "expert", "surroundings", "candidates", "scalars", "trajectories")
-ALL = tuple(f"BD-MOD-{number:03d}" for number in range(1, 21))
+ALL = tuple(f"BD-MOD-{number:03d}" for number in range(1, 22))
 JUDGED_ALONE = ("BD-MOD-001", "BD-MOD-002", "BD-MOD-003", "BD-MOD-004", "BD-MOD-009", "BD-MOD-010", "BD-MOD-015",
-                "BD-MOD-017", "BD-MOD-018", "BD-MOD-019", "BD-MOD-020")  # fmt: skip
+                "BD-MOD-017", "BD-MOD-018", "BD-MOD-019", "BD-MOD-020", "BD-MOD-021")  # fmt: skip
 
 
 def swap(d: ReleaseDraft, table: str, columns: tuple[str, ...], one: dict[str, Any], other: dict[str, Any]) -> None:
@@ -161,6 +161,7 @@ def group_that_fails_replay_taken_in(d: ReleaseDraft) -> None:
 @mutant("BD-MOD-002", at={"table": "contexts", "group_id": TEST, "column": "partition"})
 def context_of_another_partition(d: ReleaseDraft) -> None:
     d.set("contexts", "partition", "val", group_id=TEST)
+    d.sort("contexts")
 
 
 @mutant("BD-MOD-002", at={"table": "contexts", "group_id": "g10", "column": "extended_valid"})
@@ -171,6 +172,21 @@ def context_called_extended_valid(d: ReleaseDraft) -> None:
 @mutant("BD-MOD-002", at={"table": "contexts", "group_id": TEST, "column": "nominal_rollout_id"})
 def context_of_another_nominal(d: ReleaseDraft) -> None:
     d.set("contexts", "nominal_rollout_id", "g12.nominal.a2", group_id=TEST)
+
+
+# BD-MOD-021: partitions of rows
+
+
+@mutant("BD-MOD-021", at={"file": "model/trajectories-train.parquet", "column": "partition", "group_id": TEST})
+def row_of_a_test_group_among_the_training_rows(d: ReleaseDraft) -> None:
+    d.set("trajectories", "partition", "train", group_id=TEST, action_key="nominal", step=3)
+    d.sort("trajectories")
+
+
+@mutant("BD-MOD-021", at={"table": "past_controls", "column": "partition", "group_id": TEST}, findings=80)
+def history_of_a_group_in_a_partition_without_groups(d: ReleaseDraft) -> None:
+    d.set("past_controls", "partition", "calibration", group_id=TEST)
+    d.sort("past_controls")
 
 
 # BD-MOD-003, BD-MOD-004: rows

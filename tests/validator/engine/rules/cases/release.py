@@ -6,7 +6,7 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 from tests.validator.engine.rules.release import SOURCE, ReleaseDraft
 
-CARD, LICENCE = "CARD.md", "LICENCE.txt"
+CARD, LICENCE = "README.md", "LICENCE.txt"
 
 
 def beside(d: ReleaseDraft) -> Draft:
