@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 import stat
 import zlib
 from collections.abc import Iterator, Sequence
@@ -38,7 +37,7 @@ def tree(root: Path) -> dict[str, tuple[str, str]]:
         mode = path.lstat().st_mode
         name = path.relative_to(root).as_posix()
         if stat.S_ISLNK(mode):
-            found[name] = "link", os.readlink(path)
+            found[name] = "link", str(path.readlink())
         elif stat.S_ISDIR(mode):
             if not any(path.iterdir()):
                 found[name] = "folder", ""
@@ -175,7 +174,7 @@ def manifest_edits(sealed: Path, changed: Path) -> list[list[Any]]:
 
 
 def equal_tables(one: pa.Table, other: pa.Table) -> bool:
-    """Whether tables have the same columns, types, metadata and cells; whether a column may be null is no part of it."""
+    """Whether tables have the same columns, types, metadata and cells, whatever is said of nulls."""
     if [(f.name, f.type, f.metadata) for f in one.schema] != [(f.name, f.type, f.metadata) for f in other.schema]:
         return False
     if one.schema.metadata != other.schema.metadata or len(one) != len(other):

@@ -20,8 +20,8 @@ Each has a member `op` and the `file` or `path` that it changes, relative to the
     fifo            a named pipe
     move            `to`: the file or folder under another name
     seal            writes the manifest of the files that are there
-    manifest        `edits`, as `lines`, of the manifest; ``{sha256 PATH}``, ``{layer NAME}`` and ``{dataset}`` stand for
-                    the digests that a manifest sealed now would have
+    manifest        `edits`, as `lines`, of the manifest; ``{sha256 PATH}``, ``{layer NAME}`` and ``{dataset}`` stand
+                    for the digests that a manifest sealed now would have
 
 Tables are Parquet files; types are named as Arrow names them. A number that JSON lacks is `"NaN"`, `"Infinity"` or
 `"-Infinity"`. An operation that finds nothing to change is an error.

@@ -123,7 +123,7 @@ def run_cases(
     *,
     claimed: Collection[str] = tuple(CATALOGUE),
     jobs: int = 1,
-    progress: Callable[[int, int], object] = lambda done, total: None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Result:
     """Run a validator over cases.
 
@@ -154,7 +154,8 @@ def run_cases(
                         if isinstance(answer, Answer)
                         else [Departure(case.name, "no report", None, "a report", answer)]
                     )
-                progress(len(departures), len(given))
+                if progress is not None:
+                    progress(len(departures), len(given))
         finally:
             pool.shutdown(cancel_futures=True)
     ordered = {case.name: departures[case.name] for case in given}

@@ -93,7 +93,7 @@ def test_a_recipe_stays_inside_its_dataset(path: str, tmp_path: Path) -> None:
     root = tmp_path / "dataset"
     root.mkdir()
     (root / "out").symlink_to(tmp_path)
-    with pytest.raises(ValueError, match="no path inside|through a link"):
+    with pytest.raises(ValueError, match=r"no path inside|through a link"):
         apply_recipe([{"op": "text", "file": path, "text": "x"}], root)
     assert [place.name for place in tmp_path.iterdir()] == ["dataset"]
 
