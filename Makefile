@@ -10,7 +10,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo test check compat compat-quick bench bench-paper bench-release
+.PHONY: setup help demo test check cases conformance compat compat-quick bench bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -46,6 +46,15 @@ demo: setup
 ## the whole test suite
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
+
+## write the conformance cases anew from the registered defects, and all of them as one archive with its digest
+cases: setup
+	$(BIN)/python -m tests.conformance_cases --jobs $(JOBS) --archive build/conformance-cases.tar.gz
+
+## hold the conformance cases against the registered defects, and the validator against the cases
+conformance: setup
+	$(BIN)/python -m tests.conformance_cases --check --jobs $(JOBS)
+	$(BIN)/branchdrive-conformance validator --jobs $(JOBS)
 
 ## the tests with lowest and newest versions of libraries, on every Python from 3.11 to 3.13 that is found, and as three processors calculate
 compat: setup
