@@ -10,9 +10,9 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo test check compat compat-quick bench bench-paper bench-release
+.PHONY: setup help demo test check cases conformance compat compat-quick bench bench-paper bench-release
 
-## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export and dev
+## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
@@ -21,7 +21,7 @@ setup: .venv/.installed
 	@echo "setup: installs about 90 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
 	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
-		-e ".[sim,plots,models,guard,export,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
+		-e ".[sim,plots,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
 	@read status < .venv/status; [ $$status -eq 0 ] || \
 		{ echo "setup: pip ended with $$status; what it said is above. To go on, run: make setup" >&2; exit 1; }
 	@touch $@
@@ -46,6 +46,15 @@ demo: setup
 ## the whole test suite
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
+
+## write the conformance cases anew from the registered defects, and all of them as one archive with its digest
+cases: setup
+	$(BIN)/python -m tests.conformance_cases --jobs $(JOBS) --archive build/conformance-cases.tar.gz
+
+## hold the conformance cases against the registered defects, and the validator against the cases
+conformance: setup
+	$(BIN)/python -m tests.conformance_cases --check --jobs $(JOBS)
+	$(BIN)/branchdrive-conformance validator --jobs $(JOBS)
 
 ## the tests with lowest and newest versions of libraries, on every Python from 3.11 to 3.13 that is found, and as three processors calculate
 compat: setup

@@ -25,7 +25,7 @@ from branchdrive.environment import check_environment, extra, import_fault, leav
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
 from branchdrive.formats.file_error import file_error_text, is_machine_fault
 
-__all__ = ["main", "run", "validate_main"]
+__all__ = ["main", "run", "run_script", "script_main", "validate_main"]
 
 EXIT_USAGE = 2
 EXIT_FAILED = 4
@@ -202,18 +202,23 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     return _load(modules[args.command]).run(args, stdout, stderr)
 
 
-def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
-    """Run `branchdrive-validate` with the given arguments."""
+def run_script(prog: str, module_name: str, argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
+    """Run a command that has a script of its own, `prog`, with the given arguments."""
 
     def action() -> int:
-        command = _load(_BUILT_IN["validate"])
-        parser = _Parser("branchdrive-validate", description=command.SUMMARY)
+        command = _load(module_name)
+        parser = _Parser(prog, description=command.SUMMARY)
         command.add_arguments(parser)
         args = parser.parse_args(argv)
         check_environment()
         return command.run(args, stdout, stderr)
 
-    return _carry_out("branchdrive-validate", action, stdout, stderr)
+    return _carry_out(prog, action, stdout, stderr)
+
+
+def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
+    """Run `branchdrive-validate` with the given arguments."""
+    return run_script("branchdrive-validate", _BUILT_IN["validate"], argv, stdout, stderr)
 
 
 def _open_streams() -> tuple[TextIO, TextIO]:
@@ -229,6 +234,11 @@ def main() -> int:
     if sys.argv[1:] and sys.argv[1] in _WITHOUT_PANDAS:
         leave_out_pandas()
     return run(sys.argv[1:], *_open_streams())
+
+
+def script_main(prog: str, module_name: str) -> int:
+    """Entry point of a script that is one command."""
+    return run_script(prog, module_name, sys.argv[1:], *_open_streams())
 
 
 def validate_main() -> int:

@@ -1,0 +1,56 @@
+"""The committed cases: their form, what they reach, and that they are those of the registry."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from pathlib import Path
+
+import jsonschema
+import pytest
+from tests.conformance_cases import case_names
+
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive_conformance.case import Case, cases_dir, load_cases
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def cases() -> list[Case]:
+    return list(load_cases(cases_dir()))
+
+
+def test_cases_conform_to_their_schema() -> None:
+    schema = json.loads((ROOT / "conformance_tests" / "case.schema.json").read_bytes())
+    validator = jsonschema.Draft202012Validator(schema)
+    for path in sorted(cases_dir().glob("BD-*/*.json")):
+        document = json.loads(path.read_bytes())
+        assert [error.message for error in validator.iter_errors(document)] == [], path
+        assert path == cases_dir() / f"{document['name']}.json"
+
+
+def test_cases_are_those_of_the_registry(cases: list[Case]) -> None:
+    assert sorted(case.name for case in cases) == sorted(case_names())
+
+
+def test_every_rule_passes_fails_and_is_at_its_limit(cases: list[Case]) -> None:
+    reached: dict[str, set[str]] = defaultdict(set)
+    for case in cases:
+        for rule in case.rules:
+            reached[rule].add(case.kind)
+    wanted = {"pass", "fail", "boundary"}
+    assert {rule: wanted - reached[rule] for rule in CATALOGUE if wanted - reached[rule]} == {}
+
+
+def test_every_verdict_and_status_of_a_dataset_is_reached(cases: list[Case]) -> None:
+    """`error` and `inconclusive` say that a validator failed; no dataset may lead to them."""
+    assert {case.expected.verdict for case in cases} == {"valid", "valid-with-waivers", "partial", "invalid"}
+    statuses = {outcome.status for case in cases for outcome in case.expected.rules.values()}
+    assert statuses == {"pass", "fail", "skipped", "not-claimed"}
+
+
+def test_a_case_that_fails_says_so(cases: list[Case]) -> None:
+    for case in cases:
+        status = case.expected.rules[case.rules[0]].status
+        assert (status == "fail") == (case.kind == "fail"), case.name

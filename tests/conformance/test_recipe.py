@@ -1,0 +1,114 @@
+"""Recipes and differences: one is the inverse of the other, and no recipe leaves its dataset."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from branchdrive.contract.document import dump_json
+from branchdrive.formats.parquet import encode_table
+from branchdrive_conformance.difference import equal_tables, recipe_between, tree
+from branchdrive_conformance.recipe import apply_recipe, read_table
+
+FILE = "raw/shard-00000/controls.parquet"
+BASE = pa.table(
+    {
+        "rollout_id": [f"r{i // 20}" for i in range(100)],
+        "tick": pa.array([i % 20 for i in range(100)], pa.int32()),
+        "speed": pa.array(np.linspace(-1, 7, 100), pa.float32()),
+        "points": [[float(i), None] for i in range(100)],
+    }
+)
+CELLS = st.none() | st.floats(width=32) | st.sampled_from([0.1, -0.0])
+
+
+@st.composite
+def edited(draw: st.DrawFn) -> pa.Table:
+    """The table with rows taken in another order, cells changed, and maybe a column more, less or of another type."""
+    rows = draw(st.lists(st.integers(0, 99), min_size=1, max_size=60) | st.just(list(range(100))))
+    table = BASE.take(pa.array(rows))
+    speeds = table["speed"].to_pylist()
+    for place, cell in draw(st.dictionaries(st.integers(0, len(rows) - 1), CELLS, max_size=5)).items():
+        speeds[place] = cell
+    table = table.set_column(2, "speed", pa.array(speeds, pa.float32()))
+    change = draw(st.sampled_from(["none", "drop", "add", "cast", "reverse", "metadata"]))
+    if change == "drop":
+        return table.drop_columns("points")
+    if change == "add":
+        return table.append_column("more", pa.array(range(len(rows)), pa.int64()))
+    if change == "cast":
+        return table.set_column(1, "tick", table["tick"].cast(pa.int64()))
+    if change == "reverse":
+        return table.select(table.column_names[::-1])
+    return table.replace_schema_metadata({"a": "b"}) if change == "metadata" else table
+
+
+@given(table=edited())
+@settings(max_examples=60, deadline=None)
+def test_a_recipe_leads_to_the_table_that_it_was_made_from(table: pa.Table, tmp_path_factory: Any) -> None:
+    folder = tmp_path_factory.mktemp("tables")
+    for name, content in (("base", BASE), ("changed", table)):
+        path = folder / name / FILE
+        path.parent.mkdir(parents=True)
+        path.write_bytes(encode_table(content))
+    recipe = recipe_between(folder / "base", folder / "changed")
+    shutil.copytree(folder / "base", folder / "made")
+    apply_recipe(recipe, folder / "made")
+    assert equal_tables(read_table((folder / "made" / FILE).read_bytes()), table)
+
+
+def test_a_recipe_leads_to_the_files_that_it_was_made_from(tmp_path: Path) -> None:
+    base, changed = tmp_path / "base", tmp_path / "changed"
+    for root in (base, changed):
+        (root / "folder").mkdir(parents=True)
+        (root / "a.json").write_bytes(dump_json({"a": [1, 2, {"b": 0.5}], "c": "d"}))
+        (root / "text.md").write_text("one\ntwo\nthree\n" * 50)
+        (root / "folder" / "old").write_text("moves")
+        (root / "gone").write_text("goes")
+    (changed / "a.json").write_bytes(dump_json({"a": [1, 2, {"b": 0.25}], "e": None}))
+    (changed / "text.md").write_text("one\ntwo\nthree\n" * 40 + "four\n" + "one\n")
+    (changed / "folder" / "old").rename(changed / "new")
+    (changed / "folder").rmdir()
+    (changed / "gone").unlink()
+    (changed / "empty").mkdir()
+    (changed / "link").symlink_to("../elsewhere")
+    (changed / "binary").write_bytes(bytes(range(256)))
+    recipe = recipe_between(base, changed)
+    assert {operation["op"] for operation in recipe} == {"json", "lines", "move", "delete", "folder", "link", "bytes"}
+    apply_recipe(recipe, base)
+    assert tree(base) == tree(changed)
+    files = [path for path, (kind, _) in tree(base).items() if kind == "file"]
+    assert all((base / path).read_bytes() == (changed / path).read_bytes() for path in files)
+
+
+@pytest.mark.parametrize("path", ["../outside", "/outside", "a/../../outside", "out/outside", ""])
+def test_a_recipe_stays_inside_its_dataset(path: str, tmp_path: Path) -> None:
+    root = tmp_path / "dataset"
+    root.mkdir()
+    (root / "out").symlink_to(tmp_path)
+    with pytest.raises(ValueError, match=r"no path inside|through a link"):
+        apply_recipe([{"op": "text", "file": path, "text": "x"}], root)
+    assert [place.name for place in tmp_path.iterdir()] == ["dataset"]
+
+
+@pytest.mark.parametrize(
+    "operation",
+    [
+        {"op": "rows", "keep": [[90, 101]]},
+        {"op": "set", "column": "speed", "rows": [[0, 2]], "values": [1.0]},
+        {"op": "set", "column": "none", "rows": [[0, 1]], "value": 1.0},
+        {"op": "unknown"},
+    ],
+)
+def test_an_operation_that_does_not_fit_is_refused(operation: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / FILE).parent.mkdir(parents=True)
+    (tmp_path / FILE).write_bytes(encode_table(BASE))
+    with pytest.raises(ValueError, match=r"within|values for|no column|no operation"):
+        apply_recipe([{"file": FILE, **operation}], tmp_path)

@@ -1,0 +1,173 @@
+"""The runner: this project's validator is right, and each kind of broken validator is caught."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from branchdrive.cli.main import run_script
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.errors import UsageError
+from branchdrive_conformance.case import Case, cases_dir, load_case, load_cases
+from branchdrive_conformance.materialize import materialize
+from branchdrive_conformance.reference import judge_case
+from branchdrive_conformance.score import Answer, score
+from branchdrive_conformance.validator import Command
+
+RULE = "BD-VAL-002"
+Report = dict[str, Any]
+
+
+def run(*words: str) -> tuple[int, str, str]:
+    stdout, stderr = io.StringIO(), io.StringIO()
+    code = run_script("branchdrive-conformance", "branchdrive_conformance.command", words, stdout, stderr)
+    return code, stdout.getvalue(), stderr.getvalue()
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Case, Report]]:
+    """Reports on the cases of one rule, and on one of each other form: detached, without digests, with a map."""
+    cases = list(load_cases(cases_dir(), [RULE]))
+    others = ("BD-LAY-002/digests_not_compared", "BD-MAP-001/pass", "BD-LYR-004/pass")
+    cases += [load_case(cases_dir(), cases_dir() / f"{name}.json") for name in others]
+    folder = tmp_path_factory.mktemp("cases")
+    for case in cases:
+        materialize(cases_dir(), case, folder / case.name, is_linked=True)
+    return [(case, judge_case(folder / case.name).to_json()) for case in cases]
+
+
+def test_this_validator_is_right(judged: list[tuple[Case, Report]]) -> None:
+    for case, report in judged:
+        assert score(case, Answer.of(report), CATALOGUE, is_whole=True) == []
+
+
+def rule_removed(report: Report) -> Report:
+    return {**report, "rules": [rule for rule in report["rules"] if rule["id"] != RULE]}
+
+
+def rule_inverted(report: Report) -> Report:
+    other = {"pass": "fail", "fail": "pass"}
+    changed = [
+        {**rule, "status": other.get(rule["status"], rule["status"])} if rule["id"] == RULE else rule
+        for rule in report["rules"]
+    ]
+    return {**report, "rules": changed}
+
+
+def never_failing(report: Report) -> Report:
+    passed = [
+        {**rule, "status": "pass", "num_findings": 0} if rule["status"] == "fail" else rule for rule in report["rules"]
+    ]
+    return {**report, "verdict": "valid", "rules": passed, "findings": []}
+
+
+def wrong_place(report: Report) -> Report:
+    moved = [{**finding, "location": {**finding["location"], "table": "actors"}} for finding in report["findings"]]
+    return {**report, "findings": moved}
+
+
+def wrong_count(report: Report) -> Report:
+    return {**report, "rules": [{**rule, "num_findings": rule["num_findings"] + 1} for rule in report["rules"]]}
+
+
+@pytest.mark.parametrize(
+    ("broken", "what"),
+    [
+        (rule_removed, "status"),
+        (rule_inverted, "status"),
+        (never_failing, "verdict"),
+        (wrong_place, "location"),
+        (wrong_count, "count"),
+    ],
+)
+def test_a_broken_validator_is_caught(
+    broken: Callable[[Report], Report], what: str, judged: list[tuple[Case, Report]]
+) -> None:
+    departures = [
+        departure
+        for case, report in judged
+        for departure in score(case, Answer.of(broken(report)), CATALOGUE, is_whole=True)
+    ]
+    assert what in {departure.what for departure in departures}
+    assert RULE in {departure.rule for departure in departures} | {RULE if what == "verdict" else None}
+
+
+def test_rules_that_are_not_claimed_are_not_compared(judged: list[tuple[Case, Report]]) -> None:
+    for case, report in judged:
+        assert score(case, Answer.of(rule_removed(report)), {"BD-LAY-002"}, is_whole=False) == []
+
+
+def test_a_command_is_scored(tmp_path: Path) -> None:
+    """Each case at a time, several at once, and one that is right but for what it cannot be given."""
+    single = f"{sys.executable} -P -m branchdrive.cli validate {{dataset}} --format json"
+    code, text, error = run("validator", "--command", single, "--select", "BD-VAL-003")
+    assert (code, error) == (0, ""), text
+    assert "conforms" in text
+    code, text, _ = run("validator", "--select", RULE, "--format", "json")
+    document = json.loads(text)
+    assert (code, document["conformant"], document["left_out"]) == (0, True, [])
+    code, text, _ = run("validator", "--command", single, "--select", RULE, "--output", str(tmp_path / "table.txt"))
+    assert code == 1
+    assert f"{RULE}/waived" in (tmp_path / "table.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("echo {dataset}", "no report"),
+        ("false {dataset}", "no report"),
+        ("sleep 5 {dataset}", "no end within 1 s"),
+        ("echo {cases}", "1 reports for"),
+    ],
+)
+def test_a_program_that_prints_no_report_is_told_so(line: str, found: str) -> None:
+    code, text, _ = run("validator", "--command", line, "--select", "BD-VAL-003", "--limit-s", "1")
+    assert code == 1
+    assert found in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["validator", "--command", "my-validator"], "say with {dataset}"),
+        (["validator", "--command", "'"], "No closing quotation"),
+        (["validator", "--command", "no-such-program {dataset}", "--select", "VAL"], "cannot be started"),
+        (["validator", "--select", "XYZ"], "no rule and no area"),
+        (["validator", "--claims", "LAY", "--select", "VAL"], "no case is about"),
+        (["validator", "--cases", "pyproject.toml"], "no archive of cases"),
+        (["validator", "--cases", "tests"], "holds no base datasets"),
+    ],
+)
+def test_a_wrong_call_is_one_line(words: list[str], message: str) -> None:
+    code, text, error = run(*words)
+    assert (code, text) == (2, "")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_cases_become_plain_datasets(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    code, text, _ = run("materialize", str(target), "--select", "BD-VAL-003")
+    assert code == 0
+    folders = sorted(path.parent for path in target.glob("*/*/case.json"))
+    assert text.startswith(f"{len(folders)} cases written")
+    for folder in folders:
+        expected = json.loads((folder / "case.json").read_text())["expected"]
+        report = judge_case(folder)
+        assert report.verdict == expected["verdict"]
+        assert set(expected["rules"]) == set(CATALOGUE)
+    code, _, error = run("materialize", str(target))
+    assert (code, "exists; name a new folder" in error) == (2, True)
+
+
+def test_a_batch_takes_all_folders() -> None:
+    command = Command.of("judge --quiet {cases} --end")
+    assert command.start([Path("a"), Path("b")]) == ["judge", "--quiet", "a", "b", "--end"]
+    with pytest.raises(UsageError, match="say with"):
+        Command.of("judge --quiet")
