@@ -1,0 +1,127 @@
+"""Sizes of boxes of a pilot, against what road users measure: half extents and centimetres show here.
+
+Source: spec/02-time-frames-units.md#frames; the ranges hold every common car, truck, bus, cycle and person.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from branchdrive.contract.text import NONE
+from branchdrive.pilot.section import Concern
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.text.table import Column, Table
+
+__all__ = ["Extents", "extents"]
+
+
+class _Range(NamedTuple):
+    """Least and largest median of a size that raises no question, metres."""
+
+    low: float
+    high: float
+
+
+_PLAUSIBLE: Mapping[str, tuple[_Range, _Range]] = {
+    "ego": (_Range(2.9, 20.0), _Range(1.3, 3.2)),
+    "vehicle": (_Range(2.9, 20.0), _Range(1.3, 3.2)),
+    "cycle": (_Range(1.2, 3.0), _Range(0.3, 1.3)),
+    "pedestrian": (_Range(0.2, 1.2), _Range(0.25, 1.2)),
+}
+"""Medians of length and width of each kind; statics are of any size."""
+
+
+class Extents(NamedTuple):
+    """Sizes as a table, what is wrong with them, and the medians for programs."""
+
+    table: Table
+    concerns: list[Concern]
+    figures: dict[str, dict[str, Any]]
+
+
+def extents(views: Sequence[ShardView]) -> Extents:
+    """Sizes of the ego and of actors by class, and the wheelbase that the descriptor declares."""
+    rows: list[list[str]] = []
+    concerns: list[Concern] = []
+    figures: dict[str, dict[str, Any]] = {}
+    for kind, sizes in _sizes(views).items():
+        medians = [float(np.median(values)) if len(values) else None for values in sizes]
+        figures[kind] = dict(zip(("length_m", "width_m", "height_m"), medians, strict=True)) | {"boxes": len(sizes[0])}
+        plausible = _PLAUSIBLE.get(kind)
+        rows.append(
+            [
+                kind,
+                f"{len(sizes[0]):,}",
+                *(NONE if median is None else f"{median:.2f}" for median in medians),
+                NONE if plausible is None else " x ".join(f"{low:g} to {high:g}" for low, high in plausible),
+            ]
+        )
+        if plausible is not None and medians[0] is not None and medians[1] is not None:
+            concerns += _judged(kind, (medians[0], medians[1]), plausible)
+    vehicle = views[0].descriptor.vehicle
+    length_m: float | None = figures["ego"]["length_m"]
+    if vehicle is not None and length_m is not None and vehicle.wheelbase_m >= length_m:
+        concerns.append(
+            Concern(
+                f"The wheelbase that the descriptor declares, {vehicle.wheelbase_m:g} m, is not shorter than the ego, "
+                f"{length_m:.2f} m: the extents are halves.",
+                "Record whole extents: twice what a simulator gives as half extents (CARLA's bounding_box.extent).",
+            )
+        )
+    columns = [
+        Column.name("Box"), *map(Column, ("Boxes", "Length, m", "Width, m", "Height, m")),
+        Column("Plausible length x width, m", is_text=True),
+    ]  # fmt: skip
+    return Extents(Table("Sizes of boxes (medians)", columns, rows), concerns, figures)
+
+
+def _sizes(views: Sequence[ShardView]) -> dict[str, list[np.ndarray[Any, Any]]]:
+    """Length, width and height of the boxes of each kind, what is null left out."""
+    names = ("length_m", "width_m", "height_m")
+    found = {
+        "ego": [
+            np.concatenate([v.rollouts[f"ego_{name}"][v.rollouts.valid(f"ego_{name}")] for v in views])
+            for name in names
+        ]
+    }
+    for kind in ("vehicle", "cycle", "pedestrian", "static"):
+        parts = []
+        for name in names:
+            values = [np.zeros(0, np.float32)]
+            for view in views:
+                if "actors" in view:
+                    stream = view.stream("actors")
+                    values.append(stream[name][stream.equals("actor_class", kind) & stream.valid(name)])
+            parts.append(np.concatenate(values))
+        if len(parts[0]):
+            found[kind] = parts
+    return found
+
+
+def _judged(kind: str, found: tuple[float, float], plausible: tuple[_Range, _Range]) -> list[Concern]:
+    """Concerns of median length and width: both too small, both too large, or one of them out of range."""
+    size = f"{found[0]:.2f} m x {found[1]:.2f} m"
+    who = "The ego's box" if kind == "ego" else f"The median box of class {kind}"
+    columns = "ego_length_m, ego_width_m and ego_height_m" if kind == "ego" else "length_m, width_m and height_m"
+    fits = [low <= value <= high for value, (low, high) in zip(found, plausible, strict=True)]
+    if all(fits):
+        return []
+    doubled = all(low <= 2 * value <= high for value, (low, high) in zip(found, plausible, strict=True))
+    if found[1] < plausible[1].low and doubled:
+        return [
+            Concern(
+                f"{who} is {size}, half of what is plausible: these are half extents.",
+                f"Record whole extents in {columns}: twice the half extents, and evidence measured with them.",
+            )
+        ]
+    return [
+        Concern(
+            f"{who} is {size}; {plausible[0].low:g} to {plausible[0].high:g} m x {plausible[1].low:g} to "
+            f"{plausible[1].high:g} m is plausible.",
+            f"Record whole extents in metres in {columns}, length along the heading.",
+            is_problem=kind == "ego",
+        )
+    ]
