@@ -63,10 +63,11 @@ def extents(views: Sequence[ShardView]) -> Extents:
             concerns += _judged(kind, (medians[0], medians[1]), plausible)
     vehicle = views[0].descriptor.vehicle
     length_m: float | None = figures["ego"]["length_m"]
-    if vehicle is not None and length_m is not None and vehicle.wheelbase_m >= length_m:
+    wheelbase_m = None if vehicle is None else vehicle.wheelbase_m
+    if wheelbase_m is not None and length_m is not None and wheelbase_m >= length_m:
         concerns.append(
             Concern(
-                f"The wheelbase that the descriptor declares, {vehicle.wheelbase_m:g} m, is not shorter than the ego, "
+                f"The wheelbase that the descriptor declares, {wheelbase_m:g} m, is not shorter than the ego, "
                 f"{length_m:.2f} m: the extents are halves.",
                 "Record whole extents: twice what a simulator gives as half extents (CARLA's bounding_box.extent).",
             )

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.text import NONE, counted
-from branchdrive.leakage.gate import Gate, leakage_gate
+from branchdrive.leakage.gate import leakage_gate
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
 from branchdrive.leakage.protocol import Protocol
 from branchdrive.leakage.replays import AVAILABILITY_NAMES, CONTROL_NAMES, EGO_NAMES
@@ -36,14 +36,11 @@ _TITLE = "Leakage"
 _OFFSETS_SD = (0.1, 0.2, 0.4, 0.8)
 """Offsets that are planted into enough groups."""
 
-_PILOT_OFFSETS_SD = (0.4, 1.6)
-"""Offsets that are planted into the groups of a small pilot."""
-
 _ENOUGH = 96
 """Groups from which on the law of the root holds well; fewer are repeated until there are as many."""
 
-_NUM_PERMUTATIONS = 3_999
-"""The fewest with which the gate can fail."""
+_POWER = Protocol(offsets_sd=_OFFSETS_SD, num_permutations=3_999, num_replicates=3)
+"""The fewest permutations with which the gate can fail, and few trials: a pilot's figures are rough."""
 
 _WANTED_SD = (0.1, 0.2)
 _SEED = 1
@@ -56,7 +53,7 @@ def leakage_power(pilot: Pilot) -> Section:
     if not pilot.rows:
         return Section("leakage", _TITLE, not_examined=[pilot.no_rows])
     inputs = _inputs(pilot)
-    protocol = Protocol(offsets_sd=_PILOT_OFFSETS_SD)
+    protocol = Protocol(offsets_sd=())
     if inputs is None or inputs.num_groups < protocol.num_folds:
         count = 0 if inputs is None else inputs.num_groups
         return Section(
@@ -89,7 +86,7 @@ def leakage_power(pilot: Pilot) -> Section:
                 "order of execution, or a command that acts too early.",
             )
         )
-    table, smallest, num_groups = _power(pilot, gate, features)
+    table, smallest, num_groups = _power(pilot, features)
     not_examined = [
         f"an offset on {_PATTERN_TEXTS[pattern]}: not even {max(_OFFSETS_SD):g} standard deviations are found in "
         f"{counted(num_groups, 'group')}"
@@ -103,43 +100,39 @@ def leakage_power(pilot: Pilot) -> Section:
     )  # fmt: skip
 
 
-def _power(pilot: Pilot, gate: Gate, features: NDArray[np.float64]) -> tuple[Table, dict[str, float | None], int]:
+def _power(pilot: Pilot, features: NDArray[np.float64]) -> tuple[Table, dict[str, float | None], int]:
     """Smallest offsets found by pattern, as a table and alone, and the number of groups they were found in."""
     num_groups = len(features) * math.ceil(_ENOUGH / len(features))
     many = np.tile(features, (num_groups // len(features), 1, 1))
-    protocol = Protocol(offsets_sd=_OFFSETS_SD, num_permutations=_NUM_PERMUTATIONS)
-    effects = gate.sensitivity, leakage_gate(many, seed=_SEED, protocol=protocol).sensitivity
+    effect = leakage_gate(many, seed=_SEED, protocol=_POWER).sensitivity
     rows = []
     smallest: dict[str, float | None] = {}
     for pattern in PATTERNS:
-        here, found = (None if effect is None else effect.smallest_sd(pattern) for effect in effects)
+        found = None if effect is None else effect.smallest_sd(pattern)
         smallest[pattern] = found
         rows.append(
             [
                 _PATTERN_TEXTS[pattern],
-                *(
-                    _smallest_text(value, offsets)
-                    for value, offsets in ((here, _PILOT_OFFSETS_SD), (found, _OFFSETS_SD))
-                ),
+                _smallest_text(found),
                 NONE if found is None else f"{found * math.sqrt(num_groups / pilot.num_wanted):.2g}",
                 *(NONE if found is None else f"{_groups_for(num_groups, found, d):,}" for d in _WANTED_SD),
             ]
         )
     heads = [
-        Column.name("Planted on"), *(Column(f"Found at {n} groups, sd") for n in (len(features), num_groups)),
+        Column.name("Planted on"), Column(f"Found at {num_groups} groups, sd"),
         Column(f"At {pilot.num_wanted:,}, sd"), *(Column(f"Groups for {d:g} sd") for d in _WANTED_SD),
     ]  # fmt: skip
     note = (
-        "The smallest planted offset that the gate finds in all of five trials, in standard deviations within groups. "
+        "The smallest planted offset that the gate finds in all of three trials, in standard deviations within groups. "
         f"{num_groups} groups are those of the pilot, repeated; other numbers follow by the root."
     )
     return Table("Power", heads, rows, [note]), smallest, num_groups
 
 
-def _smallest_text(found: float | None, offsets: Sequence[float]) -> str:
+def _smallest_text(found: float | None) -> str:
     if found is None:
-        return f"> {max(offsets):g}"
-    return f"{found:g}" if found > min(offsets) else f"<= {found:g}"
+        return f"> {max(_OFFSETS_SD):g}"
+    return f"{found:g}" if found > min(_OFFSETS_SD) else f"<= {found:g}"
 
 
 def _groups_for(num_groups: int, found_sd: float, wanted_sd: float) -> int:
