@@ -60,7 +60,7 @@ def determinism(pilot: Pilot, reruns: Reruns | None) -> Section:
     heads = [Column.name("Run"), Column("Seconds"), Column("Content", is_text=True)]
     facts = [f"{trial.what}: {trial.sameness.text}." for trial in trials if trial.sameness is not None]
     return Section(
-        "determinism", _TITLE, facts, concerns, [Table("Runs", heads, rows)], [*_untried(reruns), _NEVER],
+        "determinism", _TITLE, facts, concerns, [Table("Runs", heads, rows)], [*_untried(reruns, trials), _NEVER],
         {trial.name: _figures(trial) for trial in trials},
     )  # fmt: skip
 
@@ -73,8 +73,11 @@ def _trials(pilot: Pilot, reruns: Reruns) -> Iterator[_Trial]:
     if first.failure is not None:
         return
     if first.sameness is not None and not first.sameness.is_same:
-        again = reruns.run("again", "the same groups in a second fresh process", group_ids)
-        yield _compared("again", "The fresh process once more", fresh.out, again)
+        run = reruns.run("again", "the same groups in a second fresh process", group_ids)
+        again = _compared("again", "The same groups in a second fresh process", fresh.out, run)
+        yield again
+        if again.sameness is None or not again.sameness.is_same:
+            return  # what differs every time tells nothing of order and seeds
     if len(group_ids) > 1 and (command.takes("groups") or command.takes("order")):
         run = reruns.run("reverse", "the groups in reverse order", group_ids, is_reversed=True)
         yield _compared("reverse", "The groups in reverse order", fresh.out, run)
@@ -133,12 +136,19 @@ def _as_declared(concern: Concern) -> Concern:
     return Concern(what, concern.remedy, is_problem=False)
 
 
-def _untried(reruns: Reruns) -> Iterator[str]:
-    command = reruns.command
-    if reruns.fresh.failure is None and not command.takes("groups"):
-        if not command.takes("order"):
-            yield "another order of groups: the command has neither {groups} nor {order}"
-        yield "a group without other seeds before it: the command has no {groups}, a list of group ids in order"
+def _untried(reruns: Reruns, trials: list[_Trial]) -> Iterator[str]:
+    names = {trial.name for trial in trials}
+    why = ""
+    if trials[0].failure is not None:
+        why = "the command fails"
+    elif trials[-1].name == "again":
+        why = "equal runs differ as it is"
+    elif len(reruns.pilot.group_ids) == 1:
+        why = "the pilot has one group"
+    if "reverse" not in names:
+        yield f"another order of groups: {why or 'the command has neither {groups} nor {order}'}"
+    if "alone" not in names:
+        yield f"a group without other seeds before it: {why or 'the command has no {groups}, a list of ids in order'}"
 
 
 def _figures(trial: _Trial) -> dict[str, Any]:

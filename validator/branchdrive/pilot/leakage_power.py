@@ -13,7 +13,6 @@ Source: spec/13-leakage.md; the extrapolation is this project's choice.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
