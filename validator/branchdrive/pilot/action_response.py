@@ -28,7 +28,7 @@ _LATE, _EARLY = 0.9, -0.5
 
 _SPEAKING = {
     "BD-RSP-002": (
-        "The commands of {place} are ignored: {found}.",
+        "The commands of {keys} are ignored: {found}.",
         "Apply the policy's command to the vehicle itself at every active tick, after the expert's and any autopilot "
         "that would overwrite it, and record what was applied.",
     ),
@@ -72,8 +72,7 @@ def action_response(pilot: Pilot) -> Section:
 
 def _facts(summary: ResponseSummary) -> list[str]:
     first = [action.first_response for action in summary.actions if action.first_response is not None]
-    facts = [f"{len(summary.actions)} policies compared {ACTIVE_TICKS * TICK_S:g} s after "
-             "the branch."]  # fmt: skip
+    facts = [f"{len(summary.actions)} policies compared {ACTIVE_TICKS * TICK_S:g} s after the branch."]
     if first:
         low, high = min(first) * _STRIDE_S, max(first) * _STRIDE_S
         facts.append(
@@ -92,12 +91,10 @@ def _has_failed(pilot: Pilot) -> bool:
 def _failed(pilot: Pilot) -> list[Concern]:
     concerns = []
     for tally in pilot.report.tallies:
-        if tally.rule_id in _SPEAKING:
+        if tally.rule_id in _SPEAKING and tally.findings:
             what, remedy = _SPEAKING[tally.rule_id]
-            concerns += [
-                Concern(what.format(place=finding.location.get("action_key"), found=finding.found), remedy)
-                for finding in tally.findings
-            ]
+            keys = ", ".join(str(finding.location.get("action_key")) for finding in tally.findings)
+            concerns.append(Concern(what.format(keys=keys, found=tally.findings[0].found), remedy))
     return concerns
 
 

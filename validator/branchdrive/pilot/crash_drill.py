@@ -22,6 +22,9 @@ _NEVER = "power failures and full disks: a kill leaves what the system has buffe
 _GOES_ON = 0.95
 """Share of the undisturbed time from which on a resumed run seems to have begun anew."""
 
+_LONG_S = 60.0
+"""Parts from which on that is told from the time that a command takes to start, and from the load of a machine."""
+
 _COMMIT = (
     "Write a group aside, sync its files, and rename it into place when all of it is there; on the way in, delete what "
     "is half written and collect every group that is not in place."
@@ -76,7 +79,7 @@ def crash_drill(pilot: Pilot, reruns: Reruns | None, *, num_kills: int) -> Secti
                 f"{_COMMIT} A collection must hold the same however often it was interrupted.",
             )
         )
-    if last.seconds > _GOES_ON * fresh.seconds:
+    if last.seconds > _GOES_ON * fresh.seconds and part_s >= _LONG_S:
         concerns.append(
             Concern(
                 f"The last run took {last.seconds:.1f} s of {fresh.seconds:.1f} s: it seems to have begun anew.",
