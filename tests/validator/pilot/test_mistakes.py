@@ -24,8 +24,8 @@ PLANTED: list[tuple[Callable[[Shards], Shards], Examine, str, str]] = [
     (mistakes.speed_in_kmh, physics, "the speed is in km/h", "divide by 3.6"),
     (mistakes.late_observations, action_response, "Observations are late", "with the state at tick t"),
     (mistakes.ignored_commands, action_response, "are ignored", "Apply the policy's command"),
-    (mistakes.constant_column, columns, "observations.target_speed_mps is 10", "`unrecorded`"),
-    (mistakes.half_extents, physics, "The ego's box is 2.25 m x 0.94 m, half", "twice the half extents"),
+    (mistakes.constant_column, columns, "observations.target_speed_mps is the same in every row: 10", "`unrecorded`"),
+    (mistakes.half_extents, physics, "of ego 2.25 m x 0.94 m, of vehicle", "twice the half extents"),
     (mistakes.ten_hertz, physics, "10 Hz recorded as 20 Hz", "Step the simulator by 0.05 s"),
 ]
 

@@ -42,6 +42,17 @@ _SAME = {
 _MIN_DISTINCT = 20
 """Values of which at least so many differ are measured, and then neither all round nor all those of another column."""
 
+_SAYS = {"constant": "is the same in every row: ", "absent": "is ", "copied": "is ", "rounded": "has "}
+
+_REMEDIES = {
+    "constant": "Record what the simulator has, or nothing: a column that it cannot offer is null and listed as "
+    "`unrecorded` in the descriptor, where the specification allows that. What happens seldom, such as a hazard, may "
+    "well be absent from a pilot.",
+    "copied": "Record each of the two from its own source; one that is not measured belongs into `unrecorded`.",
+    "rounded": "Record the simulator's own numbers; what is rounded or drawn from a list is no measurement.",
+}
+"""What to do about columns of each kind; absent ones are declared, or break a rule."""
+
 _MAX_DECIMALS = 2
 _FLOAT32 = 1e-6
 
@@ -51,7 +62,9 @@ def columns(pilot: Pilot) -> Section:
     title = "Columns"
     if not pilot.parts:
         return Section("columns", title, not_examined=[pilot.unread])
-    rows, concerns = [], []
+    rows: list[list[str]] = []
+    describing: list[str] = []
+    measured: dict[str, list[str]] = {}
     found: dict[str, list[str]] = {"constant": [], "absent": [], "copied": [], "rounded": []}
     num_columns = 0
     for name in pilot.descriptor.tables:
@@ -59,51 +72,30 @@ def columns(pilot: Pilot) -> Section:
         num_columns += len(table.names)
         for kind, column, says in table.noted():
             found[kind].append(f"{name}.{column}")
+            if column.startswith(_DESCRIBING):
+                describing.append(column)
+                continue
             rows.append([name, column, kind, says])
-            concern = _concern(kind, f"{name}.{column}", says, is_measured=table.is_measured(column))
-            if concern is not None:
-                concerns.append(concern)
-    declared = list(pilot.descriptor.unrecorded)
+            if table.is_measured(column):
+                measured.setdefault(kind, []).append(f"{name}.{column} {_SAYS[kind]}{says}")
     facts = [
         f"{num_columns} columns of {len(pilot.descriptor.tables)} tables: "
         + ", ".join(f"{len(names)} {kind}" for kind, names in found.items())
         + "."
     ]
+    if describing:
+        facts.append(f"Of them describe the collection, and may be the same in all of it: {', '.join(describing)}.")
+    declared = list(pilot.descriptor.unrecorded)
     if declared:
         facts.append(f"Declared as unrecorded: {', '.join(declared)}.")
-    tables = []
-    if rows:
-        heads = [
-            Column.name("Table"),
-            Column.name("Column"),
-            Column("What", is_text=True),
-            Column("Says", is_text=True),
-        ]
-        tables.append(Table("Columns that are the same everywhere, absent, copied or round", heads, rows))
+    concerns = [
+        Concern(f"{'; '.join(named)}.", _REMEDIES[kind], is_problem=False)
+        for kind, named in measured.items()
+        if kind in _REMEDIES
+    ]
+    heads = [Column.name("Table"), Column.name("Column"), Column("What", is_text=True), Column("Says", is_text=True)]
+    tables = [Table("Columns that are the same everywhere, absent, copied or round", heads, rows)] if rows else []
     return Section("columns", title, facts, concerns, tables, figures={**found, "unrecorded": declared})
-
-
-def _concern(kind: str, column: str, says: str, *, is_measured: bool) -> Concern | None:
-    if kind == "constant" and is_measured:
-        return Concern(
-            f"{column} is {says} in every row.",
-            "Record what the simulator has. If it has nothing of the kind, leave the column null and list it as "
-            "`unrecorded` in the descriptor, where the specification allows that; do not fill in a number.",
-            is_problem=False,
-        )
-    if kind == "copied":
-        return Concern(
-            f"{column} is {says} in every row that has both.",
-            "Record each of the two from its own source; one that is not measured belongs into `unrecorded`.",
-            is_problem=False,
-        )
-    if kind == "rounded":
-        return Concern(
-            f"{column} has {says}.",
-            "Record the simulator's own number; a value that is rounded or drawn from a list is no measurement.",
-            is_problem=False,
-        )
-    return None
 
 
 class _Columns:

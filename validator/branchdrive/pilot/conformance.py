@@ -27,7 +27,9 @@ def conformance(pilot: Pilot) -> Section:
     unclaimed = [tally.rule_id for tally in report.tallies if tally.status == "not-claimed" and not tally.info.layer]
     if unclaimed:
         facts.append(f"The descriptor claims no stream of {', '.join(unclaimed)}, so that they examine nothing.")
-    concerns = [_concern(tally) for tally in report.tallies if tally.num_findings]
+    explained = [tally.rule_id for tally in report.tallies if tally.num_findings and tally.rule_id in _EXPLAINED]
+    facts += [f"{rule_id} fails: see {_EXPLAINED[rule_id]}." for rule_id in explained]
+    concerns = [_concern(tally) for tally in report.tallies if tally.num_findings and tally.rule_id not in explained]
     concerns += [
         Concern(f"The validator itself failed: {message.splitlines()[-1]}", "Please report it.")
         for message in report.errors
@@ -49,11 +51,16 @@ def conformance(pilot: Pilot) -> Section:
 
 _QUIET = ("not-claimed", "skipped")
 
+_EXPLAINED = {"BD-RSP-001": "Physics", **dict.fromkeys(("BD-RSP-002", "BD-RSP-003", "BD-RSP-004"), "Action response")}
+"""Rules whose failure another section says more of."""
+
 
 def _concern(tally: Tally) -> Concern:
     info = tally.info
-    violations = "violation" if tally.num_findings == 1 else "violations"
-    what = f"{info.id} ({info.title}): {tally.num_findings:,} {violations} in {counted(tally.examined, info.grain)}."
+    what = f"{info.id} ({info.title})"
+    if info.grain != "dataset":
+        what += f": {counted(tally.num_findings, 'violation')} in {counted(tally.examined, info.grain)}"
+    what += "."
     if tally.findings:
         first = tally.findings[0]
         what += f" First at {location_text(first.location)}: expected {first.expected}; found {first.found}."

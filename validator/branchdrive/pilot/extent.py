@@ -45,7 +45,7 @@ class Extents(NamedTuple):
 def extents(views: Sequence[ShardView]) -> Extents:
     """Sizes of the ego and of actors by class, and the wheelbase that the descriptor declares."""
     rows: list[list[str]] = []
-    concerns: list[Concern] = []
+    found: dict[str, tuple[float, float]] = {}
     figures: dict[str, dict[str, Any]] = {}
     for kind, sizes in _sizes(views).items():
         medians = [float(np.median(values)) if len(values) else None for values in sizes]
@@ -60,7 +60,8 @@ def extents(views: Sequence[ShardView]) -> Extents:
             ]
         )
         if plausible is not None and medians[0] is not None and medians[1] is not None:
-            concerns += _judged(kind, (medians[0], medians[1]), plausible)
+            found[kind] = medians[0], medians[1]
+    concerns = _judged(found)
     vehicle = views[0].descriptor.vehicle
     length_m: float | None = figures["ego"]["length_m"]
     wheelbase_m = None if vehicle is None else vehicle.wheelbase_m
@@ -102,27 +103,30 @@ def _sizes(views: Sequence[ShardView]) -> dict[str, list[np.ndarray[Any, Any]]]:
     return found
 
 
-def _judged(kind: str, found: tuple[float, float], plausible: tuple[_Range, _Range]) -> list[Concern]:
-    """Concerns of median length and width: both too small, both too large, or one of them out of range."""
-    size = f"{found[0]:.2f} m x {found[1]:.2f} m"
-    who = "The ego's box" if kind == "ego" else f"The median box of class {kind}"
-    columns = "ego_length_m, ego_width_m and ego_height_m" if kind == "ego" else "length_m, width_m and height_m"
-    fits = [low <= value <= high for value, (low, high) in zip(found, plausible, strict=True)]
-    if all(fits):
-        return []
-    doubled = all(low <= 2 * value <= high for value, (low, high) in zip(found, plausible, strict=True))
-    if found[1] < plausible[1].low and doubled:
-        return [
+def _judged(found: Mapping[str, tuple[float, float]]) -> list[Concern]:
+    """Concerns of the median length and width of kinds: halves of what is plausible, or another size that is not."""
+    concerns, halves = [], []
+    for kind, sizes in found.items():
+        plausible = _PLAUSIBLE[kind]
+        if all(low <= size <= high for size, (low, high) in zip(sizes, plausible, strict=True)):
+            continue
+        if all(low <= 2 * size <= high for size, (low, high) in zip(sizes, plausible, strict=True)):
+            halves.append(f"of {kind} {sizes[0]:.2f} m x {sizes[1]:.2f} m")
+            continue
+        length, width = (f"{low:g} to {high:g} m" for low, high in plausible)
+        concerns.append(
             Concern(
-                f"{who} is {size}, half of what is plausible: these are half extents.",
-                f"Record whole extents in {columns}: twice the half extents, and evidence measured with them.",
+                f"The median box of {kind} is {sizes[0]:.2f} m x {sizes[1]:.2f} m; {length} x {width} is plausible.",
+                "Record whole extents in metres, length along the heading.",
+                is_problem=kind == "ego",
             )
-        ]
-    return [
-        Concern(
-            f"{who} is {size}; {plausible[0].low:g} to {plausible[0].high:g} m x {plausible[1].low:g} to "
-            f"{plausible[1].high:g} m is plausible.",
-            f"Record whole extents in metres in {columns}, length along the heading.",
-            is_problem=kind == "ego",
         )
-    ]
+    if halves:
+        concerns.append(
+            Concern(
+                f"Median boxes are half of what is plausible ({', '.join(halves)}): these are half extents.",
+                "Record whole extents, twice the half extents, of the ego and of actors, and measure evidence with "
+                "them.",
+            )
+        )
+    return concerns

@@ -25,6 +25,10 @@ from branchdrive.pilot.section import Concern, Section
 __all__ = ["PilotReport", "examine_pilot"]
 
 
+_CONSEQUENCES = {"conformance": 1, "funnel": 2}
+"""Sections whose concerns mostly go away with those of others, and their order."""
+
+
 @dataclass(frozen=True)
 class PilotReport:
     """What was found out about a pilot.
@@ -39,9 +43,9 @@ class PilotReport:
 
     @property
     def concerns(self) -> list[tuple[Section, Concern]]:
-        """What is to be done, problems first, each with its section."""
+        """What is to be done, each with its section: problems first, and causes before the rules that they break."""
         every = [(section, concern) for section in self.sections for concern in section.concerns]
-        return sorted(every, key=lambda pair: not pair[1].is_problem)
+        return sorted(every, key=lambda pair: (not pair[1].is_problem, _CONSEQUENCES.get(pair[0].name, 0)))
 
     @property
     def num_problems(self) -> int:

@@ -35,6 +35,9 @@ _TITLE = "Routes, split and calibration"
 _SEED = 1
 """Of the draws of partitions; another one moves single clusters."""
 
+_MIN_GROUPS = 8
+"""Groups below which the share of a cluster says nothing."""
+
 _SMALLEST_SHARE = min(SHARES.values()) / 100
 
 
@@ -68,7 +71,7 @@ def route_plan(pilot: Pilot) -> Section:
             if why and name == "expected routes":
                 concerns.append(_infeasible(why, expected, num_groups, with_calibration=least is not None))
     share = sizes[0] / len(clusters)
-    if share > _SMALLEST_SHARE and len(clusters) >= 3 and len(sizes) > 1:
+    if share > _SMALLEST_SHARE and len(clusters) >= _MIN_GROUPS and len(sizes) > 1:
         concerns.append(
             Concern(
                 f"The largest cluster holds {percent(share, 0)} of the groups. A cluster is never divided, so that a "
