@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -140,3 +143,22 @@ def test_a_crash_drill_names_what_a_resume_loses(
     assert bool(section.concerns) is bool(what)
     assert section.figures["kills"] == 1
     assert section.figures["equal"] is (mistake == "none")
+
+
+def test_a_command_ends_with_the_report_that_is_asked_to_terminate(tmp_path: Path) -> None:
+    waits = "import os, time; open('{out}', 'w').write(str(os.getpid())); time.sleep(60)"
+    words = [sys.executable, "-c", waits, "{out}"]
+    out = tmp_path / "out"
+    script = (
+        "import os\nfrom pathlib import Path\nfrom branchdrive.pilot.rerun import Command\n"
+        "from branchdrive.process import heeded_termination\n"
+        f"with heeded_termination():\n    Command({tuple(words)!r}).run(Path({str(out)!r}), [], limit_s=60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL) as report:
+        while not (out.exists() and out.read_text()):
+            assert report.poll() is None
+            time.sleep(0.05)
+        report.terminate()
+        report.wait(30)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(out.read_text()), 0)

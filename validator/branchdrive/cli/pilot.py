@@ -14,6 +14,7 @@ from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
+from branchdrive.process import heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive.pilot.report import PilotReport
@@ -54,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
-    """Examine the pilot and print the report; 1 where it has a problem, else 0.
+    """Examine the pilot and print the report; 1 where it has a problem, 4 where the validator failed, else 0.
 
     Raises:
         UsageError: There is no dataset, it is larger than a pilot, or the command cannot be run.
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         stderr.write(f"rerun: {what}\n")
         stderr.flush()
 
-    with _work_folder(args.work) as folder:
+    with heeded_termination(), _work_folder(args.work) as folder:  # a command that runs must not outlive this one
         reruns = None if command is None else Reruns(pilot, command, folder, limit_s=args.rerun_limit, note=note)
         report = examine_pilot(pilot, reruns, num_kills=args.kills)
     text = _text(report, args.format, stdout, is_file=args.output is not None)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.engine.verdict import EXIT_CODES
 from branchdrive.pilot.action_response import action_response
 from branchdrive.pilot.column import columns
 from branchdrive.pilot.conformance import conformance
@@ -54,7 +55,9 @@ class PilotReport:
 
     @property
     def exit_code(self) -> int:
-        """1 where there is a problem; what was not examined is said, and changes nothing."""
+        """4 where the validator failed, 1 where there is a problem; what was not examined changes nothing."""
+        if self.pilot.report.verdict == "error":
+            return EXIT_CODES["error"]
         return 1 if self.num_problems else 0
 
     def to_json(self) -> dict[str, Any]:
