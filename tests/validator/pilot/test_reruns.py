@@ -103,6 +103,7 @@ def test_what_runs_differ_by_is_named(
     section = determinism(pilot, reruns(pilot, command(source, mistake), tmp_path))
     assert {name for name, figures in section.figures.items() if not figures["equal"]} == differing
     assert what in said(section)
+    assert [concern.is_problem for concern in section.concerns] == [mistake != "process"] * len(differing)
     assert "first in observations.speed_mps at tick 50" in said(section)
 
 

@@ -76,7 +76,8 @@ def crash_drill(pilot: Pilot, reruns: Reruns | None, *, num_kills: int) -> Secti
         concerns.append(
             Concern(
                 f"A resume holds other data than an undisturbed run: {found.text}.",
-                f"{_COMMIT} A collection must hold the same however often it was interrupted.",
+                f"{_COMMIT} Where Determinism names order or seeds, this is one more case of it.",
+                is_problem=pilot.descriptor.collection.replay_noise.kind != "natural",
             )
         )
     if last.seconds > _GOES_ON * fresh.seconds and part_s >= _LONG_S:

@@ -48,7 +48,7 @@ def determinism(pilot: Pilot, reruns: Reruns | None) -> Section:
         return Section("determinism", _TITLE, not_examined=[NO_COMMAND])
     trials = list(_trials(pilot, reruns))
     concerns = [concern for trial in trials for concern in _concerns(trial, trials)]
-    if pilot.descriptor.collection.replay_noise.kind == "natural":
+    if pilot.descriptor.collection.replay_noise.kind == "natural" and trials[-1].name == "again":
         concerns = [_as_declared(concern) for concern in concerns]
     rows = [
         [
