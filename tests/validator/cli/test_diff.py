@@ -95,16 +95,20 @@ def test_cells_are_counted_with_the_largest_difference(base: Path, tmp_path: Pat
     other = write(tmp_path / "other", cells("observations", "x_m", {3: x[3] + 0.5, 4: x[4] - 0.25}))
     code, found = document(base, other)
     assert (code, found["data"], len(found["changed"])) == (1, "differ", 1)
-    assert found["tables"]["observations"]["columns"] == {"x_m": {"num_cells": 2, "largest": pytest.approx(0.5)}}
+    first = {"location": {"rollout_id": "g0.nominal.a1", "tick": 15}, "ours": repr(x[3]), "theirs": repr(x[3] + 0.5)}
+    assert found["tables"]["observations"]["columns"] == {
+        "x_m": {"num_cells": 2, "largest": pytest.approx(0.5), "first": first}
+    }
     assert "x_m: 2 cells differ, by 0.5 at most" in diff(base, other)[1]
 
 
 def test_the_sign_of_a_zero_is_a_difference(base: Path, tmp_path: Path) -> None:
     brake = synthetic.base_tables()[FOLDER]["controls"]["applied_brake"].to_pylist()
     other = write(tmp_path / "other", cells("controls", "applied_brake", {brake.index(0.0): -0.0}))
-    assert document(base, other)[1]["tables"]["controls"]["columns"] == {
-        "applied_brake": {"num_cells": 1, "largest": 0.0}
-    }
+    found = document(base, other)[1]["tables"]["controls"]["columns"].pop("applied_brake")
+    assert (found["num_cells"], found["largest"]) == (1, 0.0)
+    assert (found["first"]["ours"], found["first"]["theirs"]) == ("0.0", "-0.0")
+    assert "0.0 in A, -0.0 in B" in diff(base, other)[1]
 
 
 def test_rows_and_attempts_of_one_alone_are_named(base: Path, tmp_path: Path) -> None:

@@ -82,6 +82,9 @@ def _of_table(table: TableDifference) -> list[str]:
     for name, column in table.columns.items():
         largest = "" if column.largest is None else f", by {column.largest:.6g} at most"
         lines.append(f"{name}: {counted(column.num_cells, 'cell')} differ{largest}")
+        if column.first is not None:
+            place = " ".join(f"{key}={value}" for key, value in column.first.location.items())
+            lines.append(f"  first at {place}: {column.first.ours} in A, {column.first.theirs} in B")
     return lines
 
 

@@ -5,7 +5,8 @@ Source: spec/03-layout.md#content.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ from branchdrive.contract.identity import claimed_files
 from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Location
+from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
 from branchdrive.formats.manifest import Manifest, parse_manifest
@@ -34,24 +37,41 @@ from branchdrive.tables.frame import align
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["ColumnDifference", "DatasetDifference", "TableDifference", "compare_datasets"]
+__all__ = ["ColumnDifference", "DatasetDifference", "DifferentCell", "TableDifference", "compare_datasets"]
+
+
+@dataclass(frozen=True)
+class DifferentCell:
+    """One cell that differs: the key of its row, and both values as text."""
+
+    location: Location
+    ours: str
+    theirs: str
 
 
 @dataclass
 class ColumnDifference:
-    """Cells of a column that differ, and by how much numbers do at most."""
+    """Cells of a column that differ, by how much numbers do at most, and the first of them."""
 
     num_cells: int = 0
     largest: float | None = None
+    first: DifferentCell | None = None
 
-    def add(self, ours: pa.ChunkedArray, theirs: pa.ChunkedArray) -> None:
-        """Count the cells of two columns of one length that differ."""
+    def add(self, ours: pa.ChunkedArray, theirs: pa.ChunkedArray, location: Callable[[int], Location]) -> None:
+        """Count the cells of two columns of one length that differ; `location` says where a row is."""
         mine, others = ours.to_pylist(), theirs.to_pylist()
-        pairs = [(one, other) for one, other in zip(mine, others, strict=True) if not _same(one, other)]
+        pairs = [
+            (row, one, other)
+            for row, (one, other) in enumerate(zip(mine, others, strict=True))
+            if not _same(one, other)
+        ]
         self.num_cells += len(pairs)
-        numbers = [abs(one - other) for one, other in pairs if _is_number(one) and _is_number(other)]
+        numbers = [abs(one - other) for _, one, other in pairs if _is_number(one) and _is_number(other)]
         if numbers:
             self.largest = max(float(max(numbers)), self.largest or 0.0)
+        if pairs and self.first is None:
+            row, one, other = pairs[0]
+            self.first = DifferentCell(location(row), quote(one), quote(other))
 
 
 @dataclass
@@ -62,15 +82,20 @@ class TableDifference:
     only_second: int = 0
     columns: dict[str, ColumnDifference] = field(default_factory=dict)
 
-    def add(self, ours: pa.Table, theirs: pa.Table) -> None:
-        """Compare rows of two tables that belong together, one by one."""
+    def add(self, ours: pa.Table, theirs: pa.Table, key: Sequence[str]) -> None:
+        """Compare rows of two tables that belong together, one by one; `key` names columns that tell where a row is."""
+
+        def location(row: int) -> Location:
+            return {name: ours[name][row].as_py() for name in key}
+
         for name in ours.column_names:
             if not ours[name].equals(theirs[name]) or _has_zeros(ours[name]):
                 found = ColumnDifference()
-                found.add(ours[name], theirs[name])
+                found.add(ours[name], theirs[name], location)
                 if found.num_cells:
                     total = self.columns.setdefault(name, ColumnDifference())
                     total.num_cells += found.num_cells
+                    total.first = total.first or found.first
                     if found.largest is not None:
                         total.largest = max(found.largest, total.largest or 0.0)
 
@@ -100,6 +125,20 @@ class DatasetDifference:
     towns: list[str] = field(default_factory=list)
     tables: dict[str, TableDifference] = field(default_factory=dict)
     documents: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def first_cell(self) -> tuple[str, str, DifferentCell] | None:
+        """Table, column and place of the first cell that differs: in the first attempt, at its earliest tick.
+
+        Cells without a tick, such as those of the rollouts table, come after those of the attempt that have one.
+        """
+        cells = [
+            (name, column, found.first)
+            for name, table in self.tables.items()
+            for column, found in table.columns.items()
+            if found.first is not None
+        ]
+        return min(cells, key=lambda cell: _moment(cell[2].location), default=None)
 
     @property
     def has_equal_data(self) -> bool:
@@ -204,12 +243,12 @@ def _add(found: TableDifference, ours: pa.Table, theirs: pa.Table) -> None:
     key = [name for name in ("tick", "actor_id") if name in ours.column_names]
     sides = [{name: table[name].to_numpy() for name in key} for table in (ours, theirs)]
     if not key:
-        found.add(ours, theirs)
+        found.add(ours, theirs, ["rollout_id"])
         return
     pairs = align(sides[0], sides[1], key)
     found.only_first += len(pairs.missing)
     found.only_second += len(pairs.extra)
-    found.add(ours.take(pairs.expected), theirs.take(pairs.found))
+    found.add(ours.take(pairs.expected), theirs.take(pairs.found), ["rollout_id", *key])
 
 
 def _compare_layers(
@@ -234,10 +273,15 @@ def _compare_layers(
 
 def _add_rows(found: TableDifference, name: str, ours: pa.Table, theirs: pa.Table) -> None:
     """Compare rows of a table with the declared schema by their key."""
-    pairs = align(from_arrow(ours, name), from_arrow(theirs, name), declared_table(name).key)
+    key = declared_table(name).key
+    pairs = align(from_arrow(ours, name), from_arrow(theirs, name), key)
     found.only_first += len(pairs.missing)
     found.only_second += len(pairs.extra)
-    found.add(ours.take(pairs.expected), theirs.take(pairs.found))
+    found.add(ours.take(pairs.expected), theirs.take(pairs.found), key)
+
+
+def _moment(location: Location) -> tuple[str, float]:
+    return str(location.get("rollout_id", "")), float(location.get("tick", math.inf))
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 
-__all__ = ["beta_cdf", "beta_quantile", "binomial_cdf", "exact_fraction"]
+__all__ = ["beta_cdf", "beta_quantile", "binomial_cdf", "binomial_interval", "exact_fraction"]
 
 
 def binomial_cdf(successes: int, trials: int, probability: float) -> float:
@@ -49,6 +49,20 @@ def binomial_cdf(successes: int, trials: int, probability: float) -> float:
 def exact_fraction(number: float) -> Fraction:
     """The decimal fraction that `number` is written as: 0.05 is 1/20."""
     return Fraction(repr(float(number)))
+
+
+def binomial_interval(successes: int, trials: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval of Clopper and Pearson for the probability of success.
+
+    Raises:
+        ValueError: There is no trial, `successes` is not in ``0 .. trials``, or `level` not in ``(0, 1)``.
+    """
+    if not 0 <= successes <= trials or not trials:
+        raise ValueError(f"no interval of {successes} successes in {trials} trials")
+    tail, missed = (1 - level) / 2, trials - successes
+    low = beta_quantile(tail, successes, missed + 1) if successes else 0.0
+    high = beta_quantile(1 - tail, successes + 1, missed) if missed else 1.0
+    return low, high
 
 
 _TINY = 1e-300
