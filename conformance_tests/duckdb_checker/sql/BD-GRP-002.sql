@@ -1,0 +1,6 @@
+-- subjects: chosen_nominal
+select candidate.group_id as group_id, candidate.rollout_id as rollout_id, 'rollouts' as "table", list_filter([
+        case when candidate.town is distinct from nominal.town then 'town' end
+    ], lambda name: name is not null)[1] as "column"
+from chosen_pair where "column" is not null
+qualify row_number() over (partition by candidate.group_id order by candidate.rollout_id) = 1
