@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import checker
-import duckdb
 
 
 def main() -> int:
@@ -23,7 +22,7 @@ def main() -> int:
         parser.error("name the folder of a dataset")
     if not arguments.batch and len(arguments.datasets) > 1:
         parser.error("several datasets need --batch")
-    connection = duckdb.connect()
+    connection = checker.connect()
     for path in arguments.datasets:
         report = checker.judge(path, connection)
         if not arguments.batch:

@@ -24,10 +24,13 @@ class Reading:
 
 
 def create(connection: duckdb.DuckDBPyConnection) -> None:
-    """Creates the raw tables, empty, each with the shard of a row."""
+    """Creates the raw tables, empty, each with the shard of a row and the number of its attempt in the dataset.
+
+    A row whose rollout is not in the rollouts table of its shard has no such number, and neither has a map.
+    """
     for table in RAW_TABLES:
         columns = ", ".join(f"{column['name']} {TYPES[column['type']]}" for column in TABLES[table]["columns"])
-        connection.execute(f"create or replace table {table} (shard varchar, {columns})")
+        connection.execute(f"create or replace table {table} (shard varchar, run integer, {columns})")
 
 
 def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str]) -> Reading:
@@ -54,7 +57,24 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
             reading.shards.append(shard)
             for table in tables:
                 connection.execute(f"insert into {table} by name select '{shard}' as shard, * from read_{table}")
+    _number(connection, tables)
     return reading
+
+
+def _number(connection: duckdb.DuckDBPyConnection, tables: list[str]) -> None:
+    """Numbers the attempts, so that statements join on an integer."""
+    connection.execute(
+        "create or replace temp table numbered as select shard, rollout_id, row_number() over () as run "
+        "from (select distinct shard, rollout_id from rollouts where rollout_id is not null)"
+    )
+    for table in tables:
+        if any(column["name"] == "rollout_id" for column in TABLES[table]["columns"]):
+            nominal = ", m.run as nominal_run" if table == "rollouts" else ""
+            join = "left join numbered m on m.shard = t.shard and m.rollout_id = t.nominal_rollout_id" if nominal else ""
+            connection.execute(
+                f"create or replace table {table} as select n.run, t.* exclude (run){nominal} from {table} t "
+                f"left join numbered n on n.shard = t.shard and n.rollout_id = t.rollout_id {join}"
+            )
 
 
 def _read_table(connection: duckdb.DuckDBPyConnection, table: str, file: str) -> dict[str, list[Location]]:

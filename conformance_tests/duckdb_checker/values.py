@@ -1,5 +1,6 @@
 """Rules VAL, NUL and BOX: one statement for each rule, written from the columns that `columns.json` declares."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -61,8 +62,13 @@ def _val_003(table: str, column: Column) -> str | None:
 def _val_004(table: str, column: Column) -> str | None:
     if "pattern" not in column:
         return None
-    expression = PATTERNS[column["pattern"]].removeprefix("^").removesuffix("$")
-    return f"not regexp_full_match({column['name']}, {_text(expression)})"
+    name, expression = column["name"], PATTERNS[column["pattern"]].removeprefix("^").removesuffix("$")
+    matches = f"regexp_full_match({name}, {_text(expression)})"
+    if repeated := re.search(r"\{([01]),(\d+)\}", expression):  # RE2 would unroll it: the length is judged apart
+        loose = expression.replace(repeated[0], "*" if repeated[1] == "0" else "+")
+        most = int(repeated[2]) + len(re.findall(r"\[[^]]+\]", expression)) - 1
+        matches = f"regexp_full_match({name}, {_text(loose)}) and length({name}) <= {most}"
+    return f"not ({matches})"
 
 
 def _val_006(table: str, column: Column) -> str | None:

@@ -7,7 +7,7 @@ from (
         when t.length_m <> b.length_m then 'length_m'
         when t.width_m <> b.width_m then 'width_m'
         when t.height_m <> b.height_m then 'height_m' end as "column"
-    from track t join track b using (shard, rollout_id, actor_id)
+    from track t join track b using (run, actor_id)
     where b.tick = b.begin_tick
 )
 where "column" is not null

@@ -4,8 +4,8 @@ with moved as (
         n.y_m - p.y_m - (p.vel_y_mps::double + n.vel_y_mps) * 0.25 / 2 as off_y,
         sqrt(pow(p.vel_x_mps::double + n.vel_x_mps, 2) + pow(p.vel_y_mps::double + n.vel_y_mps, 2)) * 0.25 / 2 as way
     from track n join track p
-        on p.shard = n.shard and p.rollout_id = n.rollout_id and p.actor_id = n.actor_id and p.tick = n.tick - 5
-    join contact c on c.shard = n.shard and c.rollout_id = n.rollout_id and n.tick < c.first_tick
+        on p.run = n.run and p.actor_id = n.actor_id and p.tick = n.tick - 5
+    join contact c on c.run = n.run and n.tick < c.first_tick
 )
 select rollout_id, group_id, 'actors' as "table", 'vel_x_mps' as "column", min(tick) as tick,
     first(actor_id order by tick, actor_id) as actor_id

@@ -2,4 +2,4 @@
 select distinct group_id
 from chosen c join chosen_nominal n using (group_id)
 where c.role = 'intervention' and c.nominal_rollout_id <> n.rollout_id
-    and c.rollout_id not in (select rollout_id from faulty)
+    and not c.faulty

@@ -1,7 +1,7 @@
 -- subjects: attempt where role = 'intervention'
 select c.rollout_id, c.group_id, 'controls' as "table", min(c.tick) as tick
 from control c
-left join controls n on n.shard = c.shard and n.rollout_id = c.nominal_rollout_id and n.tick = c.tick
+left join controls n on n.run = c.nominal_run and n.tick = c.tick
 where c.active and c.role = 'intervention' and (
     n.applied_steer is distinct from c.nominal_steer or n.applied_throttle is distinct from c.nominal_throttle
     or n.applied_brake is distinct from c.nominal_brake)

@@ -1,8 +1,8 @@
 -- subjects: frames
 with keyed as (
-    select shard, rollout_id, tick, row_number() over (partition by shard, rollout_id, tick, camera) as copy from frames
+    select run, rollout_id, tick, row_number() over (partition by run, tick, camera) as copy from frames
 )
 select rollout_id, tick, 'frames' as "table"
-from keyed semi join rollouts using (shard, rollout_id)
-where copy > 1 or not exists (
-    from observations o where o.shard = keyed.shard and o.rollout_id = keyed.rollout_id and o.tick = keyed.tick)
+from keyed
+where run is not null and (copy > 1 or not exists (
+    from observations o where o.run = keyed.run and o.tick = keyed.tick))

@@ -1,13 +1,14 @@
 -- subjects: chosen_nominal
-select candidate.group_id as group_id, candidate.rollout_id as rollout_id, 'rollouts' as "table", list_filter([
-        case when candidate.branch_tick is distinct from nominal.branch_tick then 'branch_tick' end,
-        case when candidate.branch_frame is distinct from nominal.branch_frame then 'branch_frame' end,
-        case when candidate.trigger_definition is distinct from nominal.trigger_definition then 'trigger_definition' end,
-        case when candidate.trigger_tick is distinct from nominal.trigger_tick then 'trigger_tick' end,
-        case when candidate.trigger_signal is distinct from nominal.trigger_signal then 'trigger_signal' end,
-        case when candidate.trigger_value is distinct from nominal.trigger_value then 'trigger_value' end,
-        case when candidate.trigger_threshold is distinct from nominal.trigger_threshold then 'trigger_threshold' end,
-        case when candidate.trigger_confidence is distinct from nominal.trigger_confidence then 'trigger_confidence' end
+select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", list_filter([
+        case when c.branch_tick is distinct from n.branch_tick then 'branch_tick' end,
+        case when c.branch_frame is distinct from n.branch_frame then 'branch_frame' end,
+        case when c.trigger_definition is distinct from n.trigger_definition then 'trigger_definition' end,
+        case when c.trigger_tick is distinct from n.trigger_tick then 'trigger_tick' end,
+        case when c.trigger_signal is distinct from n.trigger_signal then 'trigger_signal' end,
+        case when c.trigger_value is distinct from n.trigger_value then 'trigger_value' end,
+        case when c.trigger_threshold is distinct from n.trigger_threshold then 'trigger_threshold' end,
+        case when c.trigger_confidence is distinct from n.trigger_confidence then 'trigger_confidence' end
     ], lambda name: name is not null)[1] as "column"
-from chosen_pair where "column" is not null
-qualify row_number() over (partition by candidate.group_id order by candidate.rollout_id) = 1
+from chosen_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
+where "column" is not null
+qualify row_number() over (partition by c.group_id order by c.rollout_id) = 1

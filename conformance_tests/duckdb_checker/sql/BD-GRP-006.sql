@@ -20,5 +20,5 @@ select r.rollout_id, r.group_id, 'rollouts' as "table", list_filter([
         case when r.ego_width_m is distinct from n.ego_width_m then 'ego_width_m' end,
         case when r.ego_height_m is distinct from n.ego_height_m then 'ego_height_m' end
     ], lambda name: name is not null)[1] as "column"
-from attempt r join rollouts n on n.shard = r.shard and n.rollout_id = r.nominal_rollout_id
+from attempt r join rollouts n on n.run = r.nominal_run
 where r.role = 'nominal_replay' and "column" is not null

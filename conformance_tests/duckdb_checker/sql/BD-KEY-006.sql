@@ -1,13 +1,11 @@
 -- subjects: actors + evidence
 with keyed as (
-    select 'actors' as "table", shard, rollout_id, tick, actor_id, row_number() over (
-        partition by shard, rollout_id, tick, actor_id) as copy
+    select 'actors' as "table", run, rollout_id, tick, actor_id, row_number() over (
+        partition by run, tick, actor_id) as copy
     from actors
     union all
-    select 'evidence', shard, rollout_id, tick, null, row_number() over (partition by shard, rollout_id, tick)
-    from evidence
+    select 'evidence', run, rollout_id, tick, null, row_number() over (partition by run, tick) from evidence
 )
 select "table", rollout_id, tick, actor_id
-from keyed semi join rollouts using (shard, rollout_id)
-where tick is not null and (copy > 1 or not exists (
-    from observations o where o.shard = keyed.shard and o.rollout_id = keyed.rollout_id and o.tick = keyed.tick))
+from keyed left join (select run, tick, true as saved from observations group by all) using (run, tick)
+where run is not null and tick is not null and (copy > 1 or saved is null)

@@ -2,10 +2,10 @@
 with judged as (
     select e.rollout_id, a.group_id, e.tick, e.on_road,
         coalesce(bool_or(does_hold), false) as must, coalesce(bool_or(may_hold), false) as may
-    from evidence e join attempt a using (shard, rollout_id) join observations o using (shard, rollout_id, tick)
+    from evidence e join attempt a using (run) join observations o using (run, tick)
     join place p on p.shard = a.shard and p.town = a.town and p.x = o.x_m and p.y = o.y_m
     left join held h using (place)
-    group by e.shard, e.rollout_id, a.group_id, e.tick, e.on_road
+    group by e.run, e.rollout_id, a.group_id, e.tick, e.on_road
 )
 select rollout_id, group_id, 'evidence' as "table", 'on_road' as "column", min(tick) as tick
 from judged where case when on_road then not may else must end

@@ -2,8 +2,8 @@
 select a.rollout_id, a.group_id, 'rollouts' as "table",
     first(case when trigger_tick - t_b > $trigger_delay_ticks then 'trigger_tick' else 'trigger_value' end) as "column"
 from attempt a
-join controls c on c.shard = a.shard and c.tick = a.trigger_tick
-    and c.rollout_id = case when a.role = 'nominal' then a.rollout_id else a.nominal_rollout_id end
+join controls c on c.tick = a.trigger_tick
+    and c.run = case when a.role = 'nominal' then a.run else a.nominal_run end
 where trigger_tick - t_b > $trigger_delay_ticks
     or case trigger_signal
         when 'brake' then abs(trigger_value::double - c.expert_brake) > $signal
@@ -13,4 +13,4 @@ where trigger_tick - t_b > $trigger_delay_ticks
         else false end
     or case when trigger_signal = 'throttle_release' then trigger_value > trigger_threshold
             else abs(trigger_value) < abs(trigger_threshold) end
-group by a.shard, a.rollout_id, a.group_id
+group by a.run, a.rollout_id, a.group_id

@@ -5,42 +5,42 @@ from rollouts r join policy p on p.key = r.action_key
 where r.status = 'complete' and r.rollout_id not in (select rollout_id from faulty);
 
 create or replace temp table control as
-select c.*, a.group_id, a.role, a.t_b, a.duration_ticks, a.recovery, a.nominal_rollout_id
-from controls c join attempt a using (shard, rollout_id);
+select c.*, a.group_id, a.role, a.t_b, a.nominal_run
+from controls c join attempt a using (run);
 
 create or replace temp table command as
-select c.shard, c.rollout_id, c.group_id, c.nominal_rollout_id, tick, active, 'steer' as actuator, steer_rule as rule,
+select run, c.rollout_id, c.group_id, tick, active, 'steer' as actuator, steer_rule as rule,
     steer_value as value, expert_steer as expert, nominal_steer as nominal, intended_steer as intended,
     applied_steer as applied
-from control c join attempt using (shard, rollout_id)
+from control c join attempt using (run)
 union all
-select c.shard, c.rollout_id, c.group_id, c.nominal_rollout_id, tick, active, 'throttle', throttle_rule,
+select run, c.rollout_id, c.group_id, tick, active, 'throttle', throttle_rule,
     throttle_value, expert_throttle, nominal_throttle, intended_throttle, applied_throttle
-from control c join attempt using (shard, rollout_id)
+from control c join attempt using (run)
 union all
-select c.shard, c.rollout_id, c.group_id, c.nominal_rollout_id, tick, active, 'brake', brake_rule,
+select run, c.rollout_id, c.group_id, tick, active, 'brake', brake_rule,
     brake_value, expert_brake, nominal_brake, intended_brake, applied_brake
-from control c join attempt using (shard, rollout_id);
+from control c join attempt using (run);
 
 create or replace temp table observation as
-select o.*, a.group_id, a.t_b, a.route_x_m, a.route_y_m from observations o join attempt a using (shard, rollout_id);
+select row_number() over () as id, o.*, a.group_id, a.t_b from observations o join attempt a using (run);
 
 -- The first observation with a contact; where no evidence is claimed, the first one of all if a collision is counted.
 create or replace temp table contact as
-select a.shard, a.rollout_id, case
+select run, case
     when $has_evidence then coalesce(min(e.tick) filter (e.collision), 2147483647)
     when bool_or(greatest(
         result_num_vehicle_collisions, result_num_pedestrian_collisions, result_num_static_collisions) > 0) then 0
     else 2147483647 end as first_tick
-from attempt a left join evidence e using (shard, rollout_id)
+from attempt a left join evidence e using (run)
 group by all;
 
 -- Neighbouring observations before the first contact.
 create or replace temp table step as
 select n.*, p.x_m as x_0, p.y_m as y_0, p.yaw_rad as yaw_0, p.speed_mps as v_0, p.yaw_rate_radps as w_0
 from observation n
-join observation p on p.shard = n.shard and p.rollout_id = n.rollout_id and p.tick = n.tick - 5
-join contact c on c.shard = n.shard and c.rollout_id = n.rollout_id and n.tick < c.first_tick;
+join observation p on p.run = n.run and p.tick = n.tick - 5
+join contact c on c.run = n.run and n.tick < c.first_tick;
 
 -- Polylines, each once, and their segments with the arc length before them.
 create or replace temp table route as
@@ -57,12 +57,12 @@ from (
 );
 
 create or replace temp table attempt_route as
-select a.shard, a.rollout_id, route, total
+select run, route, total
 from attempt a join route using (route_x_m, route_y_m)
 join (select route, sum(length) as total from segment group by route) using (route);
 
 -- Rows of actors at the observations from t_b - 75 to t_b + 50, and when their tracks begin.
 create or replace temp table track as
-select c.*, a.group_id, a.t_b, min(c.tick) over (partition by c.shard, c.rollout_id, c.actor_id) as begin_tick
-from actors c join attempt a using (shard, rollout_id)
+select c.*, a.group_id, a.t_b, min(c.tick) over (partition by c.run, c.actor_id) as begin_tick
+from actors c join attempt a using (run)
 where c.tick between a.t_b - 75 and a.t_b + 50;

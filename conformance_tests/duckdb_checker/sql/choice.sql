@@ -1,17 +1,19 @@
 -- The canonical choice: one attempt for each action key of a group (spec/07-rules.md#canonical-choice).
 create or replace temp table candidate as
-select r.*, not exists (from faulty f where f.rollout_id = r.rollout_id)
-    and not exists (from failed f where f.rollout_id = r.rollout_id) as complies
+select run, r.rollout_id, group_id, role, action_key, protocol_variant, attempt, nominal_rollout_id,
+    f.rollout_id is not null as faulty, f.rollout_id is null and q.rollout_id is null as complies
 from rollouts r
-where r.status = 'complete' and r.role in ('nominal', 'intervention')
-    and r.group_id not in (select group_id from faulty_group);
+left join (select distinct rollout_id from faulty) f using (rollout_id)
+left join (select distinct rollout_id from failed) q using (rollout_id)
+where status = 'complete' and role in ('nominal', 'intervention')
+    and group_id not in (select group_id from faulty_group);
 
 create or replace temp table variant_nominal as
-select * from candidate where role = 'nominal'
+select *, complies as stands from candidate where role = 'nominal'
 qualify row_number() over (partition by group_id, protocol_variant order by complies desc, attempt, rollout_id) = 1;
 
 create or replace temp table variant_choice as
-select *, complies as stands from variant_nominal
+select * from variant_nominal
 union all
 select c.*, c.complies and c.nominal_rollout_id is not distinct from n.rollout_id as stands
 from candidate c left join variant_nominal n using (group_id, protocol_variant)
@@ -28,22 +30,19 @@ qualify row_number() over (
     order by count(*) filter (stands) desc, count(*) desc, encode(protocol_variant)) = 1;
 
 create or replace temp table chosen_nominal as
-select n.* from variant_nominal n semi join group_variant using (group_id, protocol_variant);
+select * from variant_nominal semi join group_variant using (group_id, protocol_variant);
 
 create or replace temp table chosen as
-select c.*, v.protocol_variant is null as strange
-from variant_choice c
-semi join group_variant g on g.group_id = c.group_id
-left join group_variant v on v.group_id = c.group_id and v.protocol_variant = c.protocol_variant
+select c.*, g.protocol_variant <> c.protocol_variant as strange
+from variant_choice c join group_variant g using (group_id)
 qualify row_number() over (
     partition by c.group_id, c.action_key order by strange, stands desc, c.attempt, c.rollout_id) = 1;
 
 -- Chosen interventions beside their chosen nominal, without attempts that break a structure rule.
 create or replace temp table chosen_pair as
-select c as candidate, n as nominal
+select c.run, n.run as nominal_run
 from chosen c join chosen_nominal n using (group_id)
-where c.role = 'intervention' and c.rollout_id not in (select rollout_id from faulty)
-    and n.rollout_id not in (select rollout_id from faulty);
+where c.role = 'intervention' and not c.faulty and not n.faulty;
 
 create or replace temp table branch_group as
 select distinct group_id from rollouts where group_id not in (select group_id from faulty_group);

@@ -1,14 +1,14 @@
 -- Gap, closing speed and corridor of every actor at every evidence row of an attempt.
 create or replace temp table facing as
-select c.shard, c.rollout_id, a.group_id, c.tick, c.actor_id, c.actor_class, route, a.ego_width_m::double as corridor,
+select run, c.tick, c.actor_id, c.actor_class, route, a.ego_width_m::double as corridor,
     o.x_m as ego_x, o.y_m as ego_y, o.yaw_rad::double as ego_yaw, cos(o.yaw_rad::double) as ego_cos,
     sin(o.yaw_rad::double) as ego_sin, a.ego_length_m::double as ego_length, a.ego_width_m::double as ego_width,
     c.x_m as x, c.y_m as y, c.yaw_rad::double as yaw, cos(c.yaw_rad::double) as yaw_cos, sin(c.yaw_rad::double) as yaw_sin,
     c.length_m::double as length, c.width_m::double as width,
     c.vel_x_mps - o.speed_mps * cos(o.yaw_rad::double) as vel_x, c.vel_y_mps - o.speed_mps * sin(o.yaw_rad::double) as vel_y
-from actors c join attempt a using (shard, rollout_id) join attempt_route using (shard, rollout_id)
-join observations o using (shard, rollout_id, tick)
-semi join evidence using (shard, rollout_id, tick);
+from actors c join attempt a using (run) join attempt_route using (run)
+join observations o using (run, tick)
+semi join evidence using (run, tick);
 
 -- Two rectangles are apart where one of their four axes separates them; touching is no separation.
 create or replace temp table apart as
@@ -28,12 +28,12 @@ create or replace temp table gap as
 with corner as (
     select unnest([-0.5, -0.5, 0.5, 0.5]) as front, unnest([-0.5, 0.5, -0.5, 0.5]) as side
 ), pair as (
-    select shard, rollout_id, tick, actor_id, ego_cos as frame_cos, ego_sin as frame_sin, ego_length as l, ego_width as w,
+    select run, tick, actor_id, ego_cos as frame_cos, ego_sin as frame_sin, ego_length as l, ego_width as w,
         in_ego_x + front * length * rel_cos - side * width * rel_sin as px,
         in_ego_y + front * length * rel_sin + side * width * rel_cos as py, 1 as sense
     from apart, corner where is_apart
     union all
-    select shard, rollout_id, tick, actor_id, yaw_cos, yaw_sin, length, width,
+    select run, tick, actor_id, yaw_cos, yaw_sin, length, width,
         in_box_x + front * ego_length * rel_cos + side * ego_width * rel_sin,
         in_box_y - front * ego_length * rel_sin + side * ego_width * rel_cos, -1
     from apart, corner where is_apart
@@ -42,14 +42,14 @@ with corner as (
         sqrt(dx * dx + dy * dy) as distance
     from pair
 ), nearest as (
-    select shard, rollout_id, tick, actor_id, min(distance) as gap,
+    select run, tick, actor_id, min(distance) as gap,
         arg_min(struct_pack(x := sense * (dx * frame_cos - dy * frame_sin), y := sense * (dx * frame_sin + dy * frame_cos)),
                 distance) as way
-    from reach group by shard, rollout_id, tick, actor_id
+    from reach group by run, tick, actor_id
 )
 select a.*, coalesce(n.gap, 0) as gap,
     case when n.gap > 0 then -(vel_x * way.x + vel_y * way.y) / n.gap else 0 end as closing
-from apart a left join nearest n using (shard, rollout_id, tick, actor_id);
+from apart a left join nearest n using (run, tick, actor_id);
 
 -- Distance of every static box from its polyline: 0 where a segment enters the box, else from an end or a corner.
 create or replace temp table static_box as

@@ -3,7 +3,7 @@ create or replace temp table place as
 select row_number() over () as place, *
 from (
     select distinct a.shard, a.town, o.x_m as x, o.y_m as y
-    from attempt a join observations o using (shard, rollout_id)
+    from attempt a join observations o using (run)
 );
 
 create or replace temp table edge as
