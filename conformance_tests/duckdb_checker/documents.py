@@ -96,8 +96,9 @@ def doc_002(value: Any) -> list[Location]:
 
 
 def doc_003(value: Any) -> list[Location]:
-    """Documents conform to their schema."""
-    return [at("/" + "/".join(map(str, error.absolute_path))) for error in _validator().iter_errors(value)]
+    """Documents conform to their schema; a finding is a keyword that a place in the document violates."""
+    violations = {(tuple(error.absolute_path), error.validator) for error in _validator().iter_errors(value)}
+    return [at("/" + "/".join(map(str, path))) for path, _ in sorted(violations, key=str)]
 
 
 def doc_004(descriptor: dict[str, Any]) -> list[Location]:

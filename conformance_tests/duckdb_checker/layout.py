@@ -15,9 +15,10 @@ from typing import Any
 from contract import LIMITS, RAW_TABLES, STREAMS, TABLES, VERSION
 
 MANIFEST, DESCRIPTOR, IGNORE = "MANIFEST.sha256", "branchdrive.json", ".branchdriveignore"
+_IDENTITY_TABLES = {f"{table}.parquet" for table in RAW_TABLES if table != "frames"}
 LAYERS = ("raw", "canonical", "quality", "model", "benchmark", "media")
 IDENTITY = LAYERS[:4]
-SHARD = re.compile(r"raw/(shard-(?:[0-9]{5}|[1-9][0-9]{5,8}))")
+SHARD = re.compile(r"raw/shard-(?:[0-9]{5}|[1-9][0-9]{5,8})(?=/|$)")
 COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE}
 COMPANIONS_ANYWHERE = {".DS_Store", "Thumbs.db"}
 WORKING_FOLDER = ".staging"
@@ -39,6 +40,12 @@ def safe(path: str) -> bool:
     )
 
 
+def readable(path: str) -> bool:
+    """Whether a file may be opened: its path is safe and within the limits."""
+    short = len(os.fsencode(path)) <= LIMITS["max_path_bytes"]
+    return short and path.count("/") <= LIMITS["max_depth"] and safe(path)
+
+
 def layer_of(path: str) -> str | None:
     """The layer that a file belongs to, or None in the root."""
     top, _, rest = path.partition("/")
@@ -47,7 +54,8 @@ def layer_of(path: str) -> str | None:
     if top != "raw":
         return top
     name = path.rsplit("/", 1)[-1]
-    return "raw" if name.endswith(".parquet") and name[:-8] in RAW_TABLES and name != "frames.parquet" else "media"
+    in_shard = SHARD.match(path) is not None and path.count("/") == 2
+    return "media" if in_shard and name not in _IDENTITY_TABLES else "raw"
 
 
 @dataclass
@@ -61,7 +69,7 @@ class Manifest:
 
 
 def parse_manifest(data: bytes | None) -> Manifest:
-    """Reads the manifest; a line that breaks its form spoils it as a whole."""
+    """Reads the manifest; a line that breaks its form spoils it as a whole, and one with an unsafe path is no line."""
     if data is None:
         return Manifest(broken="missing")
     try:
@@ -86,13 +94,12 @@ def parse_manifest(data: bytes | None) -> Manifest:
         return Manifest(broken="the identity is missing")
     if [order.index(name) for name in names] != sorted({order.index(name) for name in names}):
         return Manifest(broken="layers are out of order")
-    keys = [path.encode() for path in paths]
+    keys = [path.encode() for path in paths if safe(path)]
     if keys != sorted(set(keys)) or MANIFEST in paths:
         return Manifest(broken="paths are out of order, repeated, or the manifest's own")
-    digests = {match[2]: match[1] for match in files if match}
     return Manifest(
-        {path: digest for path, digest in digests.items() if safe(path)},
-        {head[1]: head[2] for head in heads if head},
+        {match[2]: match[1] for match in files if match and safe(match[2])},
+        {head[1].removeprefix("layer "): head[2] for head in heads if head},
         sum(not safe(path) for path in paths),
     )
 
@@ -215,7 +222,7 @@ def lay_003(folder: Folder) -> list[Location]:
 def lay_004(folder: Folder) -> list[Location]:
     """Every file is listed in the manifest."""
     expected = {MANIFEST, *folder.manifest.digests}
-    files = [path for path, kind in folder.kinds.items() if kind == "file" and path not in expected and safe(path)]
+    files = [path for path, kind in folder.kinds.items() if kind == "file" and path not in expected and readable(path)]
     return [{"file": path} for path in files] + [{"file": WORKING_FOLDER}] * (WORKING_FOLDER in folder.kinds)
 
 
@@ -237,8 +244,7 @@ def lay_007(folder: Folder) -> list[Location]:
         limit = LIMITS["max_table_bytes" if path.endswith(".parquet") else "max_media_bytes"]
         if path == MANIFEST:
             limit = LIMITS["max_manifest_bytes"]
-        deep = path.count("/") > LIMITS["max_depth"]
-        if deep or len(os.fsencode(path)) > LIMITS["max_path_bytes"] or size > limit:
+        if (safe(path) and not readable(path)) or size > limit:
             found.append({"file": path})
     if sum(kind == "file" for kind in folder.kinds.values()) > LIMITS["max_files"]:
         found.append({"file": ""})
@@ -254,11 +260,10 @@ def lay_008(folder: Folder) -> list[Location]:
             texts[layer] = texts.get(layer, "") + f"{digest}  {path}\n"
     layers = {layer: hashlib.sha256(text.encode()).hexdigest() for layer, text in texts.items()}
     identity = "".join(f"layer {name} {layers[name]}\n" for name in IDENTITY if name in layers)
-    expected = {f"layer {name}": digest for name, digest in layers.items()}
-    expected["dataset"] = hashlib.sha256(identity.encode()).hexdigest()
+    expected = {**layers, "dataset": hashlib.sha256(identity.encode()).hexdigest()}
     stated = folder.manifest.stated
     names = [name for name in {**expected, **stated} if expected.get(name) != stated.get(name)]
-    return [{"file": MANIFEST, "pointer": name} for name in names]
+    return [{"file": MANIFEST, "pointer": name if name == "dataset" else f"layer {name}"} for name in names]
 
 
 def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
@@ -284,7 +289,7 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
     for path, kind in folder.kinds.items():
         listed = kind == "folder" or path in folder.manifest.digests
         inside = any(path.startswith(outer + "/") for outer in found)
-        if listed and safe(path) and path != WORKING_FOLDER and not inside and not placed(path, kind):
+        if listed and readable(path) and path != WORKING_FOLDER and not inside and not placed(path, kind):
             found.append(path)
     return [{"file": path} for path in found]
 

@@ -124,8 +124,9 @@ def _wrong_traits(table: str, metadata: list[tuple[bytes, bytes]]) -> list[Locat
         if key == b"ARROW:schema":
             with contextlib.suppress(ValueError, pa.ArrowException):
                 for column in pa.ipc.read_schema(pa.py_buffer(base64.b64decode(value))):
-                    pairs = {name.decode(): text.decode() for name, text in (column.metadata or {}).items()}
-                    stored[column.name] = {trait: pairs[trait] for trait in TRAITS if trait in pairs}
+                    pairs = column.metadata or {}
+                    texts = {trait: pairs[trait.encode()] for trait in TRAITS if trait.encode() in pairs}
+                    stored[column.name] = {trait: text.decode(errors="replace") for trait, text in texts.items()}
         elif key == b"branchdrive.columns":
             try:
                 document = json.loads(value)
