@@ -34,7 +34,12 @@ LAYOUT_RULES = {f"BD-LAY-{number:03}": getattr(layout, f"lay_{number:03}") for n
 def claims() -> list[str]:
     """Identities of the rules that this checker judges, in the order of the catalogue."""
     judged = {path.stem for path in SQL.glob("BD-*.sql")} | {*values.VIOLATIONS, *LAYOUT_RULES, "BD-LAY-009"}
-    judged |= {"BD-ENC-001", "BD-FRM-002", *(f"BD-DOC-{n:03}" for n in range(1, 6)), *(f"BD-TAB-{n:03}" for n in range(1, 7))}
+    judged |= {
+        "BD-ENC-001",
+        "BD-FRM-002",
+        *(f"BD-DOC-{n:03}" for n in range(1, 6)),
+        *(f"BD-TAB-{n:03}" for n in range(1, 7)),
+    }
     return [rule["id"] for rule in RULES if rule["id"] in judged]
 
 
@@ -243,7 +248,8 @@ class Judgement:
         cursor = self._execute(sql)
         names = [name for name, *_ in cursor.description]
         places = [
-            {name: value for name, value in zip(names, row, strict=True) if value is not None} for row in cursor.fetchall()
+            {name: value for name, value in zip(names, row, strict=True) if value is not None}
+            for row in cursor.fetchall()
         ]
         required = {
             place["rollout_id"]
@@ -252,7 +258,9 @@ class Judgement:
             for place in self.outcomes[name].locations
             if "rollout_id" in place
         }
-        self.outcomes[rule["id"]] = outcome([place for place in places if place.get("rollout_id") not in required], examined)
+        self.outcomes[rule["id"]] = outcome(
+            [place for place in places if place.get("rollout_id") not in required], examined
+        )
 
     def _count(self, subjects: str) -> int:
         """Rows of a table, or of a table under a condition."""

@@ -70,7 +70,9 @@ def _number(connection: duckdb.DuckDBPyConnection, tables: list[str]) -> None:
     for table in tables:
         if any(column["name"] == "rollout_id" for column in TABLES[table]["columns"]):
             nominal = ", m.run as nominal_run" if table == "rollouts" else ""
-            join = "left join numbered m on m.shard = t.shard and m.rollout_id = t.nominal_rollout_id" if nominal else ""
+            join = (
+                "left join numbered m on m.shard = t.shard and m.rollout_id = t.nominal_rollout_id" if nominal else ""
+            )
             connection.execute(
                 f"create or replace table {table} as select n.run, t.* exclude (run){nominal} from {table} t "
                 f"left join numbered n on n.shard = t.shard and n.rollout_id = t.rollout_id {join}"
@@ -80,10 +82,9 @@ def _number(connection: duckdb.DuckDBPyConnection, tables: list[str]) -> None:
 def _read_table(connection: duckdb.DuckDBPyConnection, table: str, file: str) -> dict[str, list[Location]]:
     """Decodes one file into the table `read_TABLE`; gives the places that break a rule."""
     try:
-        (rows,) = connection.execute("select num_rows from parquet_file_metadata($file)", {"file": file}).fetchone()
-        types = connection.execute("select * from parquet_schema($file)", {"file": file}).fetchnumpy()
+        ((rows,),) = connection.execute("select num_rows from parquet_file_metadata($file)", {"file": file}).fetchall()
+        ((leaves,),) = connection.execute("select count(type) from parquet_schema($file)", {"file": file}).fetchall()
         metadata = connection.execute("select key, value from parquet_kv_metadata($file)", {"file": file}).fetchall()
-        leaves = sum(kind is not None and kind is not pa.NA for kind in types["type"].tolist())
         if rows > LIMITS["max_table_rows"] or leaves > LIMITS["max_table_columns"]:
             return {"BD-LAY-007": [{}]}
         connection.execute(
@@ -130,7 +131,10 @@ def _wrong_traits(table: str, metadata: list[tuple[bytes, bytes]]) -> list[Locat
         elif key == b"branchdrive.columns":
             try:
                 document = json.loads(value)
-                stored = {name: {trait: texts[trait] for trait in TRAITS if trait in texts} for name, texts in document.items()}
+                stored = {
+                    name: {trait: texts[trait] for trait in TRAITS if trait in texts}
+                    for name, texts in document.items()
+                }
             except (ValueError, TypeError, AttributeError):
                 found.append({})
         if any(stored.values()):

@@ -20,7 +20,7 @@ def _each(column: Column, violates: Callable[[str], str]) -> str:
     name = column["name"]
     if not column["type"].startswith("list"):
         return violates(name)
-    return f"coalesce(list_bool_or(list_transform({name}, lambda value: {violates('value')})), false)"
+    return f"coalesce(list_bool_or([{violates('value')} for value in {name}]), false)"
 
 
 def _is_number(column: Column) -> bool:
@@ -132,20 +132,22 @@ def statement(rule: str, tables: list[str]) -> str | None:
     selects = []
     for table in tables:
         columns = TABLES[table]["columns"]
-        place = [name for name in ("rollout_id", "tick", "actor_id", "town", "element_id") if name in TABLES[table]["key"]]
+        place = [
+            name for name in ("rollout_id", "tick", "actor_id", "town", "element_id") if name in TABLES[table]["key"]
+        ]
         violations = {column["name"]: VIOLATIONS[rule](table, column) for column in columns}
         violations = {name: condition for name, condition in violations.items() if condition}
         if violations:
             marks = ", ".join(f"case when {test} then '{name}' end" for name, test in violations.items())
             keys = ", ".join([*place, *(f"null as {name}" for name in _PLACE if name not in place)])
             selects.append(
-                f"select '{table}' as \"table\", {keys}, unnest([{marks}]) as \"column\" from {table} "
+                f'select \'{table}\' as "table", {keys}, unnest([{marks}]) as "column" from {table} '
                 f"where {' or '.join(violations.values())}"
             )
     if not selects:
         return None
     union = " union all ".join(f"({select})" for select in selects)
-    return f"-- subjects: {' + '.join(tables)}\nselect * from ({union}) where \"column\" is not null"
+    return f'-- subjects: {" + ".join(tables)}\nselect * from ({union}) where "column" is not null'
 
 
 _PLACE = ("rollout_id", "tick", "actor_id", "town", "element_id")

@@ -1,5 +1,5 @@
 -- subjects: attempt where role = 'nominal_replay'
-select r.rollout_id, r.group_id, 'rollouts' as "table", list_filter([
+select r.rollout_id, r.group_id, 'rollouts' as "table", coalesce(
         case when r.route_id is distinct from n.route_id then 'route_id' end,
         case when r.route_x_m is distinct from n.route_x_m then 'route_x_m' end,
         case when r.route_y_m is distinct from n.route_y_m then 'route_y_m' end,
@@ -19,6 +19,6 @@ select r.rollout_id, r.group_id, 'rollouts' as "table", list_filter([
         case when r.ego_length_m is distinct from n.ego_length_m then 'ego_length_m' end,
         case when r.ego_width_m is distinct from n.ego_width_m then 'ego_width_m' end,
         case when r.ego_height_m is distinct from n.ego_height_m then 'ego_height_m' end
-    ], lambda name: name is not null)[1] as "column"
+    ) as "column"
 from attempt r join rollouts n on n.run = r.nominal_run
 where r.role = 'nominal_replay' and "column" is not null
