@@ -1,4 +1,4 @@
-"""`python conformance_tests/duckdb_checker DATASET`: prints a report as JSON; `--batch` one a line for many datasets."""
+"""`python conformance_tests/duckdb_checker DATASET` prints a report as JSON, with `--batch` one for each line."""
 
 import argparse
 import json

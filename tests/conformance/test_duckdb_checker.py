@@ -1,4 +1,4 @@
-"""The second checker of the raw rules, in SQL, says of datasets what the registry of defects and shapes says of them."""
+"""The second checker of the raw rules, in SQL, says what the registry of defects and shapes expects."""
 
 from __future__ import annotations
 
