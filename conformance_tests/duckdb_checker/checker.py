@@ -22,7 +22,6 @@ from contract import BOUNDS, LIMITS, RAW_TABLES, RULES, VERSION
 from layout import Folder, Location
 
 SQL = Path(__file__).parent / "sql"
-PLACES = ("file", "pointer", "table", "column", "group_id", "rollout_id", "tick", "actor_id", "town", "element_id")
 NO_SUBJECT = "no subject"
 UNREADABLE = "files or documents that it needs cannot be read"
 EXIT_CODES = {"valid": 0, "invalid": 1, "partial": 3}
@@ -33,13 +32,9 @@ LAYOUT_RULES = {f"BD-LAY-{number:03}": getattr(layout, f"lay_{number:03}") for n
 @cache
 def claims() -> list[str]:
     """Identities of the rules that this checker judges, in the order of the catalogue."""
-    judged = {path.stem for path in SQL.glob("BD-*.sql")} | {*values.VIOLATIONS, *LAYOUT_RULES, "BD-LAY-009"}
-    judged |= {
-        "BD-ENC-001",
-        "BD-FRM-002",
-        *(f"BD-DOC-{n:03}" for n in range(1, 6)),
-        *(f"BD-TAB-{n:03}" for n in range(1, 7)),
-    }
+    judged = {path.stem for path in SQL.glob("BD-*.sql")} | {*values.VIOLATIONS, *LAYOUT_RULES}
+    judged |= {f"BD-DOC-{number:03}" for number in range(1, 6)} | {f"BD-TAB-{number:03}" for number in range(1, 7)}
+    judged |= {"BD-LAY-009", "BD-ENC-001", "BD-FRM-002"}
     return [rule["id"] for rule in RULES if rule["id"] in judged]
 
 
@@ -148,7 +143,7 @@ class Judgement:
         return self.connection.execute(statement, {name: self.parameters[name] for name in names})
 
     def _prepare(self, name: str) -> None:
-        """Runs the statements of a script, which are parted by blank lines."""
+        """Runs the statements of a script, which a blank line parts."""
         for statement in _script(name).split(";\n\n"):
             self._execute(statement)
 
@@ -156,14 +151,15 @@ class Judgement:
         connection, claimed = self.connection, documents.claimed_tables(self.descriptor)
         tables.create(connection)
         reading = tables.read(connection, self.folder, claimed)
-        for rule, found in reading.found.items():
-            self.outcomes[rule] = outcome([*self.outcomes[rule].locations, *found] if rule in self.outcomes else found)
-        attempts = connection.execute("select count(*) from rollouts").fetchone()
-        needs = next(rule["requires"] for rule in RULES if rule["id"] == "BD-TAB-006")
-        if any(self.failed(rule) for rule in needs):
-            self.outcomes["BD-TAB-006"] = Outcome("skipped", UNREADABLE)
-        elif attempts == (0,):
-            self.outcomes["BD-TAB-006"] = outcome([{"table": "rollouts"}])
+        limits = [*self.outcomes["BD-LAY-007"].locations, *reading.found.pop("BD-LAY-007")]
+        self.outcomes["BD-LAY-007"] = outcome(limits)
+        if not self._count("rollouts"):
+            reading.found["BD-TAB-006"].append({"table": "rollouts"})
+        for rule in (rule for rule in RULES if rule["id"] in reading.found):
+            if any(self.failed(required) for required in rule.get("requires", ())):
+                self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
+            else:
+                self.outcomes[rule["id"]] = outcome(reading.found[rule["id"]], reading.examined)
         connection.execute(
             "create or replace temp table policy (key varchar, duration_ticks integer, recovery varchar, "
             + ", ".join(f"{name}_rule varchar, {name}_value float" for name in ("steer", "throttle", "brake"))
@@ -180,7 +176,6 @@ class Judgement:
         ]
         connection.executemany(f"insert into policy values ({', '.join('?' * 9)})", rows)
         self._prepare("macros")
-        self.shards = reading.shards
         self.tables = [table for table in RAW_TABLES if table in claimed]
 
     def _judge_structure(self) -> None:
@@ -203,7 +198,8 @@ class Judgement:
         )
         self.connection.execute(
             "create or replace temp table faulty as select unnest($rollouts::varchar[]) as rollout_id "
-            "union select rollout_id from rollouts semi join faulty_group using (group_id) where rollout_id is not null",
+            "union select rollout_id from rollouts semi join faulty_group using (group_id) "
+            "where rollout_id is not null",
             {"rollouts": sorted(rollouts)},
         )
         self.connection.execute("create or replace temp table failed (rule varchar, rollout_id varchar)")
@@ -247,10 +243,8 @@ class Judgement:
             return
         cursor = self._execute(sql)
         names = [name for name, *_ in cursor.description]
-        places = [
-            {name: value for name, value in zip(names, row, strict=True) if value is not None}
-            for row in cursor.fetchall()
-        ]
+        rows = [zip(names, row, strict=True) for row in cursor.fetchall()]
+        places = [{name: value for name, value in row if value is not None} for row in rows]
         required = {
             place["rollout_id"]
             for name in rule.get("requires", ())
@@ -258,9 +252,8 @@ class Judgement:
             for place in self.outcomes[name].locations
             if "rollout_id" in place
         }
-        self.outcomes[rule["id"]] = outcome(
-            [place for place in places if place.get("rollout_id") not in required], examined
-        )
+        found = [place for place in places if place.get("rollout_id") not in required]
+        self.outcomes[rule["id"]] = outcome(found, examined)
 
     def _count(self, subjects: str) -> int:
         """Rows of a table, or of a table under a condition."""

@@ -16,11 +16,10 @@ TRAITS = ("unit", "frame", "shape", "track")
 
 @dataclass
 class Reading:
-    """Locations that break the rules on tables, and what could be read."""
+    """Locations that break the rules on tables, and how many files were read."""
 
     found: dict[str, list[Location]] = field(default_factory=dict)
     examined: int = 0
-    shards: list[str] = field(default_factory=list)
 
 
 def create(connection: duckdb.DuckDBPyConnection) -> None:
@@ -54,7 +53,6 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
                 reading.found[rule] += [{"file": path, **location} for location in locations]
             whole &= not set(failures) & {"BD-TAB-001", "BD-TAB-002", "BD-LAY-007"}
         if whole:
-            reading.shards.append(shard)
             for table in tables:
                 connection.execute(f"insert into {table} by name select '{shard}' as shard, * from read_{table}")
     _number(connection, tables)
@@ -69,14 +67,14 @@ def _number(connection: duckdb.DuckDBPyConnection, tables: list[str]) -> None:
     )
     for table in tables:
         if any(column["name"] == "rollout_id" for column in TABLES[table]["columns"]):
-            nominal = ", m.run as nominal_run" if table == "rollouts" else ""
-            join = (
-                "left join numbered m on m.shard = t.shard and m.rollout_id = t.nominal_rollout_id" if nominal else ""
-            )
             connection.execute(
-                f"create or replace table {table} as select n.run, t.* exclude (run){nominal} from {table} t "
-                f"left join numbered n on n.shard = t.shard and n.rollout_id = t.rollout_id {join}"
+                f"create or replace table {table} as select n.run, t.* exclude (run) from {table} t "
+                "left join numbered n on n.shard = t.shard and n.rollout_id = t.rollout_id"
             )
+    connection.execute(
+        "create or replace table rollouts as select t.*, n.run as nominal_run from rollouts t "
+        "left join numbered n on n.shard = t.shard and n.rollout_id = t.nominal_rollout_id"
+    )
 
 
 def _read_table(connection: duckdb.DuckDBPyConnection, table: str, file: str) -> dict[str, list[Location]]:
@@ -130,11 +128,8 @@ def _wrong_traits(table: str, metadata: list[tuple[bytes, bytes]]) -> list[Locat
                     stored[column.name] = {trait: text.decode(errors="replace") for trait, text in texts.items()}
         elif key == b"branchdrive.columns":
             try:
-                document = json.loads(value)
-                stored = {
-                    name: {trait: texts[trait] for trait in TRAITS if trait in texts}
-                    for name, texts in document.items()
-                }
+                for name, texts in json.loads(value).items():
+                    stored[name] = {trait: texts[trait] for trait in TRAITS if trait in texts}
             except (ValueError, TypeError, AttributeError):
                 found.append({})
         if any(stored.values()):

@@ -8,6 +8,7 @@ from contract import PATTERNS, PLACE, TABLES
 
 Column = dict[str, Any]
 EXTENTS = {"ego_length_m", "ego_width_m", "ego_height_m", "length_m", "width_m", "height_m"}
+PLACES = ("rollout_id", "tick", "actor_id", "town", "element_id")
 FREE_PATTERNS = {"name", "label", "text"}  # the other patterns admit no path, host or time
 
 
@@ -132,14 +133,12 @@ def statement(rule: str, tables: list[str]) -> str | None:
     selects = []
     for table in tables:
         columns = TABLES[table]["columns"]
-        place = [
-            name for name in ("rollout_id", "tick", "actor_id", "town", "element_id") if name in TABLES[table]["key"]
-        ]
+        place = [name for name in PLACES if name in TABLES[table]["key"]]
         violations = {column["name"]: VIOLATIONS[rule](table, column) for column in columns}
         violations = {name: condition for name, condition in violations.items() if condition}
         if violations:
             marks = ", ".join(f"case when {test} then '{name}' end" for name, test in violations.items())
-            keys = ", ".join([*place, *(f"null as {name}" for name in _PLACE if name not in place)])
+            keys = ", ".join([*place, *(f"null as {name}" for name in PLACES if name not in place)])
             selects.append(
                 f'select \'{table}\' as "table", {keys}, unnest([{marks}]) as "column" from {table} '
                 f"where {' or '.join(violations.values())}"
@@ -148,6 +147,3 @@ def statement(rule: str, tables: list[str]) -> str | None:
         return None
     union = " union all ".join(f"({select})" for select in selects)
     return f'-- subjects: {" + ".join(tables)}\nselect * from ({union}) where "column" is not null'
-
-
-_PLACE = ("rollout_id", "tick", "actor_id", "town", "element_id")
