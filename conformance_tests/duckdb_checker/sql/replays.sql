@@ -1,7 +1,7 @@
 -- Values in which nominal replays are compared with their nominal, one row for each value that both have.
 create or replace temp table replay as
 select run, shard, rollout_id, group_id, nominal_run from attempt where role = 'nominal_replay'
-    and rollout_id not in (select rollout_id from failed where rule = 'BD-GRP-006' or rule = 'BD-TIC-003');
+    and rollout_id not in (select rollout_id from failed where rule = 'BD-GRP-006');
 
 create or replace temp table replayed as
 select *, r_value is distinct from n_value or signbit(r_value) is distinct from signbit(n_value) as differs
