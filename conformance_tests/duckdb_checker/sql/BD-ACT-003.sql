@@ -6,8 +6,8 @@ with seen as (
     select *, unnest(range(tick_0 + 5, tick, 5)) as due from seen
     where (tick - tick_0) // 5 - 1 between 1 and $gap_observations
 )
-select m.rollout_id, m.group_id, 'actors' as "table", 'actor_id' as "column", min(due) as tick,
-    first(m.actor_id order by due, m.actor_id) as actor_id
+select m.rollout_id, m.group_id, 'actors' as "table", 'actor_id' as "column", min(m.tick) as tick,
+    first(m.actor_id order by m.tick, m.actor_id) as actor_id
 from missing m join observation o on o.run = m.run and o.tick = due
 where sqrt(pow(m.x_0 + (m.x_m - m.x_0) * (due - tick_0) / (m.tick - tick_0) - o.x_m, 2)
          + pow(m.y_0 + (m.y_m - m.y_0) * (due - tick_0) / (m.tick - tick_0) - o.y_m, 2)) < 50 - $gap_margin_m

@@ -1,5 +1,6 @@
 -- subjects: attempt where t_b is not null
-select rollout_id, group_id, first("table" order by "table") as "table", first(due order by "table", due) as tick
+select rollout_id, group_id, first("table" order by "table" desc) as "table",
+    first(due order by "table" desc, due) as tick
 from (
     select a.rollout_id, a.group_id, 'controls' as "table", due
     from (select *, unnest(range(t_b, t_b + 51)) as due from attempt) as a
