@@ -117,7 +117,7 @@ class Judgement:
         self.descriptor = value
         self.outcomes["BD-LAY-009"] = outcome(layout.lay_009(self.folder, value))
         encoding = documents.enc_001(value)
-        self.outcomes["BD-ENC-001"] = outcome(encoding or [], examined=encoding is not None)
+        self.outcomes["BD-ENC-001"] = outcome(encoding or [], examined=int(encoding is not None))
 
     def _bind(self) -> None:
         """Parameters of the statements: declared bounds, and what the descriptor says."""

@@ -6,6 +6,7 @@ import ast
 import json
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from tests.mutation import BOUNDARIES, MUTANTS, Boundary, Mutant, new_draft
 
 from branchdrive.contract.rule import CATALOGUE
 
-pytest.importorskip("duckdb", reason="the extra `conformance` is not installed; pip install -e '.[conformance]'")
+pytestmark = pytest.mark.skipif(
+    find_spec("duckdb") is None, reason="the extra `conformance` is not installed: pip install -e '.[conformance]'"
+)
 
 ROOT = Path(__file__).parents[2]
 CHECKER = ROOT / "conformance_tests" / "duckdb_checker"
