@@ -25,13 +25,14 @@ from control c join attempt using (run);
 create or replace temp table observation as
 select row_number() over () as id, o.*, a.group_id, a.t_b from observations o join attempt a using (run);
 
--- The first observation with a contact; where no evidence is claimed, the first one of all if a collision is counted.
+-- The first observation with a contact; where no evidence is claimed, the first one of all
+-- unless every kind of collision is monitored and none is counted.
 create or replace temp table contact as
 select run, case
     when $has_evidence then coalesce(min(e.tick) filter (e.collision), 2147483647)
-    when bool_or(greatest(
-        result_num_vehicle_collisions, result_num_pedestrian_collisions, result_num_static_collisions) > 0) then 0
-    else 2147483647 end as first_tick
+    when bool_and(coalesce(result_num_vehicle_collisions + result_num_pedestrian_collisions
+        + result_num_static_collisions = 0, false)) then 2147483647
+    else 0 end as first_tick
 from attempt a left join evidence e using (run)
 group by all;
 
