@@ -1,0 +1,4 @@
+-- subjects: attempt
+select rollout_id, group_id, 'controls' as "table", 'source' as "column", min(tick) as tick
+from control where (source = 'intervention') <> active
+group by all

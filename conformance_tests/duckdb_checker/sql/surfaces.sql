@@ -1,0 +1,36 @@
+-- Where the ego's centre lies on the elements of its map (spec/05-raw-streams.md#map).
+create or replace temp table place as
+select row_number() over () as place, *
+from (
+    select distinct a.shard, a.town, o.x_m as x, o.y_m as y
+    from attempt a join observations o using (run)
+);
+
+create or replace temp table edge as
+select shard, town, element_id, kind, lane_id, speed_limit_mps, i, n,
+    x_m[i] as a_x, y_m[i] as a_y, x_m[i % n + 1] as b_x, y_m[i % n + 1] as b_y, width_m[i] as w_a, width_m[i % n + 1] as w_b
+from (
+    select *, len(x_m) as n,
+        unnest(range(1, len(x_m) + case when kind = 'road_area' then 1 else 0 end)) as i
+    from map where kind in ('lane', 'shoulder', 'parking', 'road_area')
+);
+
+-- Margin by which an element holds a place, below 0 outside; open where the nearest point is an end of a centre line.
+create or replace temp table held as
+with near as (
+    select place, e.*, x, y,
+        least(greatest(((x - a_x) * (b_x - a_x) + (y - a_y) * (b_y - a_y)) / (pow(b_x - a_x, 2) + pow(b_y - a_y, 2)), 0), 1) as share,
+        sqrt(pow(x - a_x - share * (b_x - a_x), 2) + pow(y - a_y - share * (b_y - a_y), 2)) as distance
+    from place join edge e using (shard, town)
+), closest as (
+    select place, element_id, kind, lane_id, speed_limit_mps, min(distance) as distance,
+        arg_min((1 - share) * w_a + share * w_b, distance) as width,
+        arg_min((i = 1 and share <= 0) or (i = n - 1 and share >= 1), distance) as at_end,
+        sum(case when (a_y > y) <> (b_y > y) and x < a_x + (y - a_y) / (b_y - a_y) * (b_x - a_x) then 1 else 0 end) % 2 = 1 as inside
+    from near group by place, element_id, kind, lane_id, speed_limit_mps
+)
+select *, case when kind = 'road_area' then case when inside then distance else -distance end
+               else width / 2 - distance end as margin,
+    margin >= -0.05 as may_hold,
+    margin > 0.05 and (kind = 'road_area' or not at_end) as does_hold
+from closest;
