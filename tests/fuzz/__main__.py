@@ -48,8 +48,7 @@ def _one(args: argparse.Namespace, bases: dict[str, Path]) -> int:
 
     work = args.output / f"case-{args.case}"
     result = Fuzz(args.seed, bases, work).run(args.case, executor=isolated(1), is_kept=True)
-    print(json.dumps(result.to_json(), indent=2))
-    print(f"the dataset is {work / 'case/dataset'}")
+    sys.stdout.write(f"{json.dumps(result.to_json(), indent=2)}\nthe dataset is {work / 'case/dataset'}\n")
     return int(bool(result.failure))
 
 
@@ -72,11 +71,9 @@ def _all(args: argparse.Namespace, bases: dict[str, Path]) -> int:
                 if passed - shown >= 5 or count == len(rest):
                     shown = passed
                     left_min = passed / count * (len(rest) - count) / 60
-                    print(
+                    sys.stderr.write(
                         f"fuzz: {len(rows):,} of {args.cases:,}, {count / passed:.1f}/s, {left_min:.0f} min left, "
-                        f"{num_failures} failures",
-                        file=sys.stderr,
-                        flush=True,
+                        f"{num_failures} failures\n"
                     )
     except KeyboardInterrupt:
         is_interrupted = True
@@ -84,8 +81,8 @@ def _all(args: argparse.Namespace, bases: dict[str, Path]) -> int:
     figures = summary(tried, args.cases)
     (args.output / "report.json").write_text(json.dumps(figures, indent=2) + "\n")
     (args.output / "report.txt").write_text(render(figures))
-    print(render(figures, is_full=False))
-    print(f"all columns: {args.output / 'report.txt'}, {args.output / 'report.json'}")
+    sys.stdout.write(render(figures, is_full=False))
+    sys.stdout.write(f"\nall columns: {args.output / 'report.txt'}, {args.output / 'report.json'}\n")
     return 130 if is_interrupted else int(bool(figures["failures"]))
 
 

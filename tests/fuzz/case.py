@@ -104,7 +104,7 @@ def _listing(root: Path) -> dict[str, str]:
     found: dict[str, str] = {}
     for folder, folders, names in os.walk(os.fsencode(root)):
         for name in (*folders, *names):
-            path = Path(os.fsdecode(os.path.join(folder, name)))
+            path = Path(os.fsdecode(folder + b"/" + name))
             if not path.is_file() or path.is_symlink() or path.stat().st_size > _MAX_HASHED_BYTES:
                 status = path.lstat()
                 found[str(path)[len(str(root)) :]] = f"{status.st_mode:o}" + (
@@ -234,7 +234,9 @@ class Fuzz:
 
 
 def _sealed(root: Path) -> bool:
-    """Write the manifest again; what no manifest can list leaves it as it was."""
+    """Write the manifest again; what no manifest can list, or is huge, leaves it as it was."""
+    if any(path.stat().st_size > _MAX_HASHED_BYTES for path in root.rglob("*") if path.is_file()):
+        return False
     try:
         manifest = build_manifest(root)
     except (BranchDriveError, OSError):

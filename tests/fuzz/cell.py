@@ -1,4 +1,4 @@
-"""Edits of single cells: every column of every table in turn, by values that are plainly wrong and by ones that are not."""
+"""Edits of single cells of every column of every table: by values that are plainly wrong, and by ones that are not."""
 
 from __future__ import annotations
 
