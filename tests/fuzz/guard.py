@@ -55,7 +55,8 @@ class Guard:
                 self._violations, self._change = None, None  # what the change does is no violation
                 change()
                 self._violations = found
-            if flags & _WRITES and path != os.devnull and not self._is_own(path, None):
+            is_named = not isinstance(path, int)  # else a file or pipe that was opened before
+            if flags & _WRITES and is_named and path != os.devnull and not self._is_own(path, None):
                 found.append(f"{event} {path!r} for writing")
         elif event in _CHANGES:
             place = _CHANGES[event]

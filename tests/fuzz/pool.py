@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
+import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -29,7 +31,7 @@ def _work(connection: Connection, seed: int, bases: Mapping[str, Path], work: Pa
     from tests.fuzz.case import Fuzz
 
     fuzz = Fuzz(seed, bases, work)
-    with suppress(EOFError, BrokenPipeError):
+    with suppress(EOFError, ConnectionError):  # the run is over
         while True:
             connection.send(fuzz.run(connection.recv()))
 
@@ -67,12 +69,14 @@ def run_cases(
         jobs: Number of processes.
         limit_s: Time after which a case is given up; the first of a process gets ten times as much.
     """
-    waiting, workers = iter(indices), dict[int, _Worker]()
+    waiting, workers, folders = iter(indices), dict[int, _Worker](), list[Path]()
     try:
+        work.mkdir(parents=True, exist_ok=True)
+        folders = [Path(tempfile.mkdtemp(dir=work)) for _ in range(jobs)]  # a run before may still be ending
         for number in range(jobs):
             if (index := next(waiting, None)) is None:
                 break
-            workers[number] = _Worker(seed, bases, work / str(number))
+            workers[number] = _Worker(seed, bases, folders[number])
             workers[number].start(index, 10 * limit_s)
         while workers:
             by_connection = {worker.connection: number for number, worker in workers.items()}
@@ -98,8 +102,10 @@ def run_cases(
                     del workers[number]
                 if index is not None:
                     if is_lost:
-                        workers[number] = _Worker(seed, bases, work / str(number))
+                        workers[number] = _Worker(seed, bases, folders[number])
                     workers[number].start(index, (10 if is_lost else 1) * limit_s)
     finally:
         for worker in workers.values():
             worker.end()
+        for folder in folders:
+            shutil.rmtree(folder, ignore_errors=True)
