@@ -16,6 +16,9 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.testing import OPTIONAL_STREAMS, Defect, SmallDataset, datasets, defects
 from branchdrive.testing.defect import _MAKES
 
+NUM_EXAMPLES = settings().max_examples // 4
+"""Each takes about a tenth of a second."""
+
 RULES = sorted({rule for rules, _ in _MAKES for rule in rules})
 
 
@@ -24,6 +27,7 @@ def judged(made: SmallDataset | Defect) -> Report:
         return validate(made.write(Path(folder) / "dataset"))
 
 
+@settings(max_examples=NUM_EXAMPLES)
 @given(datasets())
 def test_a_generated_dataset_fails_no_rule(dataset: SmallDataset) -> None:
     report = judged(dataset)
@@ -33,6 +37,7 @@ def test_a_generated_dataset_fails_no_rule(dataset: SmallDataset) -> None:
     assert report.funnel.lost == {}
 
 
+@settings(max_examples=2 * NUM_EXAMPLES)
 @given(defects())
 def test_a_defect_fails_its_rule_at_its_place(defect: Defect) -> None:
     report = judged(defect)
@@ -71,6 +76,7 @@ def test_an_example_shows_what_is_wrong_and_no_table() -> None:
     assert "'unheard-of'" in repr(defect)
 
 
+@settings(max_examples=3)
 @given(st.data())
 def test_equal_draws_give_equal_files(data: st.DataObject) -> None:
     dataset = data.draw(datasets(max_groups=1))
