@@ -72,24 +72,24 @@ def defects(draw: DrawFn, dataset: SearchStrategy[SmallDataset] | None = None, *
         dataset: Datasets to spoil; `datasets` by default.
         rule: Id of the rule that must fail, or the beginning of ids; any by default.
     """
-    makes = [make for rules, make in _MAKES if any(name.startswith(rule) for name in rules)]
+    makes = [make for name, make in _MAKES.items() if name.startswith(rule)]
     valid = draw(datasets() if dataset is None else dataset)
     made = [draw(st.sampled_from(makes)), *makes] if makes else []
     for make in made:  # the first that the dataset has a place for
         defect = make(draw, valid)
-        if defect is not None and defect.rule.startswith(rule):
+        if defect is not None:
             return defect
     raise ValueError(f"no defect of {rule!r} fits into {valid!r}")
 
 
-_MAKES: list[tuple[tuple[str, ...], Make]] = []
+_MAKES: dict[str, Make] = {}
 
 
-def _makes(*rules: str) -> Callable[[Make], Make]:
-    """Register a function as one that makes defects of some rules."""
+def _makes(rule: str) -> Callable[[Make], Make]:
+    """Register a function as the one that makes defects of a rule, or none where a dataset has no place for one."""
 
     def register(make: Make) -> Make:
-        _MAKES.append((rules, make))
+        _MAKES[rule] = make
         return make
 
     return register
@@ -139,14 +139,26 @@ def _is_extent(column: Column) -> bool:
     return column.unit == "m" and column.min is None and column.name.endswith(("length_m", "width_m", "height_m"))
 
 
-@_makes("BD-VAL-001", "BD-BOX-001")
-def _not_finite(draw: DrawFn, dataset: SmallDataset) -> Defect | None:
-    choices = [(name, column) for name, column in _columns(dataset) if column.type in ("float32", "float64")]
+def _not_finite(draw: DrawFn, dataset: SmallDataset, rule: str, *, of_boxes: bool) -> Defect | None:
+    choices = [
+        (name, column)
+        for name, column in _columns(dataset)
+        if column.type in ("float32", "float64") and _is_extent(column) == of_boxes
+    ]
     name, column = draw(st.sampled_from(choices))
     cell = _cell(draw, dataset, name, column.name)
     value = draw(st.sampled_from([math.nan, math.inf, -math.inf]))
-    rule = "BD-BOX-001" if _is_extent(column) else "BD-VAL-001"
     return cell and _changed(dataset, rule, name, column.name, value, *cell)
+
+
+@_makes("BD-VAL-001")
+def _value_not_finite(draw: DrawFn, dataset: SmallDataset) -> Defect | None:
+    return _not_finite(draw, dataset, "BD-VAL-001", of_boxes=False)
+
+
+@_makes("BD-BOX-001")
+def _box_not_finite(draw: DrawFn, dataset: SmallDataset) -> Defect | None:
+    return _not_finite(draw, dataset, "BD-BOX-001", of_boxes=True)
 
 
 @_makes("BD-VAL-002")
