@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +50,8 @@ def _one(args: argparse.Namespace, bases: dict[str, Path]) -> int:
 
     work = args.output / f"case-{args.case}"
     result = Fuzz(args.seed, bases, work).run(args.case, executor=isolated(1), is_kept=True)
-    sys.stdout.write(f"{json.dumps(result.to_json(), indent=2)}\nthe dataset is {work / 'case/dataset'}\n")
+    sys.stdout.write(f"{json.dumps(result.to_json(), indent=2)}\n")
+    sys.stderr.write(f"the dataset is {work / 'case/dataset'}\n")
     return int(bool(result.failure))
 
 
@@ -62,7 +65,7 @@ def _all(args: argparse.Namespace, bases: dict[str, Path]) -> int:
         with path.open("a") as file:
             found = run_cases(rest, args.seed, bases, args.output / "work", jobs=args.jobs, limit_s=LIMIT_S)
             for count, (index, result) in enumerate(found, 1):
-                row = _lost(index, result) if isinstance(result, Lost) else result.to_json()
+                row = _again(args, index, result) if isinstance(result, Lost) else result.to_json()
                 rows[index] = row
                 num_failures += bool(row["failure"])
                 file.write(json.dumps(row) + "\n")
@@ -93,12 +96,22 @@ def _known(path: Path) -> Iterator[dict[str, Any]]:
             yield json.loads(line)
 
 
-def _lost(index: int, reason: Lost) -> dict[str, Any]:
-    """A case without a result, which is a failure."""
+def _again(args: argparse.Namespace, index: int, reason: Lost) -> dict[str, Any]:
+    """A case without a result once more, as users run the validator: a worker that dies is a finding there.
+
+    What takes too long, and what has no result then either, is a failure.
+    """
+    output = ("--output", str(args.output), "--seed", str(args.seed))
+    command = [sys.executable, "-m", "tests.fuzz", "--case", str(index), *output]
+    if reason.is_death:
+        with suppress(subprocess.TimeoutExpired, json.JSONDecodeError):
+            done = subprocess.run(command, stdout=subprocess.PIPE, timeout=10 * LIMIT_S, check=False)
+            row: dict[str, Any] = json.loads(done.stdout)
+            return row
     return {
         "index": index, "base": "?", "damage": "?", "what": f"see `python -m tests.fuzz --case {index}`", "column": "",
         "kind": "", "is_sealed": False, "is_changed": True, "verdict": "", "rules": [], "cpu_s": 0.0, "memory_bytes": 0,
-        "failure": str(reason),
+        "failure": reason.reason,
     }  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,12 @@ __all__ = ["Lost", "run_cases"]
 _CONTEXT = multiprocessing.get_context("spawn")
 
 
-class Lost(str):
-    """Why a case has no result: its process took too long, or died."""
+@dataclass(frozen=True)
+class Lost:
+    """Why a case has no result: its process took too long, or, which `is_death`, died."""
+
+    reason: str
+    is_death: bool
 
 
 def _work(connection: Connection, seed: int, bases: Mapping[str, Path], work: Path) -> None:
@@ -89,10 +94,10 @@ def run_cases(
                         is_lost = False
                     except (EOFError, ConnectionError):
                         worker.process.join()
-                        yield worker.index, Lost(f"its process died with {worker.process.exitcode}")
+                        yield worker.index, Lost(f"its process died with {worker.process.exitcode}", is_death=True)
                         is_lost = True
                 elif time.monotonic() > worker.deadline:
-                    yield worker.index, Lost(f"it took more than {limit_s:g} s")
+                    yield worker.index, Lost(f"it took more than {limit_s:g} s", is_death=False)
                     is_lost = True
                 else:
                     continue

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.fuzz import __main__ as command
@@ -103,10 +104,23 @@ def test_a_case_is_the_same_again(bases: dict[str, Path], tmp_path: Path, monkey
 def test_a_case_that_takes_too_long_or_dies_is_lost_alone(bases: dict[str, Path], tmp_path: Path) -> None:
     missing = dict.fromkeys(bases, tmp_path / "nowhere")
     ((index, lost),) = run_cases([5], 0, missing, tmp_path / "died", jobs=1, limit_s=60)
-    assert (index, type(lost)) == (5, Lost)
-    assert "died with 1" in lost
+    assert (index, lost) == (5, Lost("its process died with 1", is_death=True))
     ((index, lost),) = run_cases([5], 0, bases, tmp_path / "slow", jobs=1, limit_s=0.01)
-    assert (index, lost) == (5, "it took more than 0.01 s")
+    assert (index, lost) == (5, Lost("it took more than 0.01 s", is_death=False))
+
+
+def test_a_process_that_dies_is_tried_again_as_users_run_the_validator(
+    bases: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def all_die(indices: Iterable[int], *_: Any, **__: Any) -> Iterator[tuple[int, Lost]]:
+        yield from ((index, Lost("its process died with -11", is_death=True)) for index in indices)
+
+    (tmp_path / "bases").symlink_to(next(iter(bases.values())).parent)
+    monkeypatch.setattr(command, "run_cases", all_die)
+    assert command.main(["--output", str(tmp_path), "--cases", "1"]) == 0
+    (row,) = map(json.loads, (tmp_path / "results-0.jsonl").read_text().splitlines())
+    assert (row["index"], row["failure"]) == (0, "")
+    assert row["verdict"] in ("valid", "invalid")
 
 
 def test_the_report_names_failures_and_the_columns_that_are_caught_least() -> None:
