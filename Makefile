@@ -3,6 +3,7 @@ PYTHON ?= python3
 JOBS ?= 2
 GROUPS ?= 29
 DATASET ?=
+FUZZ ?= 10000
 BIN := .venv/bin
 DEMO := build/demo
 # Training groups stay in a release, about 70 % of all; a near duplicate in another partition does not.
@@ -10,7 +11,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo test check cases conformance compat compat-quick bench bench-paper bench-release
+.PHONY: setup help demo test check cases conformance compat compat-quick fuzz bench bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -31,7 +32,7 @@ help:
 	@awk '/^## / { text = substr($$0, 4); next } \
 		text { split($$0, part, ":"); printf "make %-14s %s\n", part[1], text } \
 		{ text = "" } \
-		END { print "variables: PYTHON=$(PYTHON) JOBS=$(JOBS) GROUPS=$(GROUPS) DATASET=$(DATASET)" }' $(MAKEFILE_LIST)
+		END { print "variables: PYTHON=$(PYTHON) JOBS=$(JOBS) GROUPS=$(GROUPS) DATASET=$(DATASET) FUZZ=$(FUZZ)" }' $(MAKEFILE_LIST)
 
 ## collect one group of every scenario type in the reference world, build a release of them, validate it, draw them
 demo: setup
@@ -63,6 +64,10 @@ compat: setup
 ## the part of compat that continuous integration runs
 compat-quick: setup
 	$(BIN)/python -m tests.compatibility --quick --jobs $(JOBS)
+
+## damage valid datasets of all layers in FUZZ ways and see that each ends in a verdict; a run goes on where it stopped
+fuzz: setup
+	$(BIN)/python -m tests.fuzz --cases $(FUZZ) --jobs $(JOBS)
 
 ## style, types, import contracts, generated files
 check: setup

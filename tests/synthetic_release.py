@@ -1,6 +1,6 @@
 """The raw layer of a small synthetic release: 21 groups on their own routes, with all that a release must explain.
 
-Scenes repeat the three of `tests.driving` elsewhere and at other speeds. Replays differ a little, in one
+Scenes repeat the three of `tests.scenes` elsewhere and at other speeds. Replays differ a little, in one
 training group most; one group is lost at each stage, attempts are retried, cut short and quarantined, one route
 is driven by two groups, and one test group repeats the history of a training group in another town.
 """
@@ -12,9 +12,11 @@ from functools import cache
 from typing import Any
 
 from tests.content_cache import kept
-from tests.driving import ACTORS, ROUTES, Scene, group_name
+from tests.scenes import ACTORS, ROUTES
 from tests.synthetic import Tables, concat, frames_table, make_group, media_descriptor, shared
 from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.testing.drive import Scene, group_name
 
 __all__ = [
     "LOST", "MOVED", "NEAR_DUPLICATE", "NOISY", "NUM_GROUPS", "RELEASE_SHARDS", "SEED", "TWINS", "raw_descriptor",

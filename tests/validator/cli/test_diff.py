@@ -144,7 +144,9 @@ def test_maps_are_told_apart_by_town_element_and_column(tmp_path: Path) -> None:
 
     code, found = document(base, with_map(tmp_path / "moved", shifted))
     assert (code, found["data"], found["changed"], found["towns"]) == (1, "differ", [], towns)
-    assert found["tables"]["map"]["columns"] == {"x_m": {"num_cells": len(towns), "largest": None}}
+    (column,) = found["tables"]["map"]["columns"].items()
+    assert (column[0], column[1]["num_cells"], column[1]["largest"]) == ("x_m", len(towns), None)
+    assert column[1]["first"]["location"] == {"town": towns[0], "element_id": "far-wall"}
 
     def without_signal(table: pa.Table) -> pa.Table:
         return table.filter(pc.not_equal(table["element_id"], "far-signal"))

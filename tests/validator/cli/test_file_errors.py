@@ -5,13 +5,11 @@ from __future__ import annotations
 import errno
 import io
 import os
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.file_size import at_most
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
@@ -27,17 +25,6 @@ WRONG = {
     "EACCES": "permissions", "EPERM": "permissions", "EROFS": "cannot be written", "ENOTDIR": "a part of the path",
     "EISDIR": "name a file", "ENAMETOOLONG": "shorter name", "ELOOP": "circle", "ENOENT": "check the path",
 }  # fmt: skip
-
-
-@contextmanager
-def at_most(num_bytes: int) -> Iterator[None]:
-    """Files of this process may have so many bytes, as on a disk that is full."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (num_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_every_error_has_path_cause_hint_and_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:

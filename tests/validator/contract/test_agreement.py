@@ -10,7 +10,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
-from tests import strategies
 from tests.each import each
 from tests.validator.contract.mutation import OF_EVERY_TYPE, mutated, neighbours
 
@@ -18,6 +17,7 @@ from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.descriptor import DeclaredEncoding, Descriptor
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.policy import Policy
+from branchdrive.testing import strategies
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests import strategies
 from tests.each import each
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.timing import ACTIVE_TICKS
+from branchdrive.testing import strategies
 
 MAGNITUDES = {
     "accelerate": ("0.30", "0.50", "0.80"),

@@ -9,12 +9,12 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests import strategies
 from tests.each import each
 
 from branchdrive.contract.columns import STREAMS, TABLES, Column, Table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.resources import load_resource
+from branchdrive.testing import strategies
 
 COLUMNS = [(table, column) for table in TABLES.values() for column in table.columns]
 each_table = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)

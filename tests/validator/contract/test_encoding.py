@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tests import strategies
 from tests.each import each
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
@@ -24,6 +23,7 @@ from branchdrive.contract.encoding import (
 from branchdrive.contract.policy import ActuatorRule, Policy
 from branchdrive.contract.timing import TICK_S
 from branchdrive.errors import UsageError
+from branchdrive.testing import strategies
 
 REFERENCE_DIGEST = "250bf01cc1f3f5637ddf6cfb7ce69f92f343aa17d9234601d15786274ecedac4"
 """SHA-256 of the reference bank's matrix: promised bytes, they never change."""

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.each import each
 from tests.mismatch import pointers
-from tests.validator.contract.conforming import conforming
 from tests.validator.contract.layer_documents import EXAMPLES
 from tests.validator.contract.mutation import mutated
 
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.resources import load_resource
+from branchdrive.testing.conforming import conforming
 
 Path = tuple[str | int, ...]
 

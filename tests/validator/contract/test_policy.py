@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
-from tests import strategies
 from tests.each import each
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
+from branchdrive.testing import strategies
 
 EXPERT = np.array([-1.0, -0.25, -0.0, 0.0, 0.25, 0.5, 1.0], np.float32)
 NOMINAL = np.array([0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875], np.float32)

@@ -8,13 +8,13 @@ import numpy as np
 import pyarrow as pa
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests import strategies
 from tests.mismatch import pointers
-from tests.strategies import ControlLog
 
 from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.policy import ACTUATORS, Command
+from branchdrive.testing import strategies
+from branchdrive.testing.strategies import ControlLog
 
 ROLLOUT_SCHEMA = "rollout.schema.json"
 CONDITIONAL = [

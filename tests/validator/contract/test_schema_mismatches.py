@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests import strategies
 from tests.each import each
 from tests.mismatch import pointers
 from tests.validator.contract.mutation import mutated
@@ -18,6 +17,7 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.resources import load_resource, schema_dir
+from branchdrive.testing import strategies
 
 DESCRIPTOR_SCHEMA = "descriptor.schema.json"
 POLICY_SCHEMA = "policy.schema.json"

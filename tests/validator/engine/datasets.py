@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from tests import synthetic
 
 from branchdrive.engine.report import Report
+from branchdrive.testing.edit import with_cells, with_column
 
 Tables = dict[str, dict[str, pa.Table]]
 
@@ -54,22 +55,6 @@ def edited(name: str, edit: Callable[[pa.Table], pa.Table], folder: str = FOLDER
     tables = {folder: dict(shard) for folder, shard in synthetic.base_tables().items()}
     tables[folder][name] = edit(tables[folder][name])
     return tables
-
-
-def with_column(table: pa.Table, column: str, values: Any) -> pa.Table:
-    """A table with one column replaced."""
-    index = table.schema.get_field_index(column)
-    field = table.schema.field(index)
-    array = values if isinstance(values, pa.Array) else pa.array(values, field.type)
-    return table.set_column(index, field.with_nullable(field.nullable or array.null_count > 0), array)
-
-
-def with_cells(table: pa.Table, column: str, cells: Mapping[int, Any]) -> pa.Table:
-    """A table with some cells of one column replaced."""
-    values = table[column].to_pylist()
-    for row, value in cells.items():
-        values[row] = value
-    return with_column(table, column, values)
 
 
 def cells(name: str, column: str, values: Mapping[int, Any]) -> Tables:

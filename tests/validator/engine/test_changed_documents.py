@@ -19,7 +19,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.validator.contract.changing import Place, changed, sample
-from tests.validator.contract.conforming import conforming, redrawn
 from tests.validator.engine.changed_release import ChangedRelease
 from tests.validator.engine.rules.release import release_draft
 
@@ -29,6 +28,7 @@ from branchdrive.contract.resources import schema_dir
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.model.reader import open_model
+from branchdrive.testing.conforming import conforming, redrawn
 
 NUM_CHANGES = {
     "quality/leakage.json": 50,

@@ -293,6 +293,18 @@ def test_a_root_that_cannot_be_listed_is_wrong_usage(tmp_path: Path, unreadable:
         validate(root)
 
 
+def test_a_root_that_vanishes_is_wrong_usage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = write(tmp_path / "dataset")
+
+    def moved_away(*_: Any) -> tuple[tuple[str, ...], str]:
+        root.rename(tmp_path / "elsewhere")
+        return (), ""
+
+    monkeypatch.setattr("branchdrive.files.survey._read_patterns", moved_away)
+    with pytest.raises(UsageError, match=r"dataset' went away while it was read"):
+        validate(root)
+
+
 def test_a_file_that_vanishes_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from branchdrive.engine import reading
     from branchdrive.engine.shard import audit_shard

@@ -1,17 +1,21 @@
-"""A build that meets a full disk says so, leaves nothing half-written, and goes on when there is room."""
+"""A full disk and a limit on files: one line says so, nothing half-written stays, and the work goes on with room."""
 
 from __future__ import annotations
 
 import errno
 import io
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
+from tests.file_size import at_most
 from tests.synthetic_release import SEED
 from tests.validator.release.running import contents
 
 from branchdrive.cli.main import run
+from branchdrive.engine.validate import validate
+from branchdrive.errors import PlatformError
 
 
 def test_a_build_on_a_full_disk_goes_on_when_there_is_room(
@@ -36,3 +40,26 @@ def test_a_build_on_a_full_disk_goes_on_when_there_is_room(
     left[0] = 10**6
     assert run(arguments, io.StringIO(), io.StringIO()) == 0
     assert contents(dataset) == contents(built)
+
+
+def test_a_build_under_a_limit_on_files_goes_on_without_it(dataset: Path, built: Path) -> None:
+    arguments, stderr = ["build", str(dataset), "--no-leakage", "--seed", str(SEED)], io.StringIO()
+    with at_most(5_000):
+        assert run(arguments, io.StringIO(), stderr) == 4
+    assert stderr.getvalue().startswith("branchdrive: /")
+    assert "File too large; " in stderr.getvalue()
+    assert stderr.getvalue().count("\n") == 1
+    assert not [path for path in contents(dataset) if path.endswith(".partial")]
+    assert run(arguments, io.StringIO(), io.StringIO()) == 0
+    assert contents(dataset) == contents(built)
+
+
+def test_a_validation_whose_temporary_files_do_not_fit_leaves_none(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    before = contents(built)
+    with at_most(1_000), pytest.raises(PlatformError, match="File too large; "):
+        validate(built)
+    assert list(tmp_path.iterdir()) == []
+    assert contents(built) == before

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from hypothesis import strategies as st
-from tests.strategies import column_values
 from tests.validator.writer.invented import branch_fields, identity_fields, result_fields
 
 from branchdrive.contract.columns import TABLES, Column
+from branchdrive.testing.strategies import column_values
 
 Row = dict[str, Any]
 

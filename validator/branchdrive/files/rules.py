@@ -5,6 +5,7 @@ Source: spec/03-layout.md, spec/09-security.md.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 
 from branchdrive.contract.columns import TABLES
@@ -99,12 +100,18 @@ def existing_files_are_listed(survey: Survey) -> Iterator[Check]:
 
 @rule("BD-LAY-005")
 def paths_are_safe(survey: Survey) -> Iterator[Check]:
-    """Neither the manifest nor the folder names a path that leaves the root or is not plain."""
+    """No path leaves the root or is not plain, and no two are one where case and form of letters do not count."""
     found = [mismatch for mismatch in survey.manifest_mismatches if mismatch.expected == SAFE_PATH]
     for entry in survey.entries:
         reason = unsafe_reason(entry.path)
         if reason is not None and "longer" not in reason and "deeper" not in reason:
             found.append(Mismatch({"file": entry.path}, SAFE_PATH, f"{quote(entry.path)} {reason}"))
+    known: dict[str, str] = {}
+    for path in sorted(entry.path for entry in survey.entries):
+        other = known.setdefault(unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold()), path)
+        if other != path:
+            text = f"{quote(path)}, which is {quote(other)} where case or form of letters do not count"
+            found.append(Mismatch({"file": path}, "a path that is one file on every system", text))
     listed = len(survey.manifest.files) if survey.manifest else 0
     yield Check.of(listed + len(survey.entries), tuple(found))
 

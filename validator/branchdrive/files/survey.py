@@ -183,7 +183,11 @@ def _walk(root: Path, links: Links, companions: Companions, limits: Limits) -> I
             ):
                 names = sorted(islice(listing, 2 * limits.max_files + 1), key=lambda entry: entry.name)
                 found = [_entry(root, f"{folder}/{name.name}" if folder else name.name, name, links) for name in names]
-        except OSError:
+        except OSError as error:
+            if not folder and isinstance(error, FileNotFoundError):
+                raise UsageError(
+                    f"{str(root)!r} went away while it was read; give the folder where it is now"
+                ) from error
             if not folder:
                 raise
             entries.append(Entry(folder, "unreadable", 0))

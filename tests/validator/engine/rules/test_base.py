@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 from tests import synthetic, synthetic_map
+from tests.scenes import ACTORS
 from tests.synthetic import BRANCH_TICK, base_tables
 
 from branchdrive.contract.columns import TABLES, table_schema
@@ -66,7 +67,7 @@ def test_frames_show_closing_parting_overlap_and_solitude() -> None:
 
 def test_static_objects_count_inside_the_corridor_alone() -> None:
     evidence = whole("evidence").filter(pc.equal(whole("evidence")["rollout_id"], "g2.nominal.a1"))
-    kinds = {actor_id: actor.kind for actor_id, actor in enumerate(synthetic.ACTORS[2], start=1)}
+    kinds = {actor_id: actor.kind for actor_id, actor in enumerate(ACTORS[2], start=1)}
     assert "static" in {kinds[actor_id] for actor_id in evidence["separation_actor_id"].drop_null().to_pylist()}
     lonely = evidence.filter(pc.less(evidence["tick"], 60))
     assert lonely["num_actors"].to_pylist() == [1] * 12

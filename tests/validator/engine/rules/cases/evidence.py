@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from tests.driving import BRANCH_TICK, CONE_M, EGO_BOX_M
 from tests.validator.engine.rules.case import BRAKE, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.testing.drive import BRANCH_TICK, CONE_M, EGO_BOX_M
 
 G2_NOMINAL = "g2.nominal.a1"
 TOLERANCE = 1e-6

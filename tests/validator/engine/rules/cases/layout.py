@@ -228,6 +228,24 @@ def name_is_not_unicode(d: Draft) -> None:
     d.after_seal(lambda root: Path(os.fsdecode(os.fsencode(root / SHARD_0) + b"/\xff")).write_bytes(b""))
 
 
+@mutant("BD-LAY-005", base="media", at={"file": f"{SHARD_0}/rear.bin"})
+def names_that_differ_in_case(d: Draft) -> None:
+    for name in ("Rear.bin", "rear.bin"):
+        d.before_seal(lambda root, name=name: (root / SHARD_0 / name).write_bytes(b""))
+
+
+@mutant("BD-LAY-005", base="media", at={"file": f"{SHARD_0}/\\xe9.bin"})
+def names_that_differ_in_the_form_of_a_letter(d: Draft) -> None:
+    for name in ("e\u0301.bin", "\u00e9.bin"):
+        d.before_seal(lambda root, name=name: (root / SHARD_0 / name).write_bytes(b""))
+
+
+@boundary("BD-LAY-005", base="media")
+def names_of_equal_letters_in_two_shards(d: Draft) -> None:
+    for folder, name in ((SHARD_0, "Rear.bin"), (SHARD_1, "rear.bin")):
+        d.before_seal(lambda root, folder=folder, name=name: (root / folder / name).write_bytes(b""))
+
+
 # BD-LAY-006
 
 

@@ -1,4 +1,4 @@
-"""Three invented drives without a simulator: routes, actors beside them, and a car that follows its policy.
+"""Invented drives without a simulator: routes, actors beside them, and a car that follows its policy.
 
 The car is a kinematic bicycle with an expert that keeps it on its route; interventions override the
 expert as the definitions say, written down here once more and not taken from the library.
@@ -74,38 +74,6 @@ class Actor:
 
 CAR_M, CYCLE_M, PERSON_M, CONE_M = (4.25, 1.75, 1.5), (1.75, 0.625, 1.75), (0.5, 0.5, 1.75), (0.5, 0.5, 0.75)
 
-ROUTES = (
-    Route((0.0, 0.0), 0.0),
-    Route((500.0, -200.0), 2.0, radius_m=120.0),
-    Route((-300.0, 800.0), -2.5),
-)
-
-ACTORS = (
-    (
-        Actor("vehicle", CAR_M, 32.0, 0.0, speed_mps=5.0),  # ahead, slower
-        Actor("vehicle", CAR_M, 130.0, 3.5, speed_mps=-9.0),  # oncoming
-        Actor("cycle", CYCLE_M, 6.0, -3.0, speed_mps=10.0),  # faster: parts
-        Actor("pedestrian", PERSON_M, 75.0, -7.0, lateral_mps=0.75),  # crosses
-        Actor("static", CONE_M, 110.0, 0.75),  # in the corridor
-        Actor("static", CONE_M, 18.0, 6.0),  # beside it
-        Actor("vehicle", CAR_M, -60.0, 40.0),  # recorded, never in range at first
-    ),
-    (
-        Actor("vehicle", CAR_M, 45.0, 0.0, speed_mps=7.0),
-        Actor("cycle", CYCLE_M, 20.0, 3.5, speed_mps=3.0),
-        Actor("static", CONE_M, 120.0, -0.5),
-        Actor("static", CONE_M, 30.0, -5.0),
-        Actor("pedestrian", PERSON_M, 60.0, 0.0, first_tick=130, last_tick=190),  # the ego runs over its place
-    ),
-    (
-        Actor("vehicle", CAR_M, 150.0, 3.5, speed_mps=-6.0, first_tick=70),
-        Actor("cycle", CYCLE_M, 90.0, -3.0, speed_mps=9.0, first_tick=70),
-        Actor("pedestrian", PERSON_M, 80.0, -6.0, lateral_mps=-0.5, first_tick=70),
-        Actor("static", CONE_M, 4.0, 5.5, last_tick=60),  # the only company before tick 70, irrelevant
-        Actor("static", CONE_M, 72.0, 0.5, first_tick=70),  # in the corridor, and the nearest
-    ),
-)
-
 
 @dataclass(frozen=True)
 class Scene:
@@ -135,11 +103,6 @@ class Scene:
         return np.asarray(drawn)
 
 
-TOWNS = ("Town12", "Town13", "Town12")
-
-SCENES = tuple(Scene(*scene) for scene in zip(ROUTES, ACTORS, TOWNS, strict=True))
-
-
 @dataclass(frozen=True)
 class Plan:
     """One attempt to drive."""
@@ -150,11 +113,13 @@ class Plan:
     branch_tick: int = BRANCH_TICK
 
     def rollout_id(self, group_id: str) -> str:
+        """Identifier of the attempt in a group."""
         stem = "nominal_replay" if self.role == "nominal_replay" else self.action_key
         return f"{group_id}.{stem}.a{self.attempt}"
 
 
 def group_name(index: int) -> str:
+    """Identifier of group `index`."""
     return f"g{index}"
 
 

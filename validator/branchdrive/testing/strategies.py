@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from hypothesis import strategies as st
-from tests.validator.contract.conforming import conforming, matching
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.columns import PATTERNS, RECORDABLE, STREAMS, TABLES, Column
@@ -22,6 +21,7 @@ from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
 from branchdrive.contract.resources import load_resource
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, OBSERVATION_STRIDE_TICKS
+from branchdrive.testing.conforming import conforming, matching
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
