@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pyarrow as pa
-from tests.driving import Array, route_columns
 from tests.synthetic import BRANCH_TICK, EGO_BOX_M, to_table
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.testing.drive import Array, route_columns
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
 TARGETS = tuple(f"target_point_{number}_{axis}_m" for number in (1, 2) for axis in ("x", "y"))
