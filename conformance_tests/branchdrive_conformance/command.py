@@ -31,6 +31,14 @@ SUMMARY = "hold a validator against the conformance cases"
 _SHOWN = 20
 """Departures that the text lists."""
 
+_MEANING = {
+    (True, False): "conforms",
+    (True, True): "conforms in all cases that it could be given",
+    (False, False): "does not conform",
+    (False, True): "does not conform",
+}
+"""What it means whether all cases are right, and whether some were left out."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -125,12 +133,12 @@ def _judge(folder: Path, cases: Sequence[Case], args: argparse.Namespace, stdout
         stdout.write(text)
     else:
         replace_file(args.output, text.encode())
-    return 0 if result.is_conformant else 1
+    return 0 if result.is_right else 1
 
 
 def _document(result: Result, cases: Sequence[Case]) -> dict[str, object]:
     return {
-        "conformant": result.is_conformant,
+        "right": result.is_right,
         "claimed": sorted(result.claimed),
         "num_cases": len(cases),
         "num_right": result.num_right,
@@ -160,13 +168,12 @@ def _print(console: Console, result: Result, cases: Sequence[Case]) -> None:
     if result.left_out:
         named = ", ".join(result.left_out[:5])
         console.print(
-            f"{counted(len(result.left_out), 'case')} left out, because the command takes no {{options}}: {named}"
+            f"{counted(len(result.left_out), 'case')} left out, because the command takes neither {{options}} nor {{cases}}: {named}"
         )
-    is_good = result.is_conformant
     console.print(
         f"{result.num_right} of {counted(len(cases), 'case')} right, {counted(len(result.claimed), 'rule')} claimed of"
-        f" {len(CATALOGUE)}: {'conforms' if is_good else 'does not conform'}",
-        style="green" if is_good else "red",
+        f" {len(CATALOGUE)}: {_MEANING[result.is_right, bool(result.left_out)]}",
+        style="green" if result.is_right else "red",
         markup=False,
     )
 

@@ -4,7 +4,8 @@ A command is a line of words, split as a shell would but never given to one. Pla
 
     {dataset}   the folder of a dataset
     {options}   nothing, or what the case asks for, as words: --raw FOLDER, --waivers FILE, --no-hash
-    {cases}     several folders as `materialize` writes them, instead of the two above: one report on a line each
+    {datasets}  the folders of many datasets, instead of one: a report on a line for each
+    {cases}     many folders as `materialize` writes them, which say what a case asks for: a report on a line for each
 
 It prints reports of the form of `report.schema.json` on standard output; its exit code is not looked at, because it
 belongs to a command line and not to the specification.
@@ -32,6 +33,7 @@ from branchdrive_conformance.score import Answer, Departure, score
 
 __all__ = ["Command", "Result", "run_cases"]
 
+_BATCHES = ("{cases}", "{datasets}")
 _BATCH_CASES = 50
 _MAX_MESSAGE = 300
 
@@ -59,24 +61,25 @@ class Command:
             words = tuple(shlex.split(line))
         except ValueError as error:
             raise UsageError(f"--command: {error}") from error
-        if not words or not any(name in word for word in words for name in ("{dataset}", "{cases}")):
-            raise UsageError("--command: say with {dataset} or {cases} where the folders go")
+        if not any("{dataset}" in word for word in words) and not {*words} & {*_BATCHES}:
+            raise UsageError("--command: say with {dataset}, {datasets} or {cases} where the folders go")
         return cls(words, limit_s)
 
     @property
     def is_batched(self) -> bool:
         """Whether it takes several cases at once."""
-        return "{cases}" in self.words
+        return bool({*self.words} & {*_BATCHES})
 
     @property
     def takes_options(self) -> bool:
         """Whether cases with options can be given to it."""
-        return self.is_batched or "{options}" in self.words
+        return bool({"{cases}", "{options}"} & {*self.words})
 
     def start(self, folders: Sequence[Path]) -> list[str]:
         """The words for cases in `folders`; one, unless it is batched."""
         if self.is_batched:
-            return [part for word in self.words for part in (map(str, folders) if word == "{cases}" else [word])]
+            places = {"{cases}": folders, "{datasets}": [folder / DATASET_DIR for folder in folders]}
+            return [str(part) for word in self.words for part in places.get(word, [word])]
         (folder,) = folders
         parts: list[str] = []
         for word in self.words:
@@ -111,9 +114,9 @@ class Result:
         return sum(not found for found in self.departures.values())
 
     @property
-    def is_conformant(self) -> bool:
-        """Whether every case was run and is right."""
-        return bool(self.departures) and not self.left_out and self.num_right == len(self.departures)
+    def is_right(self) -> bool:
+        """Whether every case that was run is right."""
+        return bool(self.departures) and self.num_right == len(self.departures)
 
 
 def run_cases(
