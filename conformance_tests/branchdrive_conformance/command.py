@@ -166,10 +166,9 @@ def _print(console: Console, result: Result, cases: Sequence[Case]) -> None:
     if len(departures) > _SHOWN:
         console.print(f"... and {len(departures) - _SHOWN} more (--format json lists all)", markup=False)
     if result.left_out:
+        reason = "because the command takes neither {options} nor {cases}"
         named = ", ".join(result.left_out[:5])
-        console.print(
-            f"{counted(len(result.left_out), 'case')} left out, because the command takes neither {{options}} nor {{cases}}: {named}"
-        )
+        console.print(f"{counted(len(result.left_out), 'case')} left out, {reason}: {named}", markup=False)
     console.print(
         f"{result.num_right} of {counted(len(cases), 'case')} right, {counted(len(result.claimed), 'rule')} claimed of"
         f" {len(CATALOGUE)}: {_MEANING[result.is_right, bool(result.left_out)]}",
