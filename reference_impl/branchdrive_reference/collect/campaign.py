@@ -13,6 +13,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from branchdrive.collector.pool import execute_groups, num_workers
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import (
     Collection,
@@ -26,12 +27,11 @@ from branchdrive.contract.descriptor import (
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
+from branchdrive.interrupt import deferred_interrupt
 from branchdrive.writer.writer import DatasetWriter
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
-from branchdrive_reference.collect.group import GroupReport
-from branchdrive_reference.collect.interrupt import deferred_interrupt
+from branchdrive_reference.collect.group import GroupReport, collect_group
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
-from branchdrive_reference.collect.pool import execute_groups, num_workers
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.town import TOWN_NAMES, town
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
@@ -134,7 +134,7 @@ def collect(
         reports: list[GroupReport] = []
         num_ticks = 0
         watch(num_found, num_ticks)
-        with closing(execute_groups(root, descriptor, missing, jobs=jobs)) as finished:
+        with closing(execute_groups(root, descriptor, missing, collect_group, jobs=jobs)) as finished:
             for report in finished:
                 reports.append(report)
                 num_ticks += report.num_ticks

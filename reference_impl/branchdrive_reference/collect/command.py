@@ -16,8 +16,8 @@ from branchdrive.cli.main import EXIT_INTERRUPTED
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
+from branchdrive.interrupt import deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.fault import Fault, parse_faults
-from branchdrive_reference.collect.interrupt import deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
 
 if TYPE_CHECKING:
