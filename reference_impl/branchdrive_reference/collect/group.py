@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from branchdrive.collector.report import GroupReport
 from branchdrive.collector.trigger import branch_columns
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.engine.rollout import check_rollout
@@ -21,28 +22,7 @@ from branchdrive_reference.collect.script import Attempt, group_script
 from branchdrive_reference.simulation.rollout import Run, find_branch
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 
-__all__ = ["GroupReport", "collect_group"]
-
-
-@dataclass
-class GroupReport:
-    """What collecting one group took and gave.
-
-    Attributes:
-        group_id: Identity of the group.
-        num_simulated: Rollouts that were executed.
-        num_reused: Rollouts found finished.
-        num_ticks: Ticks that were executed.
-        unbranched_because: Why no replay was spent on the group; empty if it was branched.
-        stopped_because: Why injected faults ended the group early; empty if they did not.
-    """
-
-    group_id: str
-    num_simulated: int = 0
-    num_reused: int = 0
-    num_ticks: int = 0
-    unbranched_because: str = ""
-    stopped_because: str = ""
+__all__ = ["collect_group"]
 
 
 @dataclass
