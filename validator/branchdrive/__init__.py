@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from branchdrive.collector.program import collector_main
     from branchdrive.collector.report import CollectionReport, GroupReport
     from branchdrive.collector.route import route_columns, to_ego_frame
+    from branchdrive.collector.town import lane_element
     from branchdrive.collector.trigger import Signal, Trigger, brake_trigger
     from branchdrive.collector.world import Actor, Decision, Observation, Scene, World, WorldError
     from branchdrive.contract.bank import ActionBank, load_action_bank
@@ -107,6 +108,7 @@ __all__ = [
     "encoding_digest",
     "full_extents",
     "isolated",
+    "lane_element",
     "load_action_bank",
     "load_waivers",
     "open_dataset",
@@ -175,6 +177,7 @@ _HOME = {
     "encoding_digest": "contract.encoding",
     "full_extents": "collector.frame",
     "isolated": "engine.worker",
+    "lane_element": "collector.town",
     "load_action_bank": "contract.bank",
     "load_waivers": "engine.waiver",
     "open_dataset": "raw.reader",

@@ -14,6 +14,7 @@ from typing import Any
 from branchdrive.collector.campaign import check_begun, run_campaign
 from branchdrive.collector.group import GroupPlan, WorldCollector
 from branchdrive.collector.report import CollectionReport
+from branchdrive.collector.town import Element
 from branchdrive.collector.world import World
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import Collection, DeclaredEncoding, Descriptor, Software
@@ -81,7 +82,7 @@ def collect_dataset(
     *,
     num_groups: int,
     jobs: int = 1,
-    maps: Mapping[str, Sequence[Mapping[str, object]]] | None = None,
+    maps: Mapping[str, Sequence[Element]] | None = None,
     groups_per_shard: int = 32,
     watch: Callable[[int, int], None] = _ignore,
     **options: Any,
@@ -96,7 +97,8 @@ def collect_dataset(
         worlds: What makes the world of each scenario type; they take turns.
         num_groups: Groups of the dataset. A seed without a branch leaves a group of one nominal rollout.
         jobs: Worker processes; 1 works in this process.
-        maps: Elements of each town, where the descriptor claims the stream ``map``; see `DatasetWriter`.
+        maps: Elements of each town, where the descriptor claims the stream ``map``. What a world leaves open of lane,
+            road and speed limit follows from them.
         groups_per_shard: Groups of one shard.
         watch: Called with the number of finished groups and of ticks executed by this run.
         **options: As `WorldCollector` has them: ``trigger``, ``max_ticks``, ``num_replays``, ``max_attempts``,
@@ -109,7 +111,7 @@ def collect_dataset(
     """
     if not worlds or num_groups < 1:
         raise UsageError(f"a dataset takes a world and a group; found {len(worlds)} worlds and {num_groups} groups")
-    collector = WorldCollector(worlds, **options)
+    collector = WorldCollector(worlds, maps or {}, **options)
     plans = plan_groups(descriptor.collection.seed, num_groups, tuple(worlds))
     with DatasetWriter(root, descriptor, groups_per_shard=groups_per_shard, maps=maps) as writer:
         check_begun(writer, num_groups)

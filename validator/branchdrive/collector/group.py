@@ -6,12 +6,13 @@ with its branch and its commands. A seed whose nominal rollout has no branch lea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from branchdrive.collector.drive import Drive, drive
 from branchdrive.collector.record import record
 from branchdrive.collector.report import GroupReport
+from branchdrive.collector.town import Element
 from branchdrive.collector.trigger import Trigger, brake_trigger, branch_columns
 from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
@@ -51,6 +52,7 @@ class WorldCollector:
 
     Attributes:
         makers: What makes the world of each scenario type: a class, or a function of a module.
+        maps: Elements of the map of each town; what a world leaves open of lane, road and speed limit follows from it.
         trigger: What places the branch in a nominal rollout.
         max_ticks: Ticks after which a route is given up.
         num_replays: Nominal replays of a group.
@@ -59,6 +61,7 @@ class WorldCollector:
     """
 
     makers: Mapping[str, Callable[[], World]]
+    maps: Mapping[str, Sequence[Element]] = field(default_factory=dict)
     trigger: Trigger = field(default_factory=lambda: brake_trigger("expert-brake 1"))
     max_ticks: int = 1200
     num_replays: int = 2
@@ -105,8 +108,8 @@ def collect_group(
         world: Makes the world.
         scenario_type: Its scenario type.
         seed: What it is reset with.
-        **options: As `WorldCollector` has them: ``trigger``, ``max_ticks``, ``num_replays``, ``max_attempts``,
-            ``protocol_variant``.
+        **options: As `WorldCollector` has them: ``maps``, ``trigger``, ``max_ticks``, ``num_replays``,
+            ``max_attempts``, ``protocol_variant``.
 
     Raises:
         ContractError: A rollout breaks the format; it is not written.
@@ -184,7 +187,8 @@ class _Group:
 
     def _write(self, role: str, run: Drive, nominal: Rollout | None) -> Rollout:
         has_evidence = "evidence" in self.descriptor.tables
-        recorded = record(run, has_evidence=has_evidence)
+        town = self.collector.maps.get(run.scene.town)
+        recorded = record(run, has_evidence=has_evidence, town=town)
         variant = self.collector.protocol_variant
         writer = self.writer.begin_rollout(role=role, action_key=run.policy.key, protocol_variant=variant)
         writer.append_ticks(**recorded.controls)

@@ -9,7 +9,7 @@ Source: spec/05-raw-streams.md.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from branchdrive.collector.drive import Drive
 from branchdrive.collector.route import route_columns
+from branchdrive.collector.town import Element, under
 from branchdrive.collector.world import Actor, Observation
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.policy import ACTUATORS
@@ -64,17 +65,20 @@ class Record:
     fields: Columns
 
 
-def record(run: Drive, *, has_evidence: bool = True) -> Record:
+def record(run: Drive, *, has_evidence: bool = True, town: Sequence[Element] | None = None) -> Record:
     """The recorded columns of a rollout.
 
     Args:
         run: The rollout.
         has_evidence: Whether actors and evidence are claimed.
+        town: Elements of the map, which say of the ego's lane, road and speed limit what the world leaves open.
 
     Raises:
         UsageError: The world has a contact with an actor that it does not list, or does not say whether the ego is on
             the road where evidence is claimed.
     """
+    if town is not None:
+        run = replace(run, observations=_placed(run, town))
     observations, contacts = _observations(run), _contacts(run)
     actors = _actors(run.actors, observations["tick"]) if has_evidence else {}
     evidence = _evidence(run, observations, actors, contacts) if has_evidence else {}
@@ -86,6 +90,21 @@ def _column(table: str, name: str, values: Sequence[Any]) -> Any:
     if any(value is None for value in values):
         return list(values)
     return np.array(values, _DTYPES[TABLES[table][name].type])
+
+
+def _placed(run: Drive, town: Sequence[Element]) -> list[Observation]:
+    """The observations, the saved ones with what the map says of their places."""
+    saved, placed = _saved(run), list(run.observations)
+    ground = under(town, *(np.array([getattr(ego, name) for ego in saved], np.float64) for name in ("x_m", "y_m")))
+    for index, ego in enumerate(saved):
+        lane_id, on_road, limit = ground.lane_id[index], bool(ground.on_road[index]), ground.speed_limit_mps[index]
+        placed[index * OBSERVATION_STRIDE_TICKS] = replace(
+            ego,
+            lane_id=lane_id if ego.lane_id is None else ego.lane_id,
+            on_road=on_road if ego.on_road is None else ego.on_road,
+            speed_limit_mps=limit if ego.speed_limit_mps is None else ego.speed_limit_mps,
+        )
+    return placed
 
 
 def _saved(run: Drive) -> list[Observation]:
