@@ -20,7 +20,17 @@ if TYPE_CHECKING:
     from branchdrive.collector.trigger import Signal, Trigger, brake_trigger
     from branchdrive.collector.world import Actor, Decision, Observation, Scene, World, WorldError
     from branchdrive.contract.bank import ActionBank, load_action_bank
-    from branchdrive.contract.descriptor import Camera, Collection, DeclaredEncoding, Descriptor, Software, Tolerances
+    from branchdrive.contract.descriptor import (
+        Camera,
+        Collection,
+        DeclaredEncoding,
+        Descriptor,
+        Driver,
+        ReplayNoise,
+        Software,
+        Tolerances,
+        Vehicle,
+    )
     from branchdrive.contract.encoding import encode_bank, encode_policy, encoding_digest
     from branchdrive.contract.policy import ActuatorRule, Command, Policy
     from branchdrive.driving.feature import InputContract
@@ -68,6 +78,7 @@ __all__ = [
     "DeclaredEncoding",
     "DecodeError",
     "Descriptor",
+    "Driver",
     "Executor",
     "Finding",
     "Frame",
@@ -82,6 +93,7 @@ __all__ = [
     "PlatformError",
     "Policy",
     "PrivilegedInputs",
+    "ReplayNoise",
     "Report",
     "Rollout",
     "RolloutWriter",
@@ -93,6 +105,7 @@ __all__ = [
     "ToolError",
     "Trigger",
     "UsageError",
+    "Vehicle",
     "Waiver",
     "World",
     "WorldError",
@@ -137,6 +150,7 @@ _HOME = {
     "DeclaredEncoding": "contract.descriptor",
     "DecodeError": "errors",
     "Descriptor": "contract.descriptor",
+    "Driver": "contract.descriptor",
     "Executor": "engine.worker",
     "Finding": "engine.finding",
     "Frame": "collector.frame",
@@ -151,6 +165,7 @@ _HOME = {
     "PlatformError": "errors",
     "Policy": "contract.policy",
     "PrivilegedInputs": "model.contract",
+    "ReplayNoise": "contract.descriptor",
     "Report": "engine.report",
     "Rollout": "raw.rollout",
     "RolloutWriter": "writer.rollout_writer",
@@ -162,6 +177,7 @@ _HOME = {
     "ToolError": "errors",
     "Trigger": "collector.trigger",
     "UsageError": "errors",
+    "Vehicle": "contract.descriptor",
     "Waiver": "engine.waiver",
     "World": "collector.world",
     "WorldError": "collector.world",

@@ -36,10 +36,11 @@ _BUILT_IN = {
     "build": "branchdrive.cli.build",
     "rules": "branchdrive.cli.rules",
     "diff": "branchdrive.cli.diff",
+    "init": "branchdrive.cli.init",
 }
 
 _WORKFLOW = (
-    "collect", "study", "draw", "validate", "diff", "rules", "build", "benchmark", "train", "lock", "predict",
+    "init", "collect", "study", "draw", "validate", "diff", "rules", "build", "benchmark", "train", "lock", "predict",
     "evaluate", "export",
 )  # fmt: skip
 """Order in which the help lists commands; those that it does not name follow by name."""
