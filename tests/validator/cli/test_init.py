@@ -31,9 +31,9 @@ def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path) -> 
         f"created   {folder}: 7 files, of which my_world/collector.py is the one to change",
         f"next      cd {folder} && pip install -e . pytest && pytest",
     ]
-    collected = python(folder, "my_world.collector", "build/dataset", "--groups", "2", "--jobs", "2")
+    collected = python(folder, "my_world.collector", "build/dataset")
     assert collected.returncode == 0, collected.stderr
-    validated = python(folder, "branchdrive.cli", "validate", "build/dataset", "--require-groups", "2", "--strict")
+    validated = python(folder, "branchdrive.cli", "validate", "build/dataset", "--require-groups", "1", "--strict")
     assert validated.returncode == 0, validated.stdout
     assert "my-world 0.1.0" in validated.stdout
     tested = python(folder, "pytest", "-q", "-p", "no:cacheprovider")
