@@ -59,6 +59,11 @@ def centre_line(lane: Any) -> Any:
     return np.array(FRAME.vector(*np.array([lane.position(s, 0) for s in along_m]).T))
 
 
+def grown(thing: Any) -> Any:
+    """Its outline with 5 cm more at the ends: whoever collides is moved apart until rounding decides on a contact."""
+    return thing.position + 1.02 * (thing.polygon() - thing.position)
+
+
 class HighwayWorld:
     """One scene, with an ego that is driven by steering, throttle and brake."""
 
@@ -98,8 +103,8 @@ class HighwayWorld:
 
     def observe(self) -> bd.Observation:
         """The ego; lane and limit follow from the map, rates from the poses."""
-        near = [(i, other.polygon()) for i, other in self.others()] if self.ego.crashed else []
-        hit = [i for i, box in near if are_polygons_intersecting(self.ego.polygon(), box, np.zeros(2), np.zeros(2))[0]]
+        near = [(i, grown(other)) for i, other in self.others()] if self.ego.crashed else []
+        hit = [i for i, box in near if are_polygons_intersecting(grown(self.ego), box, np.zeros(2), np.zeros(2))[0]]
         return bd.Observation(**self.pose(self.ego), speed_mps=self.ego.speed, contacts=hit)
 
     def actors(self) -> list[bd.Actor]:

@@ -37,11 +37,12 @@ _BUILT_IN = {
     "rules": "branchdrive.cli.rules",
     "diff": "branchdrive.cli.diff",
     "init": "branchdrive.cli.init",
+    "staging": "branchdrive.cli.staging",
 }
 
 _WORKFLOW = (
-    "init", "collect", "study", "draw", "validate", "diff", "rules", "build", "benchmark", "train", "lock", "predict",
-    "evaluate", "export",
+    "init", "collect", "staging", "study", "draw", "validate", "diff", "rules", "build", "benchmark", "train", "lock",
+    "predict", "evaluate", "export",
 )  # fmt: skip
 """Order in which the help lists commands; those that it does not name follow by name."""
 

@@ -6,6 +6,8 @@ import argparse
 import json
 import os
 from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -34,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
     )
+    parser.add_argument(
+        "--staging",
+        action="store_true",
+        help="look into a collection that runs or was cut off: validate what it has finished so far",
+    )
     parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
     parser.add_argument("--output", metavar="FILE", type=Path, help="write the report there instead of to the terminal")
     parser.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
@@ -54,13 +61,16 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.engine.waiver import load_waivers
     from branchdrive.engine.worker import isolated
     from branchdrive.formats.durable import replace_file
+    from branchdrive.writer.staging import snapshot
 
     for root in (args.dataset, args.raw):
         check_output(args.output, outside=root)
     waivers = load_waivers(args.waivers) if args.waivers else ()
-    with progress_bar(stderr, "validating shards") as progress:
+    with ExitStack() as stack:
+        root = stack.enter_context(snapshot(args.dataset)) if args.staging else args.dataset
+        progress = stack.enter_context(progress_bar(stderr, "validating shards"))
         report = validate(
-            args.dataset,
+            root,
             raw=args.raw,
             select=args.select,
             ignore=args.ignore,
@@ -73,6 +83,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             executor=isolated(args.jobs),
             progress=progress,
         )
+    if args.staging:
+        report = replace(report, dataset=replace(report.dataset, path=f"{args.dataset} (staging)"))
     if args.format == "json":
         text = json.dumps(report.to_json(), indent=2, sort_keys=True, allow_nan=False) + "\n"
     else:
