@@ -27,6 +27,9 @@ Index = NDArray[np.int64]
 MIN_COMMAND = 0.04
 """Mean difference of commands below which nothing is expected: the smallest steering of the bank `bd13` is 0.05."""
 
+MIN_BRAKING = 0.2
+"""Mean difference of throttle minus brake that slows any vehicle; more throttle may find one at its top speed."""
+
 MIN_EFFECT_M = 0.1
 MIN_EFFECT_MPS = 0.1
 """Effects below these have no sign; replays of one rollout differ by about as much where a simulator has noise."""
@@ -43,6 +46,7 @@ class Responses:
     """Interventions against their nominal rollouts, each field ``[interventions]``.
 
     Attributes:
+        group: The group, as 63 bits of a digest of its id.
         policy: Index into the bank.
         steer: Mean applied steering minus the nominal's, positive to the right.
         drive: Mean applied throttle minus brake, minus the nominal's.
@@ -51,8 +55,10 @@ class Responses:
         first: The first observation that differs from the nominal's: 0 is that of ``t_b``, ``j`` that of ``t_b + 5 j``;
             `BEFORE_BRANCH`, or `NO_RESPONSE`.
         moves: Whether the nominal vehicle moves between ``t_b`` and ``t_b + 50``.
+        future: Its poses and speeds from ``t_b`` to ``t_b + 50``, as 63 bits of their digest.
     """
 
+    group: Index
     policy: Index
     steer: Array
     drive: Array
@@ -60,12 +66,31 @@ class Responses:
     speed_mps: Array
     first: Index
     moves: NDArray[np.bool_]
+    future: Index
 
     @classmethod
     def none(cls) -> Responses:
         """No intervention."""
         index, value = np.zeros(0, np.int64), np.zeros(0)
-        return cls(index, value, value, value, value, index, np.zeros(0, bool))
+        return cls(index, index, value, value, value, value, index, np.zeros(0, bool), index)
+
+    def others(self, first: int, second: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Where the commands of two policies differ, and where they have one future that is not the nominal's.
+
+        Args:
+            first: Index of a policy.
+            second: Index of another one.
+
+        Returns:
+            Whether commands differ and the nominal moves, and whether the future is one, in each group with both.
+        """
+        a, b = (np.flatnonzero(self.policy == policy) for policy in (first, second))
+        _, in_a, in_b = np.intersect1d(self.group[a], self.group[b], return_indices=True)
+        a, b = a[in_a], b[in_b]
+        away = np.maximum(np.abs(self.steer[a] - self.steer[b]), np.abs(self.drive[a] - self.drive[b]))
+        return self.moves[a] & (away >= MIN_COMMAND), (self.first[a] != NO_RESPONSE) & (
+            self.future[a] == self.future[b]
+        )
 
     @classmethod
     def of_all(cls, parts: Iterable[Responses]) -> Responses:
@@ -77,6 +102,12 @@ class Responses:
     def is_commanded(self) -> NDArray[np.bool_]:
         """Interventions whose commands differ from the nominal's, of a vehicle that moves."""
         return self.moves & (np.maximum(np.abs(self.steer), np.abs(self.drive)) >= MIN_COMMAND)
+
+    @property
+    def is_ignored(self) -> NDArray[np.bool_]:
+        """Interventions that steer or brake, of a vehicle that moves, and have the future of their nominal."""
+        acts = (np.abs(self.steer) >= MIN_COMMAND) | (self.drive <= -MIN_BRAKING)
+        return self.moves & acts & (self.first == NO_RESPONSE)
 
     @property
     def steering(self) -> Array:

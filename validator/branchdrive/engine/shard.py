@@ -37,6 +37,7 @@ from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
+from branchdrive.raw.calibration import calibration
 from branchdrive.raw.content import attempt_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media import media_mismatches
@@ -205,7 +206,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         if tally.info.scope == "rollout"
     }
     result.responses, result.tracks = responses(view, examination.selection, examination.broken), tracks(view)
-    result.extremes = observed_extremes(view)
+    result.calibration, result.extremes = calibration(view, examination.broken), observed_extremes(view)
     result.maps = map_digests(view)
     if task.spool is None:
         return

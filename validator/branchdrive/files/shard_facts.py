@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.driving.response import Responses
 
@@ -33,6 +36,7 @@ class ShardFacts:
             have no place in them.
         responses: What its interventions do, where its rows could be judged.
         tracks: What the ego did in the attempts of each group, as digests.
+        calibration: Sign, unit and clock of recorded motion: values of every quantity in its attempts.
         extremes: Smallest and largest value of every column of numbers of the observations.
         maps: Digest of the map of each town, where its rows could be judged.
         num_images: Images that were looked at.
@@ -56,6 +60,7 @@ class ShardFacts:
     attempts: dict[str, str] | None = None
     responses: Responses = field(default_factory=Responses.none)
     tracks: dict[str, frozenset[int]] = field(default_factory=dict)
+    calibration: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
     maps: dict[str, str] = field(default_factory=dict)
     num_images: int = 0

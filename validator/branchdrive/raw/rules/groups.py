@@ -14,6 +14,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.raw.response import group_digests, responses
 from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
@@ -125,6 +126,24 @@ same_branch = rule("BD-GRP-004")(_shared(_BRANCH))
 same_scenario = rule("BD-GRP-005")(_shared(_SCENARIO))
 same_variant = rule("BD-GRP-007")(_shared(("protocol_variant",)))
 same_versions = rule("BD-GRP-008")(_shared(("simulator_version", "collector_version")))
+
+
+@rule("BD-GRP-009")
+def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """No candidate that steers or brakes otherwise than a moving nominal has its future, bit for bit."""
+    every = responses(view, selection, np.zeros(view.num_rollouts, bool))
+    keys, groups = np.array(view.descriptor.action_bank.keys), view.cached(group_digests)
+    ignored = np.stack(
+        [np.isin(groups, every.group[every.is_ignored & (every.policy == policy)]) for policy in range(len(keys))],
+        axis=1,
+    )
+
+    def describe(g: int) -> Mismatch:
+        names = ", ".join(keys[ignored[g]])
+        found = f"the nominal's, bit for bit, under {names}"
+        return Mismatch({"table": "observations"}, "another future than the nominal's", found, int(ignored[g].sum()))
+
+    yield Check.of_subjects(subjects, subjects & ignored.any(axis=1), describe)
 
 
 @rule("BD-GRP-006")
