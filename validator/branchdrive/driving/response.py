@@ -88,9 +88,8 @@ class Responses:
         _, in_a, in_b = np.intersect1d(self.group[a], self.group[b], return_indices=True)
         a, b = a[in_a], b[in_b]
         away = np.maximum(np.abs(self.steer[a] - self.steer[b]), np.abs(self.drive[a] - self.drive[b]))
-        return self.moves[a] & (away >= MIN_COMMAND), (self.first[a] != NO_RESPONSE) & (
-            self.future[a] == self.future[b]
-        )
+        is_one = (self.first[a] != NO_RESPONSE) & (self.future[a] == self.future[b])
+        return self.moves[a] & (away >= MIN_COMMAND), is_one
 
     @classmethod
     def of_all(cls, parts: Iterable[Responses]) -> Responses:
@@ -107,7 +106,8 @@ class Responses:
     def is_ignored(self) -> NDArray[np.bool_]:
         """Interventions that steer or brake, of a vehicle that moves, and have the future of their nominal."""
         acts = (np.abs(self.steer) >= MIN_COMMAND) | (self.drive <= -MIN_BRAKING)
-        return self.moves & acts & (self.first == NO_RESPONSE)
+        is_ignored: NDArray[np.bool_] = self.moves & acts & (self.first == NO_RESPONSE)
+        return is_ignored
 
     @property
     def steering(self) -> Array:

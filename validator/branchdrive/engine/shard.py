@@ -128,6 +128,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
     frames = tables.get("frames")
     if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
         result.num_images = frames.num_rows
+        result.media_files = frozenset(frames["file"].unique().to_pylist())
         result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames, task.links))
     _judge(task, tables, result)
     return result
@@ -208,6 +209,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     result.responses, result.tracks = responses(view, examination.selection, examination.broken), tracks(view)
     result.calibration, result.extremes = calibration(view, examination.broken), observed_extremes(view)
     result.maps = map_digests(view)
+    result.scenario_types = frozenset(view.rollouts.categories("scenario_type")[1])
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]

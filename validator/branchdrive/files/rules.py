@@ -193,6 +193,10 @@ def _has_place(entry: Entry) -> bool:
             return False
 
 
+def _is_named(name: str, media_files: frozenset[str] | None) -> bool:
+    return media_files is None or name in media_files
+
+
 @rule("BD-LAY-009")
 def files_have_a_place(survey: Survey) -> Iterator[Check]:
     """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media."""
@@ -207,7 +211,8 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
         ]
         has_media = "frames" in survey.descriptor.tables
         claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
-        for files in survey.shard_folders.values():
+        media = {shard.folder: shard.media_files for shard in survey.shards}
+        for folder, files in survey.shard_folders.items():
             for entry in files:
                 name = entry.path.rsplit("/", 1)[1]
                 if name in TABLE_FILES and name not in claimed:
@@ -217,6 +222,10 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                 elif name not in TABLE_FILES and not has_media and _has_place(entry):
                     found.append(
                         Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
+                    )
+                elif name not in TABLE_FILES and _has_place(entry) and not _is_named(name, media.get(folder)):
+                    found.append(
+                        Mismatch({"file": entry.path}, "media that `frames.file` names", "a file that no row names")
                     )
     yield Check.of(len(plain), tuple(found))
 
@@ -252,6 +261,16 @@ def descriptor_agrees_with_itself(survey: Survey) -> Iterator[Check]:
     """What no schema can say: unique keys, one nominal policy, cameras of the claimed streams."""
     judged = survey.descriptor is not None or bool(survey.conflicts)
     yield Check.of(int(judged), (found.within(_DESCRIPTOR) for found in survey.conflicts))
+
+
+@rule("BD-DOC-006")
+def scenario_types_are_those_of_the_plan(survey: Survey) -> Iterator[Check]:
+    """Attempts are of the scenario types that the descriptor names, where it names any."""
+    planned = survey.descriptor.collection.scenario_types if survey.descriptor is not None else ()
+    others = sorted(set().union(*(shard.scenario_types for shard in survey.shards)) - {*planned, ""})
+    place = {**_DESCRIPTOR, "pointer": "/collection/scenario_types"}
+    found = [Mismatch(place, "every scenario type of the attempts, or none", f"none of {', '.join(map(quote, others))}")]
+    yield Check.of(len(survey.shards) if planned else 0, found if planned and others else ())
 
 
 def _texts(value: object, pointer: str = "") -> Iterator[tuple[str, str]]:

@@ -123,8 +123,10 @@ def _of_attempts(owner: Index, counts: Mask, above: Array, below: Array) -> tupl
     """Ratio of two sums over the steps that count, and the sums, of the attempts with enough of them."""
     counts = counts & np.isfinite(above) & np.isfinite(below)
     steps = np.bincount(owner[counts])
-    sums = [np.bincount(owner[counts], values[counts])[steps >= MIN_STEPS] for values in (above, below)]
-    return sums[0] / sums[1], sums[0], sums[1]
+    upper, lower = (
+        np.bincount(owner[counts], values[counts])[steps >= MIN_STEPS].astype(np.float64) for values in (above, below)
+    )
+    return upper / lower, upper, lower
 
 
 def _actor_heading(view: ShardView, is_judged: Mask) -> Array:

@@ -12,9 +12,22 @@ import numpy as np
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
-from branchdrive.raw.motion import COLLISION_COUNTS
+from branchdrive.raw.motion import COLLISION_COUNTS, follows
 from branchdrive.raw.route_state import last_progress_m
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import RowSummary
+
+
+def _lasting_overlaps(view: ShardView) -> RowSummary:
+    """Observations at which the ego's box, and before them, overlaps that of a vehicle, cycle or pedestrian."""
+    evidence = view.stream("evidence")
+    overlaps = np.zeros(len(evidence), bool)
+    for kind in ("vehicle", "pedestrian"):
+        overlaps |= evidence[f"nearest_{kind}_available"].astype(bool) & (evidence[f"nearest_{kind}_gap_m"] == 0)
+    lasting, joined = overlaps.copy(), follows(evidence)
+    for _ in range(int(physical_bounds().contact_observations) - 1):
+        lasting = overlaps & joined & np.append(False, lasting[:-1])
+    return evidence.by_rollout(lasting)
 
 
 @rule("BD-RES-001")
@@ -28,17 +41,23 @@ def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[
     )
     touched = evidence.by_rollout(evidence["collision"].astype(bool))
     is_covered = evidence.by_rollout(np.ones(len(evidence), bool)).count >= observations.stop - observations.start
+    overlaps = _lasting_overlaps(view)
+    unseen = known & (count == 0) & is_covered & ~touched.any & overlaps.any
     uncounted = known & (count == 0) & touched.any
     untouched = counted_somewhere & is_covered & ~touched.any
 
     def describe(i: int) -> Mismatch:
+        if unseen[i]:
+            tick = int(evidence.tick[overlaps.first_row[i]])
+            expected = "a contact, as boxes of the ego and another road user overlap for half a second"
+            return Mismatch({"table": "evidence", "column": "collision", "tick": tick}, expected, "false throughout")
         place = {"table": "rollouts", "column": COLLISION_COUNTS[0]}
         if uncounted[i]:
             tick = int(evidence.tick[touched.first_row[i]])
             return Mismatch({**place}, f"a collision, as `collision` is true at tick {tick}", "0 of every kind")
         return Mismatch({**place}, "0 collisions, as `collision` is never true", f"{count[i]}")
 
-    yield Check.of_subjects(subjects, subjects & (uncounted | untouched), describe)
+    yield Check.of_subjects(subjects, subjects & (unseen | uncounted | untouched), describe)
 
 
 @rule("BD-RES-002")

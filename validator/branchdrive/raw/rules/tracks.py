@@ -75,17 +75,15 @@ def _crowded_rows(view: ShardView) -> Index:
 
 @rule("BD-ACT-002")
 def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """No actor has the box of the ego, and no two actors of an observation have one box."""
-    stream, observations, rollouts = view.stream("actors"), view.observations, view.rollouts
+    """No actor has the place of the ego, and no two actors of an observation have one box."""
+    stream, observations = view.stream("actors"), view.observations
     rows = _crowded_rows(view)
     frame = observations.rows_of(stream)[rows]
     near = np.hypot(stream["x_m"][rows] - observations["x_m"][frame], stream["y_m"][rows] - observations["y_m"][frame])
-    same = near <= physical_bounds().same_centre_m
-    for column in ("length_m", "width_m"):
-        same &= stream[column][rows] == rollouts[f"ego_{column}"][observations.rollout[frame]]
+    away = dict(zip(rows.tolist(), near.tolist(), strict=True))
     ego = _of_actors(
-        view, subjects, rows[same], "x_m",
-        lambda _: ("another road user than the ego", "the box of the ego at its place"),
+        view, subjects, rows[near <= physical_bounds().same_centre_m], "x_m",
+        lambda row: ("another road user than the ego", f"a box whose centre is {away[row]:.2f} m from that of the ego"),
     )  # fmt: skip
 
     boxes = [frame, *(stream[column][rows] for column in _BOX)]

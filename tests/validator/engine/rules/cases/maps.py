@@ -239,3 +239,19 @@ def limit_of_one_of_two_lanes(d: Draft) -> None:
 def limit_of_a_lane_where_it_is_unknown(d: Draft) -> None:
     d.set("map", "speed_limit_mps", None, element_id="lane-0")
     d.set("observations", "speed_limit_mps", 25.0, **HERE)
+
+
+# BD-MAP-009
+
+
+@mutant("BD-MAP-009", base="map", at={"column": "traffic_light", "tick": 0}, findings=15)
+def light_without_a_signal(d: Draft) -> None:
+    d.drop("map", town=TOWN, element_id="far-signal")
+
+
+@boundary("BD-MAP-009", base="map")
+def town_without_signals_and_lights(d: Draft) -> None:
+    d.drop("map", town=TOWN, element_id="far-signal")
+    ids = d.take("rollouts", town=TOWN)["rollout_id"].to_pylist()
+    d.set("evidence", "traffic_light_available", False, rollout_id=ids)
+    d.set("evidence", "traffic_light", None, rollout_id=ids)

@@ -177,6 +177,14 @@ def ego_among_the_actors(d: Draft) -> None:
     _refresh(d)
 
 
+@mutant("BD-ACT-002", at=_actor("x_m", BRANCH_TICK - 75, 99))
+def ego_with_the_extents_of_a_data_sheet(d: Draft) -> None:
+    ego_among_the_actors(d)
+    d.set("actors", ("length_m", "width_m"), lambda v: v + 0.02, rollout_id=BRAKE, actor_id=99)
+    d.set("actors", "x_m", lambda v: v + 0.2, rollout_id=BRAKE, actor_id=99)
+    _refresh(d)
+
+
 @mutant("BD-ACT-002", at=_actor("actor_id", BRANCH_TICK - 75, 98))
 def actor_under_two_ids(d: Draft) -> None:
     d.duplicate("actors", {"actor_id": 98}, rollout_id=BRAKE, actor_id=1)
