@@ -244,7 +244,7 @@ def limit_of_a_lane_where_it_is_unknown(d: Draft) -> None:
 # BD-MAP-009
 
 
-@mutant("BD-MAP-009", base="map", at={"column": "traffic_light", "tick": 0}, findings=15)
+@mutant("BD-MAP-009", base="map", at={"column": "traffic_light", "tick": 0}, findings=16)
 def light_without_a_signal(d: Draft) -> None:
     d.drop("map", town=TOWN, element_id="far-signal")
 

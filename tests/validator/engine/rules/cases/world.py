@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK, EGO_BOX_M, to_table
-from tests.validator.engine.rules.case import BRAKE, SHARD_0, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, SHARD_0, STEER_LEFT, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
@@ -234,6 +234,19 @@ def contact_that_is_not_counted(d: Draft) -> None:
 @mutant("BD-RES-001", at=_result(COUNTS[0]))
 def collision_that_nothing_shows(d: Draft) -> None:
     d.set("rollouts", COUNTS[1], 1, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-001", at={"column": "collision", "rollout_id": STEER_LEFT, "tick": 165})
+def overlap_that_nobody_sees(d: Draft) -> None:
+    d.set("evidence", "collision", False, rollout_id=STEER_LEFT)
+    d.set("rollouts", COUNTS, 0, rollout_id=STEER_LEFT)
+
+
+@boundary("BD-RES-001")
+def overlap_of_two_observations(d: Draft) -> None:
+    """Boxes are larger than bodies."""
+    d.set("evidence", "collision", False, rollout_id="g0.steer_left_0.05.a1")
+    d.set("rollouts", COUNTS, 0, rollout_id="g0.steer_left_0.05.a1")
 
 
 @boundary("BD-RES-001")
