@@ -78,6 +78,19 @@ def _codes(view: ShardView, column: str) -> NDArray[np.int64]:
     return codes[column]
 
 
+def _unlike(view: ShardView, column: str, nominal: int, other: int) -> tuple[str, str]:
+    """Two values that differ, in words; of polylines, their first vertices that do, or their numbers."""
+    values, valid = view.rollouts[column], view.rollouts.valid(column)
+    if values.dtype != object or not (valid[nominal] and valid[other]) or isinstance(values[nominal], str):
+        wanted, found = (quote(values[i]) if valid[i] else "null" for i in (nominal, other))
+        return wanted, found
+    ours, theirs = values[nominal], values[other]
+    if len(ours) != len(theirs):
+        return f"{len(ours)} vertices", f"{len(theirs)} vertices"
+    vertex = int(np.argmax(ours != theirs))
+    return f"{quote(ours[vertex])} at vertex {vertex}", f"{quote(theirs[vertex])} at vertex {vertex}"
+
+
 def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Iterator[Check]]:
     def check(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
         subjects = subjects & (selection.nominal >= 0)
@@ -89,8 +102,7 @@ def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], It
         def describe(g: int) -> Mismatch:
             column_index, policy_index = np.argwhere(differs[:, g])[0]
             column, other = columns[column_index], chosen[g, policy_index]
-            values, valid = view.rollouts[column], view.rollouts.valid(column)
-            wanted, found = (quote(values[i]) if valid[i] else "null" for i in (selection.nominal[g], other))
+            wanted, found = _unlike(view, column, int(selection.nominal[g]), int(other))
             place: Location = {
                 "table": "rollouts",
                 "column": column,
@@ -156,8 +168,7 @@ def replays_share_their_context(view: ShardView, subjects: Mask) -> Iterator[Che
 
     def describe(i: int) -> Mismatch:
         column = columns[int(np.argmax(differs[:, i]))]
-        values, valid = view.rollouts[column], view.rollouts.valid(column)
-        wanted, found = (quote(values[k]) if valid[k] else "null" for k in (view.nominal[i], i))
+        wanted, found = _unlike(view, column, int(view.nominal[i]), i)
         return Mismatch({"table": "rollouts", "column": column}, f"{wanted} as in the nominal", found)
 
     yield Check.of_subjects(subjects, subjects & differs.any(axis=0), describe)
