@@ -269,9 +269,8 @@ def scenario_types_are_those_of_the_plan(survey: Survey) -> Iterator[Check]:
     planned = survey.descriptor.collection.scenario_types if survey.descriptor is not None else ()
     others = sorted(set().union(*(shard.scenario_types for shard in survey.shards)) - {*planned, ""})
     place = {**_DESCRIPTOR, "pointer": "/collection/scenario_types"}
-    found = [
-        Mismatch(place, "every scenario type of the attempts, or none", f"none of {', '.join(map(quote, others))}")
-    ]
+    text = f"none of {', '.join(map(quote, others[:4]))}, which attempts have"
+    found = [Mismatch(place, "every scenario type of the attempts, or none", text, len(others))]
     yield Check.of(len(survey.shards) if planned else 0, found if planned and others else ())
 
 

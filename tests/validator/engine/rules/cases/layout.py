@@ -369,9 +369,7 @@ def working_file_beside_media(d: Draft) -> None:
 def media_under_any_suffix(d: Draft) -> None:
     d.set("frames", "file", "views.of-g0.dat")
     for folder in (SHARD_0, SHARD_1):
-        d.before_seal(
-            lambda root, folder=folder: (root / folder / MEDIA_FILE).rename(root / folder / "views.of-g0.dat")
-        )
+        d.before_seal(lambda root, shard=folder: (root / shard / MEDIA_FILE).rename(root / shard / "views.of-g0.dat"))
 
 
 @mutant("BD-LAY-009", at={"file": "canonical"})
