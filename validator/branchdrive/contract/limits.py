@@ -60,6 +60,7 @@ class Bounds:
     acceleration_mps2: float
     same_centre_m: float
     contact_observations: float
+    contact_reach_m: float
     gap_observations: float
     gap_margin_m: float
     trigger_delay_ticks: float

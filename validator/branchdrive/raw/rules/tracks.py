@@ -64,7 +64,7 @@ def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check
 
 
 def _crowded_rows(view: ShardView) -> Index:
-    """Rows at observations where a track begins: of an actor that is there twice, or that is the ego."""
+    """Rows at observations where a track begins: of an actor that is there twice."""
     stream = view.stream("actors")
     row, previous, *_ = view.cached(tracks)
     frame = view.observations.rows_of(stream)[row]
@@ -77,7 +77,8 @@ def _crowded_rows(view: ShardView) -> Index:
 def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """No actor has the place of the ego, and no two actors of an observation have one box."""
     stream, observations = view.stream("actors"), view.observations
-    rows = _crowded_rows(view)
+    row, previous, *_ = view.cached(tracks)
+    rows = row[previous < 0]
     frame = observations.rows_of(stream)[rows]
     near = np.hypot(stream["x_m"][rows] - observations["x_m"][frame], stream["y_m"][rows] - observations["y_m"][frame])
     away = dict(zip(rows.tolist(), near.tolist(), strict=True))
@@ -86,6 +87,8 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
         lambda row: ("another road user than the ego", f"a box whose centre is {away[row]:.2f} m from that of the ego"),
     )  # fmt: skip
 
+    rows = _crowded_rows(view)
+    frame = observations.rows_of(stream)[rows]
     boxes = [frame, *(stream[column][rows] for column in _BOX)]
     order = np.lexsort(boxes[::-1])
     repeats = np.flatnonzero(np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in boxes]))

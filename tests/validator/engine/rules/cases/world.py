@@ -9,6 +9,8 @@ from tests.validator.engine.rules.case import BRAKE, SHARD_0, STEER_LEFT, bounda
 from tests.validator.engine.rules.draft import Draft
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
+FREE_TICK = 120
+"""Nobody is within ten metres of the attempt that cases edit."""
 TARGETS = tuple(f"target_point_{number}_{axis}_m" for number in (1, 2) for axis in ("x", "y"))
 
 
@@ -240,6 +242,18 @@ def collision_that_nothing_shows(d: Draft) -> None:
 def overlap_that_nobody_sees(d: Draft) -> None:
     d.set("evidence", "collision", False, rollout_id=STEER_LEFT)
     d.set("rollouts", COUNTS, 0, rollout_id=STEER_LEFT)
+
+
+@mutant("BD-RES-001", at={"column": "collision", "rollout_id": BRAKE, "tick": FREE_TICK})
+def collision_with_somebody_who_is_far(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=FREE_TICK)
+    d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-001")
+def collision_with_something_static_too(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=FREE_TICK)
+    d.set("rollouts", (COUNTS[0], COUNTS[2]), 1, rollout_id=BRAKE)
 
 
 @boundary("BD-RES-001")
