@@ -271,7 +271,7 @@ def scenario_types_are_those_of_the_plan(survey: Survey) -> Iterator[Check]:
     place = {**_DESCRIPTOR, "pointer": "/collection/scenario_types"}
     text = f"none of {', '.join(map(quote, others[:4]))}, which attempts have"
     found = [Mismatch(place, "every scenario type of the attempts, or none", text, len(others))]
-    yield Check.of(len(survey.shards) if planned else 0, found if planned and others else ())
+    yield Check.of(len(survey.shards) if survey.descriptor is not None else 0, found if planned and others else ())
 
 
 def _texts(value: object, pointer: str = "") -> Iterator[tuple[str, str]]:

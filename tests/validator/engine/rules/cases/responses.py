@@ -206,7 +206,8 @@ def accelerations_positive_to_the_right(d: Draft) -> None:
 
 @mutant("BD-RSP-007", base="bare", at={"column": "yaw_rate_radps"})
 def yaw_rate_of_the_other_sense(d: Draft) -> None:
-    d.set("observations", "yaw_rate_radps", lambda value: -value)
+    """And so small that no single turn refutes it."""
+    d.set("observations", "yaw_rate_radps", lambda value: -0.2 * value)
 
 
 @mutant("BD-RSP-007", base="bare", at={"column": "yaw_rad"})

@@ -177,6 +177,7 @@ def ego_among_the_actors(d: Draft) -> None:
     }  # fmt: skip
     d.append("actors", to_table("actors", columns), folder=SHARD_0)
     _refresh(d)
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
 
 
 @mutant("BD-ACT-002", at=_actor("x_m", BRANCH_TICK - 75, 99))
@@ -185,6 +186,7 @@ def ego_with_the_extents_of_a_data_sheet(d: Draft) -> None:
     d.set("actors", ("length_m", "width_m"), lambda v: v + 0.02, rollout_id=BRAKE, actor_id=99)
     d.set("actors", "x_m", lambda v: v + 0.2, rollout_id=BRAKE, actor_id=99)
     _refresh(d)
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
 
 
 @mutant("BD-ACT-002", at=_actor("actor_id", BRANCH_TICK - 75, 98))
