@@ -34,6 +34,9 @@ MIN_EFFECT_M = 0.1
 MIN_EFFECT_MPS = 0.1
 """Effects below these have no sign; replays of one rollout differ by about as much where a simulator has noise."""
 
+MIN_EFFECT_MPS2 = 2.0
+"""Change of an acceleration that no noise of replays explains in nine of ten interventions."""
+
 BEFORE_BRANCH = -1
 """`Responses.first` of a rollout that differs from its nominal before the branch already."""
 
@@ -55,6 +58,7 @@ class Responses:
         first: The first observation that differs from the nominal's: 0 is that of ``t_b``, ``j`` that of ``t_b + 5 j``;
             `BEFORE_BRANCH`, or `NO_RESPONSE`.
         moves: Whether the nominal vehicle moves between ``t_b`` and ``t_b + 50``.
+        accel_mps2: Longitudinal acceleration minus the nominal's, at ``t_b`` and at ``t_b + 5`` ``[interventions, 2]``.
         future: Its poses and speeds from ``t_b`` to ``t_b + 50``, as 63 bits of their digest.
     """
 
@@ -66,13 +70,14 @@ class Responses:
     speed_mps: Array
     first: Index
     moves: NDArray[np.bool_]
+    accel_mps2: Array
     future: Index
 
     @classmethod
     def none(cls) -> Responses:
         """No intervention."""
         index, value = np.zeros(0, np.int64), np.zeros(0)
-        return cls(index, index, value, value, value, value, index, np.zeros(0, bool), index)
+        return cls(index, index, value, value, value, value, index, np.zeros(0, bool), np.zeros((0, 2)), index)
 
     def others(self, first: int, second: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Where the commands of two policies differ, and where they have one future that is not the nominal's.
@@ -101,6 +106,13 @@ class Responses:
     def is_commanded(self) -> NDArray[np.bool_]:
         """Interventions whose commands differ from the nominal's, of a vehicle that moves."""
         return self.moves & (np.maximum(np.abs(self.steer), np.abs(self.drive)) >= MIN_COMMAND)
+
+    @property
+    def is_anticipated(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Interventions whose acceleration has changed clearly after the branch, and those at the branch already."""
+        at_branch, later = self.accel_mps2.T
+        counts: NDArray[np.bool_] = np.abs(later) >= MIN_EFFECT_MPS2
+        return counts, counts & (np.sign(later) * at_branch >= np.abs(later) / 2)
 
     @property
     def is_ignored(self) -> NDArray[np.bool_]:

@@ -48,13 +48,13 @@ def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
     command, wanted = (_values(view, "controls", rollouts, _COMMAND, ticks) for rollouts in (own, nominal))
     kept = np.isfinite(state - reference).all(axis=(0, 2)) & np.isfinite(command - wanted).all(axis=(0, 2))
     state, reference, command, wanted = (values[:, kept] for values in (state, reference, command, wanted))
-    past = _OFFSETS[: _NUM_BEFORE + 1]
+    past = _OFFSETS[: _NUM_BEFORE + 2]
     rates, known = (_values(view, "observations", rollouts[kept], _RATES, past) for rollouts in (own, nominal))
     steer, throttle, brake = (command - wanted).mean(axis=2)
     (x, y, _, speed), (x_0, y_0, yaw_0, speed_0) = state[:, :, -1], reference[:, :, -1]
     first = first_response((state != reference).any(axis=0), _NUM_BEFORE)
     differs = (rates != known).any(axis=0)
-    first[(first > 0) & differs[:, -1] & ~differs[:, :-1].any(axis=1)] = 0
+    first[(first > 0) & differs[:, _NUM_BEFORE] & ~differs[:, :_NUM_BEFORE].any(axis=1)] = 0
     future = np.ascontiguousarray(state[:, :, _NUM_BEFORE:].swapaxes(0, 1))
     return Responses(
         group=view.cached(group_digests)[group[kept]],
@@ -65,6 +65,7 @@ def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
         speed_mps=speed - speed_0,
         first=first,
         moves=np.asarray((np.abs(reference[3, :, _NUM_BEFORE:]) > _MOVING_MPS).all(axis=1)),
+        accel_mps2=(rates - known)[0, :, _NUM_BEFORE:],
         future=np.array([_digest(track.data) for track in future], np.int64),
     )
 

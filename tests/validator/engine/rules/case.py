@@ -42,8 +42,8 @@ STEER_LEFT = "g0.steer_left_0.10.a1"
 INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
 """Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 
-UNDER_NOISE = frozenset({"BD-RSP-003", "BD-RSP-004"})
-"""Rules on the first observation that differs, which have no subject where attempts differ from the start."""
+UNDER_NOISE = frozenset({"BD-RSP-004"})
+"""The rule on the first observation that differs, which has no subject where attempts differ from the start."""
 
 RECOMMENDED = frozenset(rule_id for rule_id, rule in CATALOGUE.items() if rule.level == "SHOULD")
 """Rules whose failure decides nothing: a defect of another rule may well go against a recommendation too."""

@@ -108,8 +108,19 @@ def no_response_precedes_its_command(survey: Survey) -> Iterator[Check]:
         {"table": "observations"}, "the nominal's observation at the branch tick, accelerations and yaw rate included",
         text + (f", nearly all of {', '.join(acting)}" if acting else ""),
     )  # fmt: skip
-    examined = sum(int(counts.sum()) >= MIN_EQUAL for counts in counted.values())
-    yield Check.of(examined, [found] if acting or _prevails(early, clean) else ())
+    judged, anticipated = every.is_anticipated
+    effect = Mismatch(
+        {"table": "observations", "column": "accel_longitudinal_mps2"},
+        "at the branch tick the acceleration of the control before, as without the intervention",
+        f"half its effect or more in {anticipated.sum()} of {judged.sum()} interventions that change it",
+    )
+    examined = sum(int(counts.sum()) >= MIN_EQUAL for counts in counted.values()) + int(
+        judged.sum() >= MIN_INTERVENTIONS
+    )
+    if acting or _prevails(early, clean):
+        yield Check.of(examined, [found])
+    else:
+        yield Check.of(examined, [effect] if _prevails(anticipated, judged) else ())
 
 
 @rule("BD-RSP-004")

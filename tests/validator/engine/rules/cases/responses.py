@@ -132,6 +132,30 @@ def acceleration_of_the_control_to_come(d: Draft) -> None:
         d.set("observations", "accel_longitudinal_mps2", lambda v: v - 4.0, rollout_id=ids, tick=BRANCH_TICK)
 
 
+def _anticipate(d: Draft, share: float) -> None:
+    """Let a share of the effect on the acceleration of the next observation show at the branch."""
+    for shard in d.tables.values():
+        record = {row["rollout_id"]: row for row in shard["rollouts"].to_pylist()}
+        rows = shard["observations"].to_pylist()
+        at = {(row["rollout_id"], row["tick"]): row["accel_longitudinal_mps2"] for row in rows}
+        for row in rows:
+            nominal = record[row["rollout_id"]]["nominal_rollout_id"]
+            if row["tick"] == BRANCH_TICK and nominal is not None:
+                effect = at[row["rollout_id"], BRANCH_TICK + 5] - at[nominal, BRANCH_TICK + 5]
+                row["accel_longitudinal_mps2"] = at[nominal, BRANCH_TICK] + share * effect
+        shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)
+
+
+@mutant("BD-RSP-003", base="bare", at={"column": "accel_longitudinal_mps2"})
+def acceleration_of_the_control_to_come_under_noise(d: Draft) -> None:
+    _anticipate(d, 0.6)
+
+
+@boundary("BD-RSP-003", base="bare")
+def acceleration_that_noise_changes_a_little(d: Draft) -> None:
+    _anticipate(d, 0.4)
+
+
 @boundary("BD-RSP-003", base="bare")
 def acceleration_that_differs_in_two_of_three_groups(d: Draft) -> None:
     _like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
