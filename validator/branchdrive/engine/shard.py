@@ -128,7 +128,6 @@ def audit_shard(task: ShardTask) -> ShardResult:
     frames = tables.get("frames")
     if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
         result.num_images = frames.num_rows
-        result.media_files = frozenset(frames["file"].unique().to_pylist())
         result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames, task.links))
     _judge(task, tables, result)
     return result

@@ -193,8 +193,9 @@ def _has_place(entry: Entry) -> bool:
             return False
 
 
-def _is_named(name: str, media_files: frozenset[str] | None) -> bool:
-    return media_files is None or name in media_files
+def _is_working_file(name: str) -> bool:
+    """Whether a writer left it: a table under more than its name, or a suffix of what is not complete."""
+    return name.startswith(tuple(TABLE_FILES)) or name.endswith((".tmp", ".part", ".partial"))
 
 
 @rule("BD-LAY-009")
@@ -211,8 +212,7 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
         ]
         has_media = "frames" in survey.descriptor.tables
         claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
-        media = {shard.folder: shard.media_files for shard in survey.shards}
-        for folder, files in survey.shard_folders.items():
+        for files in survey.shard_folders.values():
             for entry in files:
                 name = entry.path.rsplit("/", 1)[1]
                 if name in TABLE_FILES and name not in claimed:
@@ -223,10 +223,8 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                     found.append(
                         Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
                     )
-                elif name not in TABLE_FILES and _has_place(entry) and not _is_named(name, media.get(folder)):
-                    found.append(
-                        Mismatch({"file": entry.path}, "media that `frames.file` names", "a file that no row names")
-                    )
+                elif name not in TABLE_FILES and _has_place(entry) and _is_working_file(name):
+                    found.append(Mismatch({"file": entry.path}, "tables and media", "a working file of a writer"))
     yield Check.of(len(plain), tuple(found))
 
 

@@ -41,7 +41,6 @@ class ShardFacts:
         maps: Digest of the map of each town, where its rows could be judged.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
-        media_files: Files that the index of images names; ``None`` where it could not be read.
         scenario_types: Scenario types of the attempts, where their rows could be judged.
     """
 
@@ -67,5 +66,4 @@ class ShardFacts:
     maps: dict[str, str] = field(default_factory=dict)
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)
-    media_files: frozenset[str] | None = None
     scenario_types: frozenset[str] = frozenset()
