@@ -35,10 +35,11 @@ def test_cases_are_those_of_the_registry(cases: list[Case]) -> None:
 
 
 def test_every_rule_passes_fails_and_is_at_its_limit(cases: list[Case]) -> None:
+    """A rule that passes on no base dataset, for want of a subject, passes at a limit."""
     reached: dict[str, set[str]] = defaultdict(set)
     for case in cases:
         for rule in case.rules:
-            reached[rule].add(case.kind)
+            reached[rule] |= {case.kind, case.expected.rules[rule].status}
     wanted = {"pass", "fail", "boundary"}
     assert {rule: wanted - reached[rule] for rule in CATALOGUE if wanted - reached[rule]} == {}
 
