@@ -135,6 +135,7 @@ class Judgement:
             "cameras": [name for name in documents.claimed_cameras(self.descriptor) if name in cameras],
             "has_evidence": "actor_risk_evidence" in self.descriptor["streams"],
             "noise": noise["kind"],
+            "single_axis": (self.descriptor.get("vehicle") or {}).get("actuation") == "single_axis",
         }
 
     def _execute(self, statement: str) -> duckdb.DuckDBPyConnection:
@@ -210,6 +211,7 @@ class Judgement:
         if self.parameters["has_evidence"]:
             self._prepare("evidence")
         if "map" in self.descriptor["streams"]:
+            self._prepare("walls")
             self._prepare("surfaces")
         for rule in RULES:
             if rule["kind"] == "qualification" and rule["grain"] == "rollout" and self._is_about(rule):
@@ -309,7 +311,9 @@ class Judgement:
                     "num_waived": 0,
                 }
             )
-            places = Counter(tuple(sorted(place.items())) for place in judged.locations)
+            places = Counter(
+                tuple(sorted((key, printable(value)) for key, value in place.items())) for place in judged.locations
+            )
             findings += [
                 {"rule": rule["id"], "kind": rule["kind"], "location": dict(place), "count": count}
                 for place, count in places.items()
@@ -321,6 +325,11 @@ class Judgement:
             "rules": rules,
             "findings": findings,
         }
+
+
+def printable(value: Any) -> Any:
+    """A part of a location; a text in printable ASCII, with every other character escaped."""
+    return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in value) if isinstance(value, str) else value
 
 
 def connect() -> duckdb.DuckDBPyConnection:

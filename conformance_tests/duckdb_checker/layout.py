@@ -227,8 +227,14 @@ def lay_004(folder: Folder) -> list[Location]:
 
 
 def lay_005(folder: Folder) -> list[Location]:
-    """Paths are safe and stay inside the root."""
-    return [{"file": path} for path in folder.kinds if not safe(path)] + [{"file": MANIFEST}] * folder.manifest.unsafe
+    """Paths are safe, stay inside the root, and differ by more than case and form of letters."""
+    found = [{"file": path} for path in folder.kinds if not safe(path)] + [{"file": MANIFEST}] * folder.manifest.unsafe
+    seen = set()
+    for path in sorted(folder.kinds):
+        name = unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold())
+        found += [{"file": path}] * (name in seen)
+        seen.add(name)
+    return found
 
 
 def lay_006(folder: Folder) -> list[Location]:
@@ -272,7 +278,7 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
     tables = {f"{table}.parquet" for stream in streams for table in stream["tables"]}
     media = any(stream.get("cameras") for stream in streams)
     layers = descriptor.get("layers", ["raw"])
-    root = {MANIFEST, DESCRIPTOR, "CARD.md", "LICENCE.txt", WORKING_FOLDER}
+    root = {MANIFEST, DESCRIPTOR, "README.md", "LICENCE.txt", WORKING_FOLDER}
 
     def placed(path: str, kind: str) -> bool:
         parts = path.split("/")
