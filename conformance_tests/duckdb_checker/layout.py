@@ -54,8 +54,8 @@ def layer_of(path: str) -> str | None:
     if top != "raw":
         return top
     name = path.rsplit("/", 1)[-1]
-    in_shard = SHARD.match(path) is not None and path.count("/") == 2
-    return "media" if in_shard and name not in _IDENTITY_TABLES else "raw"
+    is_table = path.count("/") == 2 and name in _IDENTITY_TABLES
+    return "media" if SHARD.match(path) is not None and not is_table else "raw"
 
 
 @dataclass
@@ -94,13 +94,13 @@ def parse_manifest(data: bytes | None) -> Manifest:
         return Manifest(broken="the identity is missing")
     if [order.index(name) for name in names] != sorted({order.index(name) for name in names}):
         return Manifest(broken="layers are out of order")
-    keys = [path.encode() for path in paths if safe(path)]
+    keys = [path.encode() for path in paths if readable(path)]
     if keys != sorted(set(keys)) or MANIFEST in paths:
         return Manifest(broken="paths are out of order, repeated, or the manifest's own")
     return Manifest(
-        {match[2]: match[1] for match in files if match and safe(match[2])},
+        {match[2]: match[1] for match in files if match and readable(match[2])},
         {head[1].removeprefix("layer "): head[2] for head in heads if head},
-        sum(not safe(path) for path in paths),
+        sum(not readable(path) for path in paths),
     )
 
 
