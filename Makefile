@@ -11,7 +11,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo test check cases conformance compat compat-quick fuzz bench bench-paper bench-release
+.PHONY: setup help demo example-highway test check cases conformance compat compat-quick fuzz bench bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -43,6 +43,15 @@ demo: setup
 	$(BIN)/branchdrive build $(DEMO)/dataset --jobs $(JOBS)
 	$(BIN)/branchdrive-validate $(DEMO)/dataset --jobs $(JOBS) --require-groups $(FROZEN)
 	$(BIN)/branchdrive draw $(DEMO)/dataset --output $(DEMO)/pictures
+
+## collect 20 groups from highway-env, build a release of them, validate it
+example-highway: setup
+	@$(BIN)/python -c 'import highway_env' 2>/dev/null || \
+		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]"
+	@rm -rf build/highway && mkdir -p build
+	$(BIN)/python -m examples.highway_env.collector build/highway --groups 20 --jobs $(JOBS)
+	$(BIN)/branchdrive build build/highway --jobs $(JOBS)
+	$(BIN)/branchdrive-validate build/highway --jobs $(JOBS)
 
 ## the whole test suite
 test: setup

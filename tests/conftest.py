@@ -10,6 +10,7 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: tests run side by side, one core each
 
+import signal
 import socket
 import sys
 from typing import TYPE_CHECKING, Any
@@ -61,3 +62,11 @@ def _blocked_network() -> Iterator[None]:
             patch.setattr(socket.socket, name, _local_only(getattr(socket.socket, name)))
         patch.setattr(socket, "getaddrinfo", _no_lookup)
         yield
+
+
+@pytest.fixture
+def heeded_interrupts() -> Iterator[None]:
+    """Interrupts as a foreground process gets them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

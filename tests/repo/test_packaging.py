@@ -74,6 +74,15 @@ def test_wheel_holds_every_schema(wheel: Path) -> None:
         assert {f"branchdrive/_schemas/{path}" for path in schemas} <= set(archive.namelist())
 
 
+def test_wheel_holds_the_skeleton_of_a_collector(wheel: Path) -> None:
+    texts = [path.name for path in (ROOT / "validator/branchdrive/cli/skeleton").iterdir()]
+    with ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    assert len(texts) == 5
+    assert {f"branchdrive/cli/skeleton/{name}" for name in texts} <= names
+    assert "branchdrive/_examples/minimal_collector.py" in names
+
+
 @pytest.mark.parametrize("marker", ["branchdrive/py.typed", "branchdrive_reference/py.typed"])
 def test_wheel_says_that_it_is_typed(wheel: Path, marker: str) -> None:
     with ZipFile(wheel) as archive:

@@ -60,18 +60,19 @@ def test_the_minimal_collector_writes_a_group_that_qualifies(tmp_path: Path) -> 
     runs = [minimal_collector(tmp_path / "dataset") for _ in range(2)]
     report = validate(tmp_path / "dataset")
     assert report.verdict == "valid"
+    assert report.findings == ()
     assert report.funnel is not None
     assert report.funnel.groups == dict.fromkeys(STAGES, 1)
-    root = shlex.quote(str(tmp_path / "dataset"))
-    printed = f"dataset   {root}\nidentity  {report.dataset.identity}\nnext      branchdrive-validate {root}\n"
-    assert [run.stdout for run in runs] == [printed] * 2  # a finished dataset is left as it is
-    assert [(run.returncode, run.stderr) for run in runs] == [(0, "")] * 2
-    assert (report.dataset.num_groups, report.dataset.num_rollouts) == (1, 14)
-
-
-def test_every_drive_of_the_minimal_collector_completes_its_route(tmp_path: Path) -> None:
-    minimal_collector(tmp_path / "dataset")
-    rollouts = open_dataset(tmp_path / "dataset").rollouts().to_pylist()
+    assert [run.returncode for run in runs] == [0, 0]
+    root = tmp_path / "dataset"
+    ends = [f"dataset   {root}", f"identity  {report.dataset.identity}", f"next      branchdrive-validate {root}"]
+    collected = ["1 collected: 1 with a branch, 0 without; 0 found", "0 collected: 0 with a branch, 0 without; 1 found"]
+    for done, groups in zip(runs, collected, strict=True):  # a finished dataset is left as it is
+        lines = done.stdout.splitlines()
+        assert [*lines[:2], lines[-1]] == ends
+        assert lines[2] == f"groups    {groups} finished"
+    assert (report.dataset.num_groups, report.dataset.num_rollouts) == (1, 15)
+    rollouts = open_dataset(root).rollouts().to_pylist()
     assert {row["result_completion"] for row in rollouts} == {"completed"}
     assert {row["result_route_fraction"] for row in rollouts} == {1.0}
 
@@ -80,11 +81,11 @@ def test_the_minimal_collector_refuses_another_folder_in_one_line(tmp_path: Path
     (tmp_path / "other.txt").write_text("mine")
     run = minimal_collector(tmp_path)
     assert (run.returncode, run.stdout) == (2, "")
-    assert run.stderr == f"minimal_collector: {tmp_path}: is not empty and holds no dataset; choose another folder\n"
+    assert run.stderr == f"minimal_collector.py: {tmp_path}: is not empty and holds no dataset; choose another folder\n"
 
 
 def test_the_writing_excerpt_is_of_the_minimal_collector() -> None:
-    blocks = [block for block in re.findall(r"```python\n(.*?)```", README, re.S) if "DatasetWriter" in block]
+    blocks = [block for block in re.findall(r"```python\n(.*?)```", README, re.S) if "collector_main" in block]
     assert len(blocks) == 1
     assert blocks[0] in (ROOT / COLLECTOR).read_text(encoding="utf-8")
 

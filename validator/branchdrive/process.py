@@ -11,22 +11,18 @@ Source: spec/09-security.md#serialisation.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
-from types import FrameType, MappingProxyType
-from typing import Any, NoReturn
+from types import MappingProxyType
+from typing import Any
 
 from branchdrive.errors import PlatformError
 
-__all__ = [
-    "ONE_THREAD", "TerminationInterrupt", "child_environment", "exit_after", "heeded_termination", "python_command",
-    "raise_termination", "spawn_context",
-]  # fmt: skip
+__all__ = ["ONE_THREAD", "child_environment", "exit_after", "python_command", "spawn_context"]
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 
@@ -92,35 +88,6 @@ def exit_after(wait: Callable[[], object]) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-class TerminationInterrupt(KeyboardInterrupt):
-    """The process was asked to terminate, as batch schedulers do before they kill."""
-
-    exit_code = 143
-    """What a command ends with then."""
-
-
-@contextmanager
-def heeded_termination() -> Iterator[None]:
-    """Raise `TerminationInterrupt` on SIGTERM instead of dying.
-
-    Outside the main thread, and where the caller handles SIGTERM in another way, nothing changes.
-    """
-    is_main = threading.current_thread() is threading.main_thread()
-    is_ours = is_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    if is_ours:
-        signal.signal(signal.SIGTERM, raise_termination)
-    try:
-        yield
-    finally:
-        if is_ours:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def raise_termination(_signal: int, _frame: FrameType | None) -> NoReturn:
-    """Handler of SIGTERM."""
-    raise TerminationInterrupt
 
 
 class _Process(SpawnProcess):

@@ -5,14 +5,13 @@ The descriptor that the collector writes for its datasets.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from branchdrive.collector.campaign import check_begun, run_campaign
+from branchdrive.collector.report import CollectionReport
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import (
     Collection,
@@ -26,47 +25,17 @@ from branchdrive.contract.descriptor import (
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
+from branchdrive.interrupt import deferred_interrupt
 from branchdrive.writer.writer import DatasetWriter
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
-from branchdrive_reference.collect.group import GroupReport
-from branchdrive_reference.collect.interrupt import deferred_interrupt
+from branchdrive_reference.collect.group import collect_group
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
-from branchdrive_reference.collect.pool import execute_groups, num_workers
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.town import TOWN_NAMES, town
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 from branchdrive_reference.world.vehicle import MAX_BRAKE_MPS2, MAX_DRIVE_MPS2, MAX_STEER_RAD, WHEELBASE_M
 
-__all__ = ["CampaignReport", "collect", "collection_descriptor", "town_maps"]
-
-
-@dataclass(frozen=True)
-class CampaignReport:
-    """What a collection has done.
-
-    Attributes:
-        groups: Reports of the groups that this run finished.
-        num_found: Groups that were finished before.
-        num_workers: Processes that executed groups; 1 is the collector's own.
-        seconds: Wall time, writing included.
-        identity: Identity of the finished dataset.
-    """
-
-    groups: tuple[GroupReport, ...]
-    num_found: int
-    num_workers: int
-    seconds: float
-    identity: str
-
-    @property
-    def num_ticks(self) -> int:
-        """Ticks that this run executed."""
-        return sum(report.num_ticks for report in self.groups)
-
-    @property
-    def ticks_per_s(self) -> float:
-        """Executed ticks per second of wall time."""
-        return self.num_ticks / self.seconds
+__all__ = ["collect", "collection_descriptor", "town_maps"]
 
 
 def _ignore(*_: object) -> None:
@@ -85,7 +54,7 @@ def collect(
     resume: bool = False,
     foresee: Callable[[DiskNeed], None] = _ignore,
     watch: Callable[[int, int], None] = _ignore,
-) -> CampaignReport:
+) -> CollectionReport:
     """Collect a dataset at `root`, or go on with one that was interrupted.
 
     Args:
@@ -108,7 +77,6 @@ def collect(
         PlatformError: The groups do not fit on the disk.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
-    begin_s = time.perf_counter()
     descriptor = collection_descriptor(seed, replay_noise=replay_noise, faults=faults, scenario_types=scenario_types)
     if not (root / DESCRIPTOR_FILE).exists():
         if resume:
@@ -116,47 +84,17 @@ def collect(
         disk_need(root, num_groups, jobs=jobs).check(root)  # before anything is created
     with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD, maps=town_maps()) as writer:
         selected = descriptor.collection.scenario_types
-        _check_begun(root, writer, num_groups)
+        check_begun(writer, num_groups)
         with deferred_interrupt() as raise_if_noted:  # loading compiled code swallows interrupts
             plans = [plan_group(seed, index, selected) for index in range(num_groups)]
         raise_if_noted()
-        missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
-        num_found = num_groups - len(missing)
-        if writer.is_finished and missing:
-            raise UsageError(
-                f"{root}: is a finished dataset of {num_found} groups, which stays as it is; "
-                f"choose another folder to collect {num_groups}"
-            )
-        if missing:
-            need = disk_need(root, len(missing), jobs=jobs)
+
+        def prepare(num_missing: int) -> None:
+            need = disk_need(root, num_missing, jobs=jobs)
             need.check(root)
             foresee(need)
-        reports: list[GroupReport] = []
-        num_ticks = 0
-        watch(num_found, num_ticks)
-        with closing(execute_groups(root, descriptor, missing, jobs=jobs)) as finished:
-            for report in finished:
-                reports.append(report)
-                num_ticks += report.num_ticks
-                writer.commit()
-                watch(num_found + len(reports), num_ticks)
-        identity = writer.finalize()
-    workers = num_workers(len(missing), jobs=jobs)
-    return CampaignReport(tuple(reports), num_found, workers, time.perf_counter() - begin_s, identity)
 
-
-def _check_begun(root: Path, writer: DatasetWriter, num_groups: int) -> None:
-    """Refuse to go on with fewer groups than the collection was begun with.
-
-    Raises:
-        UsageError: A group beyond the first `num_groups` was begun.
-    """
-    begun = max(writer.places.values(), default=-1) + 1
-    if begun > num_groups:
-        raise UsageError(
-            f"{root}: this collection has begun {begun} groups, more than the {num_groups} asked for; "
-            f"ask for at least {begun}, or choose another folder"
-        )
+        return run_campaign(writer, plans, collect_group, jobs=jobs, prepare=prepare, watch=watch)
 
 
 @cache

@@ -16,12 +16,12 @@ from branchdrive.cli.main import EXIT_INTERRUPTED
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
+from branchdrive.interrupt import deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.fault import Fault, parse_faults
-from branchdrive_reference.collect.interrupt import deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
 
 if TYPE_CHECKING:
-    from branchdrive_reference.collect.campaign import CampaignReport
+    from branchdrive.collector.report import CollectionReport
     from branchdrive_reference.collect.disk import DiskNeed
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
@@ -158,7 +158,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return 0
 
 
-def _load_collector() -> Callable[..., CampaignReport]:
+def _load_collector() -> Callable[..., CollectionReport]:
     """The collector; an interrupt waits for the import, which takes seconds and does not always survive one."""
     with extra("sim", of="`collect`"), deferred_interrupt() as raise_if_noted:
         from branchdrive_reference.collect.campaign import collect
@@ -184,7 +184,7 @@ def _command_line(args: argparse.Namespace) -> str:
     return shlex.join(tokens)
 
 
-def _summary(args: argparse.Namespace, report: CampaignReport) -> str:
+def _summary(args: argparse.Namespace, report: CollectionReport) -> str:
     simulated = sum(group.num_simulated for group in report.groups)
     reused = sum(group.num_reused for group in report.groups)
     unbranched = [group for group in report.groups if group.unbranched_because]

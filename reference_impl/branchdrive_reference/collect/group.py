@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from branchdrive.collector.report import GroupReport
+from branchdrive.collector.trigger import branch_columns
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.engine.rollout import check_rollout
 from branchdrive.raw.rollout import Rollout
@@ -17,37 +19,10 @@ from branchdrive.writer.group_writer import GroupWriter
 from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
 from branchdrive_reference.collect.plan import GroupPlan
 from branchdrive_reference.collect.script import Attempt, group_script
-from branchdrive_reference.scenarios.trigger import Branch
 from branchdrive_reference.simulation.rollout import Run, find_branch
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 
-__all__ = ["GroupReport", "collect_group"]
-
-_BRANCH_COLUMNS = (
-    "branch_tick", "branch_frame", "trigger_definition", "trigger_rollout_id", "trigger_tick",
-    "trigger_signal", "trigger_value", "trigger_threshold", "trigger_confidence",
-)  # fmt: skip
-
-
-@dataclass
-class GroupReport:
-    """What collecting one group took and gave.
-
-    Attributes:
-        group_id: Identity of the group.
-        num_simulated: Rollouts that were executed.
-        num_reused: Rollouts found finished.
-        num_ticks: Ticks that were executed.
-        unbranched_because: Why no replay was spent on the group; empty if it was branched.
-        stopped_because: Why injected faults ended the group early; empty if they did not.
-    """
-
-    group_id: str
-    num_simulated: int = 0
-    num_reused: int = 0
-    num_ticks: int = 0
-    unbranched_because: str = ""
-    stopped_because: str = ""
+__all__ = ["collect_group"]
 
 
 @dataclass
@@ -68,14 +43,16 @@ class _Collection:
         executed = execute_attempt(attempt, self.plan.spec, 0.0, None)
         is_complete = executed.ending.partial_reason is None and not attempt.is_failure
         branch = find_branch(executed) if is_complete else None
-        return self._write(attempt, executed, None, lambda rollout_id: _branch_fields(branch, rollout_id))
+        return self._write(
+            attempt, executed, None, lambda rollout_id: {} if branch is None else branch.columns(rollout_id)
+        )
 
     def replay(self, attempt: Attempt, nominal: Rollout) -> None:
         """One matched replay against the nominal rollout."""
         if self._reuse(attempt) is None:
             noise = self.descriptor.collection.replay_noise.strength or 0.0
             executed = execute_attempt(attempt, self.plan.spec, noise, nominal)
-            shared = {name: nominal.record[name] for name in _BRANCH_COLUMNS}
+            shared = branch_columns(nominal)
             self._write(attempt, executed, nominal, lambda _: {**shared, "nominal_rollout_id": nominal.rollout_id})
 
     def _reuse(self, attempt: Attempt) -> Rollout | None:
@@ -111,22 +88,6 @@ class _Collection:
         origin = f"{place}, collection seed {self.descriptor.collection.seed}, executed from tick 0"
         faults = " and ".join(attempt.faults)
         return f"{origin}, with the injected fault {faults}" if faults else origin
-
-
-def _branch_fields(branch: Branch | None, rollout_id: str) -> dict[str, Any]:
-    if branch is None:
-        return {}
-    return {
-        "branch_tick": branch.branch_tick,
-        "branch_frame": branch.branch_frame,
-        "trigger_definition": branch.definition,
-        "trigger_rollout_id": rollout_id,
-        "trigger_tick": branch.tick,
-        "trigger_signal": branch.signal,
-        "trigger_value": branch.value,
-        "trigger_threshold": branch.threshold,
-        "trigger_confidence": branch.confidence,
-    }
 
 
 def _unbranched_because(nominal: Rollout, descriptor: Descriptor) -> str:

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from branchdrive.errors import UsageError
+from branchdrive.interrupt import deferred_interrupt
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.process import spawn_context
-from branchdrive_reference.collect.interrupt import deferred_interrupt
-from branchdrive_reference.collect.workers import WorkerError, started_workers
+from branchdrive.workers import WorkerError, started_workers
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
 from branchdrive_reference.learning.held_out import Fold, open_fold

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.population import PARKED_OFFSET_M
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import LANE_WIDTH_M, LaneSide
 from branchdrive_reference.town.route import START_M, Place, Route

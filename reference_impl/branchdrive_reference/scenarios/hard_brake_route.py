@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.route import START_M, Place, Route
 from branchdrive_reference.world.body import CAR, VAN, Body

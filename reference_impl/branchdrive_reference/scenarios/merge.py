@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import flow
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.route import Place, Route
 from branchdrive_reference.town.track import Role

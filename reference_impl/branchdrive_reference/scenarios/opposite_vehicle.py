@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.flow import arrive_with_ego, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.route import Place, Route

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.collector.trigger import Trigger
 from branchdrive.contract.timing import TICK_S
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import Trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.route import Route
 from branchdrive_reference.town.signal import NO_GROUP, green_begins

@@ -5,10 +5,10 @@ On roads with several lanes it uses the next lane of its own direction, on two-w
 
 from __future__ import annotations
 
+from branchdrive.collector.trigger import Signal, Trigger
 from branchdrive_reference.noise import Purpose
 from branchdrive_reference.scenarios.scenario import Scenario, Scene
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import Signal, Trigger
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import LaneSide
 from branchdrive_reference.town.route import Place, Route, obstacle_sight_m

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.crossing import Crossing
 from branchdrive_reference.scenarios.scenario import Ambient, Scene, green_on_arrival
 from branchdrive_reference.scenarios.stage import Stage
-from branchdrive_reference.scenarios.trigger import brake_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Lane, Turn
 from branchdrive_reference.town.route import Place, Route

@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from branchdrive.collector.trigger import MARGIN_TICKS
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.scenarios.trigger import MARGIN_TICKS
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.signal import NO_GROUP, Light
 from branchdrive_reference.town.track import EGO_TRACK

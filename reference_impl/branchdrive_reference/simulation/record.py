@@ -2,10 +2,6 @@
 
 Order matters: poses are rounded to their recorded width first, and what derives from them (route
 state, risk evidence) is computed from the rounded values.
-
-The ego relative to its route, as recorded: progress, offset, heading error, command and target points.
-
-Everything is computed from the recorded pose and the recorded polyline, so that it recomputes.
 """
 
 from __future__ import annotations
@@ -17,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.collector.route import route_columns
 from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
@@ -34,7 +31,7 @@ from branchdrive_reference.town.track import EGO_TRACK, RouteTracks, route_track
 from branchdrive_reference.world.body import EGO, Kind
 from branchdrive_reference.world.vehicle import EGO_SIZE
 
-__all__ = ["ACTOR_RANGE_M", "Columns", "Record", "record", "route_columns"]
+__all__ = ["ACTOR_RANGE_M", "Columns", "Record", "record"]
 
 ACTOR_RANGE_M = 100.0
 """Actors whose centre is this close to the ego's are recorded."""
@@ -110,6 +107,7 @@ def _observations(run: Run, tables: RouteTracks, lanes: list[str | None]) -> Col
     ego, vehicle, plan = log.bodies[:, EGO], log.vehicle, log.plan
     x, y, yaw = ego["x_m"].copy(), ego["y_m"].copy(), _yaw(ego)
     braking = plan["brake"] > 0
+    place = route_columns(x, y, yaw, tables.route.polyline.x_m, tables.route.polyline.y_m)
     columns: Columns = {
         "tick": np.arange(len(ego), dtype=np.int32) * np.int32(OBSERVATION_STRIDE_TICKS),
         "x_m": x,
@@ -119,7 +117,8 @@ def _observations(run: Run, tables: RouteTracks, lanes: list[str | None]) -> Col
         "accel_longitudinal_mps2": vehicle["accel_longitudinal_mps2"],
         "accel_lateral_mps2": vehicle["accel_lateral_mps2"],
         "yaw_rate_radps": vehicle["yaw_rate_radps"],
-        **route_columns(tables, x, y, yaw),
+        **place,
+        "command": _commands(tables.route, place["route_progress_m"]),
         "speed_limit_mps": _limits(run, tables, lanes, x, y),
         "target_speed_mps": plan["target_speed_mps"],
         "vehicle_hazard": braking & np.isin(plan["cause"], (Cause.LEADER, Cause.CONFLICT, Cause.PRIORITY)),
@@ -213,35 +212,8 @@ def _fields(run: Run, tables: RouteTracks, observations: Columns, evidence: Colu
 _COMMAND_AHEAD_M = 30.0
 """The command of a junction is given from this far before it."""
 
-_TARGET_SPACING_M = 20.0
-_TARGET_MIN_AHEAD_M = 4.0
-"""Target points are route points at multiples of the spacing, at least this far ahead."""
-
 
 def _commands(route: Route, progress_m: Array) -> NDArray[np.str_]:
     begin_m, end_m = route.junction_m
     at_junction = (progress_m >= begin_m - _COMMAND_AHEAD_M) & (progress_m < end_m)
     return np.where(at_junction, route.turn.value, Turn.FOLLOW.value)
-
-
-def _in_ego_frame(dx_m: Array, dy_m: Array, yaw_rad: Array) -> tuple[Array, Array]:
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return cos * dx_m + sin * dy_m, cos * dy_m - sin * dx_m
-
-
-def route_columns(tables: RouteTracks, x_m: Array, y_m: Array, yaw_rad: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-    """Route columns of the observations table for recorded poses ``[observations]``."""
-    route, line, yaw = tables.route, tables.route.polyline, yaw_rad.astype(np.float64)
-    place = line.position(x_m, y_m)
-    columns: dict[str, NDArray[Any]] = {
-        "route_progress_m": place.progress_m,
-        "route_offset_m": place.offset_m,
-        "route_heading_error_rad": wrap_rad(yaw - place.heading_rad),
-        "command": _commands(route, place.progress_m),
-    }
-    first_m = np.ceil((place.progress_m + _TARGET_MIN_AHEAD_M) / _TARGET_SPACING_M) * _TARGET_SPACING_M
-    for number in (1, 2):
-        tx, ty = line.at(first_m + (number - 1) * _TARGET_SPACING_M)
-        px, py = _in_ego_frame(tx - x_m, ty - y_m, yaw)
-        columns[f"target_point_{number}_x_m"], columns[f"target_point_{number}_y_m"] = px, py
-    return columns

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.collector.trigger import Branch, ExpertTrace
 from branchdrive.contract.policy import Command, Policy
 from branchdrive.errors import UsageError
 from branchdrive_reference.expert.control import Cause
 from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace
 from branchdrive_reference.simulation.ending import Ending, EndingRule
 from branchdrive_reference.simulation.log import Logger, RolloutLog
 from branchdrive_reference.simulation.spec import WorldSpec

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 
 import pytest
@@ -20,11 +19,3 @@ def remembered_runs() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("branchdrive_reference.collect.effect.run", remembered(run))
         yield
-
-
-@pytest.fixture
-def heeded_interrupts() -> Iterator[None]:
-    """Interrupts as a foreground process gets them."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)

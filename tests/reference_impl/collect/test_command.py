@@ -15,7 +15,8 @@ from tests.reference_impl.collect.running import finished_rollouts, start, wait_
 
 from branchdrive import DatasetWriter, open_dataset, validate
 from branchdrive.cli.main import run
-from branchdrive_reference.collect.campaign import CampaignReport, collect, collection_descriptor
+from branchdrive.collector.report import CollectionReport
+from branchdrive_reference.collect.campaign import collect, collection_descriptor
 from branchdrive_reference.collect.plan import PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
@@ -148,9 +149,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
     """What the command asks the collector for, instead of a collection."""
     noted: dict[str, object] = {}
 
-    def collect_nothing(root: Path, **options: object) -> CampaignReport:
+    def collect_nothing(root: Path, **options: object) -> CollectionReport:
         noted.update(root=root, **options)
-        return CampaignReport((), 0, 1, 1.0, "0" * 64)
+        return CollectionReport((), 0, 1, 1.0, "0" * 64)
 
     monkeypatch.setattr("branchdrive_reference.collect.campaign.collect", collect_nothing)
     return noted
@@ -203,7 +204,9 @@ def test_without_a_preset_nothing_is_switched_on(asked: dict[str, object]) -> No
 def test_an_interruption_repeats_every_option(
     monkeypatch: pytest.MonkeyPatch, arguments: list[object], command: str
 ) -> None:
-    def interrupted(_root: Path, *, num_groups: int, watch: Callable[[int, int], None], **_: object) -> CampaignReport:
+    def interrupted(
+        _root: Path, *, num_groups: int, watch: Callable[[int, int], None], **_: object
+    ) -> CollectionReport:
         watch(num_groups - 2, 0)
         raise KeyboardInterrupt
 
@@ -269,12 +272,12 @@ FAULTS = {"partial": 0.05, "quarantined": 0.05, "abandoned": 0.3, "duplicate": 0
 
 
 @pytest.fixture(scope="module")
-def faulty(tmp_path_factory: pytest.TempPathFactory, remembered_runs: None) -> tuple[Path, CampaignReport]:
+def faulty(tmp_path_factory: pytest.TempPathFactory, remembered_runs: None) -> tuple[Path, CollectionReport]:
     root = tmp_path_factory.mktemp("faulty") / "dataset"
     return root, collect(root, num_groups=FAULTY_GROUPS, seed=FAULTY_SEED, faults=FAULTS, replay_noise=1.0)
 
 
-def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, CampaignReport]) -> None:
+def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, CollectionReport]) -> None:
     root, report = faulty
     assert open_dataset(root).descriptor.collection.faults == FAULTS
     assert validate(root).verdict == "valid"
@@ -282,7 +285,7 @@ def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, Campa
 
 
 def test_faults_and_noise_do_not_depend_on_workers_or_interruptions(
-    tmp_path: Path, faulty: tuple[Path, CampaignReport]
+    tmp_path: Path, faulty: tuple[Path, CollectionReport]
 ) -> None:
     root = tmp_path / "d"
     spec = ",".join(f"{name}={rate}" for name, rate in FAULTS.items())

@@ -12,13 +12,13 @@ import pytest
 from tests.each import each
 
 from branchdrive import open_dataset, validate
+from branchdrive.collector.trigger import MARGIN_TICKS
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.engine.report import Report
 from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.collect.effect import MAX_SHIFT_TICKS, PROTOCOL_VARIANT
 from branchdrive_reference.collect.fault import Fault
-from branchdrive_reference.scenarios.trigger import MARGIN_TICKS
 
 SEED = 3
 BANK = load_action_bank()

@@ -9,8 +9,9 @@ import pytest
 from tests.content_cache import remembered
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
+from branchdrive.collector.report import GroupReport
 from branchdrive_reference.collect.campaign import collection_descriptor, town_maps
-from branchdrive_reference.collect.group import GroupReport, collect_group
+from branchdrive_reference.collect.group import collect_group
 from branchdrive_reference.collect.plan import GroupPlan, plan_group
 from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
 from branchdrive_reference.simulation.rollout import run

@@ -79,3 +79,10 @@ def test_instances_hold_no_state(scenario: str) -> None:
     assert staged() == staged()
     assert vars(SCENARIOS[scenario]) == {}
     assert isinstance(SCENARIOS[scenario], Scenario)
+
+
+@each_scenario
+def test_trigger_definitions_are_versioned(scenario: str) -> None:
+    name, version = SCENARIOS[scenario].trigger.definition.rsplit(" ", 1)
+    assert name
+    assert int(version) >= 1

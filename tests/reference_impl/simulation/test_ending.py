@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from branchdrive.collector.trigger import MARGIN_TICKS
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.scenarios.trigger import MARGIN_TICKS
 from branchdrive_reference.simulation.ending import Ending, EndingRule
 from branchdrive_reference.world.body import BODY
 from branchdrive_reference.world.corridor import FOOT

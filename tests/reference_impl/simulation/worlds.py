@@ -10,10 +10,10 @@ from functools import cache, wraps
 from itertools import islice
 from typing import ParamSpec, TypeVar
 
+from branchdrive.collector.trigger import Branch
 from branchdrive.contract.bank import load_action_bank
 from branchdrive_reference.collect.plan import plan_group
 from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.scenarios.trigger import Branch
 from branchdrive_reference.simulation.rollout import Run, find_branch, run
 from branchdrive_reference.simulation.spec import WorldSpec
 

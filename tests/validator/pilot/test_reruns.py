@@ -152,7 +152,7 @@ def test_a_command_ends_with_the_report_that_is_asked_to_terminate(tmp_path: Pat
     out = tmp_path / "out"
     script = (
         "import os\nfrom pathlib import Path\nfrom branchdrive.pilot.rerun import Command\n"
-        "from branchdrive.process import heeded_termination\n"
+        "from branchdrive.interrupt import heeded_termination\n"
         f"with heeded_termination():\n    Command({tuple(words)!r}).run(Path({str(out)!r}), [], limit_s=60)\n"
     )
     with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL) as report:

@@ -37,11 +37,13 @@ _BUILT_IN = {
     "rules": "branchdrive.cli.rules",
     "diff": "branchdrive.cli.diff",
     "pilot": "branchdrive.cli.pilot",
+    "init": "branchdrive.cli.init",
+    "staging": "branchdrive.cli.staging",
 }
 
 _WORKFLOW = (
-    "collect", "study", "draw", "validate", "pilot", "diff", "rules", "build", "benchmark", "train", "lock", "predict",
-    "evaluate", "export",
+    "init", "collect", "staging", "study", "draw", "validate", "pilot", "diff", "rules", "build", "benchmark", "train",
+    "lock", "predict", "evaluate", "export",
 )  # fmt: skip
 """Order in which the help lists commands; those that it does not name follow by name."""
 

@@ -14,7 +14,7 @@ from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
-from branchdrive.process import heeded_termination
+from branchdrive.interrupt import heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive.pilot.report import PilotReport

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -53,6 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verdict.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
     reading = parser.add_argument_group("how to read")
     reading.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    reading.add_argument(
+        "--staging",
+        action="store_true",
+        help="look into a collection that runs or was cut off: validate what it has finished so far",
+    )
     add_link_arguments(reading)
 
 
@@ -64,15 +71,18 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.engine.waiver import load_waivers
     from branchdrive.engine.worker import isolated
     from branchdrive.formats.durable import replace_file
+    from branchdrive.writer.staging import snapshot
 
     written = outputs(args.output)
     for output in written:
         for root in (args.dataset, args.raw):
             check_output(output.path, outside=root)
     waivers = load_waivers(args.waivers) if args.waivers else ()
-    with progress_bar(stderr, "validating shards") as progress:
+    with ExitStack() as stack:
+        root = stack.enter_context(snapshot(args.dataset)) if args.staging else args.dataset
+        progress = stack.enter_context(progress_bar(stderr, "validating shards"))
         report = validate(
-            args.dataset,
+            root,
             raw=args.raw,
             select=args.select,
             ignore=args.ignore,
@@ -85,6 +95,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             executor=isolated(args.jobs),
             progress=progress,
         )
+    if args.staging:
+        report = replace(report, dataset=replace(report.dataset, path=f"{args.dataset} (staging)"))
     for output in written:
         replace_file(output.path, renderer(output.form or args.format)(report).encode())
     is_kept = any(output.form is None for output in written)  # a file has what `--format` asks for

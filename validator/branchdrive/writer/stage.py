@@ -6,6 +6,7 @@
       writer.lock        held by the one `DatasetWriter`
       registry.lock      held for a moment by whoever changes which groups are staged or committed
       places.json        groups per shard, and the place of every committed group
+      maps.arrow         the maps of all towns, where they are claimed
       locks/<group>.lock held by the one `GroupWriter` of a group
       groups/00000007.<group>/<rollout>/<table>.arrow
       shards/            shards that wait for their rename into `raw/`
@@ -19,7 +20,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE, MAX_SHARD_INDEX, STAGING_DIR, WRITER_LOCK
@@ -28,7 +31,10 @@ from branchdrive.formats.durable import delete, make_dir, move, partial_path, re
 from branchdrive.formats.file_lock import FileLock
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, rollouts_of
-from branchdrive.writer.staged_group import StagedGroup
+from branchdrive.writer.staged_group import StagedGroup, arrow_bytes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 __all__ = ["Places", "Stage"]
 
@@ -74,6 +80,7 @@ class Stage:
         self._registry_path = self.folder / "registry.lock"
         self._locks_dir = self.folder / "locks"
         self._places_path = self.folder / "places.json"
+        self._maps_path = self.folder / "maps.arrow"
 
     @property
     def is_held(self) -> bool:
@@ -149,6 +156,27 @@ class Stage:
         """Record which groups are committed."""
         replace_file(self._places_path, places.render())
 
+    def save_maps(self, maps: Mapping[str, pa.Table]) -> None:
+        """Keep the maps of all towns, by name, for whoever looks into the staging area."""
+        import pyarrow as pa
+
+        if maps:
+            replace_file(self._maps_path, arrow_bytes(pa.concat_tables(maps.values())).to_pybytes())
+
+    def load_maps(self) -> dict[str, pa.Table]:
+        """The maps of all towns, by name; empty where none are claimed."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        if not self._maps_path.exists():
+            return {}
+        table = pa.ipc.open_file(self._maps_path.read_bytes()).read_all()
+        return {town: table.filter(pc.field("town") == town) for town in table.column("town").unique().to_pylist()}
+
+    def group_lock(self, group_id: str) -> FileLock:
+        """The lock that the writer of a group holds."""
+        return FileLock(self._locks_dir / f"{group_id}.lock")
+
     def groups(self) -> list[StagedGroup]:
         """Every staged group, by place."""
         return StagedGroup.find_all(self.groups_dir)
@@ -166,7 +194,7 @@ class Stage:
             UsageError: The group or the place is taken otherwise, the place is in no shard, this
                 process has the group open, or no `DatasetWriter` has opened the dataset.
         """
-        lock = FileLock(self._locks_dir / f"{group_id}.lock")
+        lock = self.group_lock(group_id)
         if FileLock.held_here(lock.path):
             raise UsageError(f"group `{group_id}` is open in this process already; close its writer first")
         while True:
@@ -209,7 +237,7 @@ class Stage:
 
     def _bring_back(self, draft: StagedGroup, group_id: str, shard: Shard) -> None:
         records = [record for record in shard.records() if record["group_id"] == group_id]
-        names = [name for name in self.descriptor.tables if name != ROLLOUTS]
+        names = [name for name in self.descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
         for rollout in rollouts_of(records, {name: shard.rows(name) for name in names}):
             draft.add(rollout)
 

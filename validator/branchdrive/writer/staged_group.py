@@ -19,7 +19,7 @@ from branchdrive.writer.buffer import record_table
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["StagedGroup"]
+__all__ = ["StagedGroup", "arrow_bytes"]
 
 _CLOSED_FILE = ".closed.json"
 _FOLDER = re.compile(r"[0-9]{8,}\..+")
@@ -82,7 +82,7 @@ class StagedGroup:
         partial.mkdir()
         row = record_table(TABLES[ROLLOUTS], rollout.record)
         for name, table in {ROLLOUTS: row, **rollout.tables}.items():
-            write_file(_table_path(partial, name), _arrow_bytes(table))
+            write_file(_table_path(partial, name), arrow_bytes(table))
         sync_dir(partial)
         move(partial, folder)
 
@@ -109,7 +109,8 @@ def _table_path(folder: Path, name: str) -> Path:
     return folder / f"{name}.arrow"
 
 
-def _arrow_bytes(table: pa.Table) -> pa.Buffer:
+def arrow_bytes(table: pa.Table) -> pa.Buffer:
+    """The table as an Arrow file."""
     import pyarrow as pa
 
     sink = pa.BufferOutputStream()

@@ -114,6 +114,7 @@ class DatasetWriter:
             if not (self.root / DESCRIPTOR_FILE).exists():
                 replace_file(self.root / DESCRIPTOR_FILE, render_descriptor(self.descriptor))
             self._stage.sweep()
+            self._stage.save_maps(self._maps)
             install_ready_shards(self._stage)
             self._stage.save_places(committed_places(self._stage, groups_per_shard))
 

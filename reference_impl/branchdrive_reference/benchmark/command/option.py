@@ -106,10 +106,10 @@ def at_work(
         UsageError: Another command is running there.
         DatasetError: The release cannot be read.
     """
+    from branchdrive.interrupt import heeded_termination
     from branchdrive_reference.benchmark.document import choose_protocol
     from branchdrive_reference.benchmark.release import open_release
     from branchdrive_reference.benchmark.workspace import open_workspace
-    from branchdrive_reference.collect.interrupt import heeded_termination
 
     with heeded_termination(), open_workspace(open_release(release)) as workspace:
         yield workspace, choose_protocol(workspace, protocol_file, keep=keep)

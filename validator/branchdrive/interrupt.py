@@ -13,12 +13,39 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-
-from branchdrive.process import TerminationInterrupt, heeded_termination, raise_termination
+from typing import NoReturn
 
 __all__ = ["TerminationInterrupt", "deferred_interrupt", "heeded_termination", "shielded_children"]
 
 _Handler = Callable[[int, FrameType | None], object]
+
+
+class TerminationInterrupt(KeyboardInterrupt):
+    """The process was asked to terminate, as batch schedulers do before they kill."""
+
+    exit_code = 143
+    """What a command ends with then."""
+
+
+@contextmanager
+def heeded_termination() -> Iterator[None]:
+    """Raise `TerminationInterrupt` on SIGTERM instead of dying.
+
+    Outside the main thread, and where the caller handles SIGTERM in another way, nothing changes.
+    """
+    is_ours = _is_main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if is_ours:
+        signal.signal(signal.SIGTERM, _raise_termination)
+    try:
+        yield
+    finally:
+        if is_ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _raise_termination(_signal: int, _frame: FrameType | None) -> NoReturn:
+    """Handler of SIGTERM."""
+    raise TerminationInterrupt
 
 
 @contextmanager
@@ -31,7 +58,7 @@ def deferred_interrupt(insist: Callable[[], object] | None = None) -> Iterator[C
         insist: Called by the second one, which is raised at once otherwise; later ones do nothing then.
     """
     noted: list[int] = []
-    raising: dict[int, _Handler] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: raise_termination}
+    raising: dict[int, _Handler] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: _raise_termination}
     ours = {number: handler for number, handler in raising.items() if signal.getsignal(number) is handler}
     if not _is_main_thread():
         ours = {}

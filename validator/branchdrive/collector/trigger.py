@@ -9,14 +9,24 @@ earliest confident onset. Source: paper III-B.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import ACTIVE_TICKS, CONTROL_HISTORY_TICKS, OBSERVATION_STRIDE_TICKS
+from branchdrive.raw.rollout import Rollout
 
-__all__ = ["MARGIN_TICKS", "Branch", "ExpertTrace", "Signal", "SignalName", "Trigger", "brake_trigger"]
+__all__ = [
+    "MARGIN_TICKS",
+    "Branch",
+    "ExpertTrace",
+    "Signal",
+    "SignalName",
+    "Trigger",
+    "brake_trigger",
+    "branch_columns",
+]
 
 SignalName: TypeAlias = Literal["brake", "throttle_release", "lane_shift"]
 
@@ -51,7 +61,7 @@ class ExpertTrace:
 
 @dataclass(frozen=True)
 class Branch:
-    """Where a group branches and why; the fields are the ``trigger_*`` columns.
+    """Where a group branches and why.
 
     Attributes:
         branch_tick: Last observation tick before the manoeuvre.
@@ -75,6 +85,20 @@ class Branch:
     def branch_frame(self) -> int:
         """Index of the observation at the branch tick."""
         return self.branch_tick // OBSERVATION_STRIDE_TICKS
+
+    def columns(self, rollout_id: str) -> dict[str, str | int | float]:
+        """Columns of the rollouts table for the nominal rollout that it was read from."""
+        return {
+            "branch_tick": self.branch_tick,
+            "branch_frame": self.branch_frame,
+            "trigger_definition": self.definition,
+            "trigger_rollout_id": rollout_id,
+            "trigger_tick": self.tick,
+            "trigger_signal": self.signal,
+            "trigger_value": self.value,
+            "trigger_threshold": self.threshold,
+            "trigger_confidence": self.confidence,
+        }
 
 
 @dataclass(frozen=True)
@@ -150,3 +174,8 @@ class Trigger:
 def brake_trigger(definition: str) -> Trigger:
     """A trigger that finds where the expert leaves the throttle to brake, or brakes."""
     return Trigger(definition, (Signal("throttle_release", 0.02), Signal("brake", 0.05)))
+
+
+def branch_columns(nominal: Rollout) -> dict[str, Any]:
+    """The branch of a nominal rollout as every other attempt of its group records it; null where it has none."""
+    return {name: value for name, value in nominal.record.items() if name.startswith(("branch_", "trigger_"))}

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.each import each
 
-from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.scenarios.trigger import Branch, ExpertTrace, Signal, Trigger
+from branchdrive.collector.trigger import Branch, ExpertTrace, Signal, Trigger
+from branchdrive.contract.columns import TABLES
 
 BRAKE = Trigger("brake 1", (Signal("brake", 0.05),))
 RELEASE = Trigger("release 1", (Signal("throttle_release", 0.02), Signal("brake", 0.05)))
@@ -78,8 +77,9 @@ def test_no_branch_without_a_manoeuvre_and_its_windows(expert: ExpertTrace) -> N
     assert BRAKE.evaluate(expert) is None
 
 
-@each("scenario", SCENARIOS.values(), ids=lambda scenario: scenario.name)
-def test_definitions_are_versioned(scenario: object) -> None:
-    name, version = scenario.trigger.definition.rsplit(" ", 1)  # type: ignore[attr-defined]
-    assert name
-    assert int(version) >= 1
+def test_a_branch_is_recorded_in_the_columns_of_the_rollouts_table() -> None:
+    columns = found(BRAKE, trace(brake_from=150)).columns("group.nominal.a1")
+    declared = {column.name for column in TABLES["rollouts"].columns}
+    assert columns.keys() == {name for name in declared if name.startswith(("branch_", "trigger_"))}
+    assert (columns["branch_tick"], columns["branch_frame"]) == (145, 29)
+    assert (columns["trigger_tick"], columns["trigger_rollout_id"]) == (150, "group.nominal.a1")

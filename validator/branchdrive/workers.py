@@ -18,8 +18,8 @@ from multiprocessing.synchronize import Event
 from typing import ParamSpec, TypeVar
 
 from branchdrive.errors import ToolError
+from branchdrive.interrupt import deferred_interrupt, shielded_children
 from branchdrive.process import exit_after
-from branchdrive_reference.collect.interrupt import deferred_interrupt, shielded_children
 
 __all__ = ["WorkerError", "Workers", "started_workers"]
 

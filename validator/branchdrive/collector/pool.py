@@ -5,33 +5,65 @@ Which process executes a group never changes its bytes. Asked to stop, a worker 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.environment import leave_out_pandas
+from branchdrive.interrupt import deferred_interrupt
 from branchdrive.process import spawn_context
+from branchdrive.workers import started_workers
 from branchdrive.writer.group_writer import GroupWriter
-from branchdrive_reference.collect.group import GroupReport, collect_group
-from branchdrive_reference.collect.interrupt import deferred_interrupt
-from branchdrive_reference.collect.plan import GroupPlan
-from branchdrive_reference.collect.workers import started_workers
 
-__all__ = ["execute_groups", "num_workers"]
+__all__ = ["Execute", "Planned", "execute_groups", "num_workers"]
 
 _GROUPS_PER_WORKER = 2
 """Groups that are handed out at a time for every worker."""
 
 
+class Planned(Protocol):
+    """A group that is to be collected; processes hand it to each other."""
+
+    @property
+    def index(self) -> int:
+        """Place in the dataset, from 0."""
+
+    @property
+    def group_id(self) -> str:
+        """Identity of the group."""
+
+
+_Plan = TypeVar("_Plan", bound=Planned)
+_PlanTaken = TypeVar("_PlanTaken", bound=Planned, contravariant=True)
+_Report = TypeVar("_Report")
+_ReportGiven = TypeVar("_ReportGiven", covariant=True)
+
+
+class Execute(Protocol[_PlanTaken, _ReportGiven]):
+    """Executes what is missing of a group; a function of a module, or an object, that can be pickled."""
+
+    def __call__(
+        self, writer: GroupWriter, descriptor: Descriptor, plan: _PlanTaken, *, between: Callable[[], None]
+    ) -> _ReportGiven:
+        """Write the group's rollouts; `between` is called before each, and an exception from it is passed on."""
+
+
 def execute_groups(
-    root: Path, descriptor: Descriptor, plans: Sequence[GroupPlan], *, jobs: int
-) -> Generator[GroupReport, None, None]:
+    root: Path, descriptor: Descriptor, plans: Sequence[_Plan], execute: Execute[_Plan, _Report], *, jobs: int
+) -> Generator[_Report, None, None]:
     """Collect and close the planned groups; yields their reports in the order in which they are finished.
 
     Closing the generator stops the workers and waits for them.
+
+    Args:
+        root: Folder of the dataset, which a `DatasetWriter` has opened.
+        descriptor: The dataset's descriptor.
+        plans: The groups.
+        execute: What collects a group.
+        jobs: Worker processes; 1 works in this process.
 
     Raises:
         WorkerError: A worker process died.
@@ -41,11 +73,11 @@ def execute_groups(
         with deferred_interrupt() as raise_if_noted:
             for plan in plans:
                 with GroupWriter(root, descriptor, plan.group_id, plan.index) as writer:
-                    report = collect_group(writer, descriptor, plan, between=raise_if_noted)
+                    report = execute(writer, descriptor, plan, between=raise_if_noted)
                 yield report
                 raise_if_noted()
     else:
-        yield from _in_workers(root, descriptor, plans, jobs)
+        yield from _in_workers(root, descriptor, plans, execute, jobs)
 
 
 def num_workers(num_groups: int, *, jobs: int) -> int:
@@ -54,15 +86,15 @@ def num_workers(num_groups: int, *, jobs: int) -> int:
 
 
 def _in_workers(
-    root: Path, descriptor: Descriptor, plans: Sequence[GroupPlan], jobs: int
-) -> Generator[GroupReport, None, None]:
+    root: Path, descriptor: Descriptor, plans: Sequence[_Plan], execute: Execute[_Plan, _Report], jobs: int
+) -> Generator[_Report, None, None]:
     waiting = list(reversed(plans))
-    running: set[Future[GroupReport]] = set()
+    running: set[Future[_Report]] = set()
     with deferred_interrupt() as raise_if_noted:  # half an event leaks semaphores
         context = spawn_context()
         stop = context.Event()
     raise_if_noted()
-    state = (root, descriptor.model_dump_json(), stop)
+    state = (root, descriptor.model_dump_json(), execute, stop)
     with started_workers(context, num_workers(len(plans), jobs=jobs), stop, _Worker.start, *state) as workers:
         while waiting or running:
             while waiting and len(running) < _GROUPS_PER_WORKER * jobs:
@@ -81,19 +113,20 @@ class _Worker:
 
     root: ClassVar[Path]
     descriptor: ClassVar[Descriptor]
+    execute: ClassVar[Execute[Any, Any]]
     stop: ClassVar[Event]
 
     @classmethod
-    def start(cls, root: Path, descriptor_json: str, stop: Event) -> None:
+    def start(cls, root: Path, descriptor_json: str, execute: Execute[Any, Any], stop: Event) -> None:
         leave_out_pandas()
-        cls.root, cls.stop = root, stop
+        cls.root, cls.execute, cls.stop = root, staticmethod(execute), stop
         cls.descriptor = Descriptor.model_validate_json(descriptor_json)
 
     @classmethod
-    def collect(cls, plan: GroupPlan) -> GroupReport:
+    def collect(cls, plan: Planned) -> Any:
         cls.raise_if_stopped()
         with GroupWriter(cls.root, cls.descriptor, plan.group_id, plan.index) as writer:
-            return collect_group(writer, cls.descriptor, plan, between=cls.raise_if_stopped)
+            return cls.execute(writer, cls.descriptor, plan, between=cls.raise_if_stopped)
 
     @classmethod
     def raise_if_stopped(cls) -> None:

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from branchdrive_reference.collect.interrupt import (
+from branchdrive.interrupt import (
     TerminationInterrupt,
     deferred_interrupt,
     heeded_termination,

@@ -1,0 +1,171 @@
+"""Groups and datasets of a world: two passes, seeds without a branch, retries, resumption, worker processes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.validator.collector.straight import BrittleRoad, EmptyRoad, ShortRoad, descriptor
+
+import branchdrive as bd
+from branchdrive.collector.collection import plan_groups
+from branchdrive.collector.program import collector_main
+
+ROLES = {"nominal": 1, "intervention": 12, "nominal_replay": 2}
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bd.CollectionReport]:
+    root = tmp_path_factory.mktemp("collected") / "dataset"
+    worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
+    return root, bd.collect_dataset(root, descriptor(), worlds, num_groups=3)
+
+
+def rollouts(root: Path) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = bd.open_dataset(root).rollouts().to_pylist()
+    return rows
+
+
+def test_scenario_types_take_turns_with_seeds_of_their_own() -> None:
+    plans = plan_groups(7, 4, ("Parked Car", "Empty"))
+    assert [plan.group_id for plan in plans] == [
+        "g00000-parked-car",
+        "g00001-empty",
+        "g00002-parked-car",
+        "g00003-empty",
+    ]
+    assert len({plan.seed for plan in plans}) == 4
+    assert all(0 <= plan.seed < 2**31 for plan in plans)
+    assert plans[:2] == plan_groups(7, 2, ("Parked Car", "Empty"))
+    assert plan_groups(8, 1, ("Empty",))[0].seed != plans[0].seed
+
+
+def test_the_dataset_is_valid_and_its_branched_groups_qualify(collected: tuple[Path, bd.CollectionReport]) -> None:
+    root, report = collected
+    verdict = bd.validate(root)
+    assert verdict.verdict == "valid"
+    assert verdict.funnel is not None
+    assert list(verdict.funnel.groups.values()) == [3, 2, 2, 2, 2]
+    assert report.identity == verdict.dataset.identity
+    assert {finding.rule for finding in verdict.findings} == {"BD-BNK-001", "BD-TIC-003"}
+
+
+def test_a_seed_without_a_branch_leaves_its_nominal_and_a_reason(collected: tuple[Path, bd.CollectionReport]) -> None:
+    root, report = collected
+    counts = Counter((row["group_id"], row["role"]) for row in rollouts(root))
+    assert counts == {
+        **{(group, role): n for group in ("g00000-parked-car", "g00002-parked-car") for role, n in ROLES.items()},
+        ("g00001-empty", "nominal"): 1,
+    }
+    reasons = [group.unbranched_because for group in report.groups]
+    assert [bool(reason) for reason in reasons] == [False, True, False]
+    assert reasons[1] == "the trigger found no manoeuvre of the expert with its windows in the rollout"
+
+
+def test_replays_equal_their_nominal(collected: tuple[Path, bd.CollectionReport]) -> None:
+    dataset = bd.open_dataset(collected[0])
+    group = dataset.group("g00000-parked-car")
+    for replay in group.replays:
+        assert (replay.column("observations", "x_m") == group.nominal.column("observations", "x_m")).all()
+
+
+def test_a_kill_between_rollouts_changes_nothing(tmp_path: Path, collected: tuple[Path, bd.CollectionReport]) -> None:
+    class KilledError(Exception):
+        pass
+
+    class Dying(ShortRoad):
+        left = 5
+
+        def reset(self, seed: int) -> bd.Scene:
+            Dying.left -= 1
+            if Dying.left < 0:
+                raise KilledError
+            return super().reset(seed)
+
+    root, worlds = tmp_path / "dataset", {"Parked Car": ShortRoad, "Empty": EmptyRoad}
+    with pytest.raises(KilledError):
+        bd.collect_dataset(root, descriptor(), {**worlds, "Parked Car": Dying}, num_groups=3)
+    report = bd.collect_dataset(root, descriptor(), worlds, num_groups=3)
+    assert report.identity == collected[1].identity
+    assert (report.groups[0].num_reused, report.groups[0].num_simulated) == (5, 10)
+
+
+def test_worker_processes_write_the_same_bytes(tmp_path: Path, collected: tuple[Path, bd.CollectionReport]) -> None:
+    worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
+    report = bd.collect_dataset(tmp_path / "dataset", descriptor(), worlds, num_groups=3, jobs=2)
+    assert (report.identity, report.num_workers) == (collected[1].identity, 2)
+
+
+def test_failed_attempts_are_kept_and_made_again(tmp_path: Path) -> None:
+    """The second rollout fails twice, then three attempts at the third policy, which ends the group."""
+    root = tmp_path / "dataset"
+    report = bd.collect_dataset(root, descriptor(), {"Parked": BrittleRoad}, num_groups=1)
+    made = [(row["action_key"], row["attempt"], row["status"]) for row in rollouts(root)]
+    assert made == [
+        ("nominal", 1, "complete"),
+        ("accelerate_0.30", 1, "partial"),
+        ("accelerate_0.30", 2, "partial"),
+        ("accelerate_0.30", 3, "complete"),
+        ("accelerate_0.50", 1, "complete"),
+        ("accelerate_0.80", 1, "partial"),
+        ("accelerate_0.80", 2, "partial"),
+        ("accelerate_0.80", 3, "partial"),
+    ]
+    assert report.groups[0].stopped_because == "no attempt at accelerate_0.80 was complete: 3 made"
+    assert bd.validate(root).verdict == "valid"
+
+
+def test_a_finished_dataset_stays_as_it_is(collected: tuple[Path, bd.CollectionReport]) -> None:
+    root, report = collected
+    worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
+    again = bd.collect_dataset(root, descriptor(), worlds, num_groups=3)
+    assert (again.identity, again.groups, again.num_found) == (report.identity, (), 3)
+    with pytest.raises(bd.UsageError, match="is a finished dataset of 3 groups, which stays as it is"):
+        bd.collect_dataset(root, descriptor(), worlds, num_groups=4)
+    with pytest.raises(bd.UsageError, match="has begun 3 groups, more than the 2 asked for"):
+        bd.collect_dataset(root, descriptor(), worlds, num_groups=2)
+
+
+@pytest.mark.parametrize(("worlds", "num_groups"), [({}, 1), ({"A": ShortRoad}, 0)])
+def test_nothing_to_collect_is_refused(tmp_path: Path, worlds: Any, num_groups: int) -> None:
+    with pytest.raises(bd.UsageError, match="takes a world and a group"):
+        bd.collect_dataset(tmp_path / "dataset", descriptor(), worlds, num_groups=num_groups)
+    assert not (tmp_path / "dataset").exists()
+
+
+def test_one_group_alone(tmp_path: Path) -> None:
+    with bd.DatasetWriter(tmp_path / "dataset", descriptor()) as writer:
+        with writer.begin_group("one") as group:
+            report = bd.collect_group(
+                group, descriptor(), ShortRoad, scenario_type="Parked", seed=5, num_replays=0, max_ticks=400
+            )
+        writer.finalize()
+    assert (report.num_simulated, report.unbranched_because) == (13, "")
+    assert {row["seed"] for row in rollouts(tmp_path / "dataset")} == {5}
+
+
+def test_the_program_says_what_it_did_and_what_comes_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "dataset"
+    arguments = [str(root), "--groups", "1", "--seed", "9"]
+    assert collector_main(lambda _: descriptor(), {"Empty": EmptyRoad}, arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2] == "groups    1 collected: 0 with a branch, 1 without; 0 found finished"
+    assert lines[4].startswith("          g00000-empty: the trigger found no manoeuvre")
+    assert lines[5] == f"next      branchdrive-validate {root}"
+
+
+def test_the_program_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "other.txt").write_text("mine")
+    assert collector_main(lambda _: descriptor(), {"Empty": EmptyRoad}, [str(tmp_path)]) == 2
+    assert capsys.readouterr().err.endswith("is not empty and holds no dataset; choose another folder\n")
+
+
+def test_an_interrupted_program_says_how_to_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    class Interrupted(ShortRoad):
+        def reset(self, seed: int) -> bd.Scene:
+            raise KeyboardInterrupt
+
+    assert collector_main(lambda _: descriptor(), {"A": Interrupted}, [str(tmp_path / "dataset")]) == 130
+    assert capsys.readouterr().err.endswith("interrupted; run the same command to go on\n")

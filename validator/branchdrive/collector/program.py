@@ -1,0 +1,74 @@
+"""The command line that collectors share: collect into a folder, say what was collected and what comes next."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from branchdrive.collector.collection import collect_dataset
+from branchdrive.collector.report import CollectionReport
+from branchdrive.collector.world import World
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.errors import BranchDriveError, ToolError
+from branchdrive.interrupt import heeded_termination
+
+__all__ = ["collector_main"]
+
+
+def collector_main(
+    describe: Callable[[int], Descriptor],
+    worlds: Mapping[str, Callable[[], World]],
+    argv: Sequence[str] | None = None,
+    **options: Any,
+) -> int:
+    """Carry out the command line of a collector: ``ROOT [--groups N] [--seed S] [--jobs J]``.
+
+    Args:
+        describe: The descriptor of a collection with a seed.
+        worlds: What makes the world of each scenario type.
+        argv: Arguments; those of the process by default.
+        **options: As `collect_dataset` has them.
+
+    Returns:
+        0, or 2 where the collection cannot be carried out as asked, 4 where the machine fails, 130 where it is
+        interrupted and 143 where it is asked to terminate; the same command goes on then.
+    """
+    parser = argparse.ArgumentParser(description="Collect branch groups; the same command goes on after a kill.")
+    parser.add_argument("root", type=Path, help="folder of the dataset")
+    parser.add_argument("--groups", type=int, default=1, help="branch groups of the dataset (default: 1)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the collection (default: 1)")
+    parser.add_argument("--jobs", type=int, default=1, help="worker processes (default: 1)")
+    args = parser.parse_args(argv)
+
+    def watch(groups: int, ticks: int) -> None:
+        sys.stderr.write(f"{groups} of {args.groups} groups, {ticks:,} ticks\n")
+
+    try:
+        with heeded_termination():
+            report = collect_dataset(
+                args.root, describe(args.seed), worlds, num_groups=args.groups, jobs=args.jobs, watch=watch, **options
+            )
+    except KeyboardInterrupt as interrupt:
+        sys.stderr.write(f"{parser.prog}: interrupted; run the same command to go on\n")
+        return int(getattr(interrupt, "exit_code", 130))
+    except (BranchDriveError, OSError) as error:
+        sys.stderr.write(f"{parser.prog}: {error}\n")
+        return 4 if isinstance(error, ToolError) else 2
+    sys.stdout.write(_summary(args.root, report))
+    return 0
+
+
+def _summary(root: Path, report: CollectionReport) -> str:
+    bare = [group for group in report.groups if group.unbranched_because]
+    lines = [f"dataset   {root}", f"identity  {report.identity}"]
+    branched = f"{len(report.groups) - len(bare)} with a branch, {len(bare)} without; {report.num_found} found finished"
+    lines.append(f"groups    {len(report.groups)} collected: {branched}")
+    lines.append(f"time      {report.seconds:.1f} s, {report.num_ticks:,} ticks")
+    reasons = ((group.group_id, group.unbranched_because or group.stopped_because) for group in report.groups)
+    lines += [f"          {group_id}: {because}" for group_id, because in reasons if because]
+    lines.append(f"next      {shlex.join(['branchdrive-validate', str(root)])}")
+    return "\n".join([*lines, ""])
