@@ -323,6 +323,7 @@ class Judgement:
                     "total": judged.examined,
                     "num_findings": len(judged.locations),
                     "num_waived": 0,
+                    "url": f"docs/rules/{rule['id']}.md",
                 }
             )
             places = Counter(
