@@ -140,6 +140,7 @@ class Judgement:
             "cameras": [name for name in documents.claimed_cameras(self.descriptor) if name in cameras],
             "has_evidence": "actor_risk_evidence" in self.descriptor["streams"],
             "noise": noise["kind"],
+            "scenario_types": self.descriptor["collection"].get("scenario_types", []),
             "single_axis": (self.descriptor.get("vehicle") or {}).get("actuation") == "single_axis",
         }
 

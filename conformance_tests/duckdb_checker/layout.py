@@ -22,6 +22,7 @@ SHARD = re.compile(r"raw/shard-(?:[0-9]{5}|[1-9][0-9]{5,8})(?=/|$)")
 COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE}
 COMPANIONS_ANYWHERE = {".DS_Store", "Thumbs.db"}
 WORKING_FOLDER = ".staging"
+_WORKING_SUFFIXES = (".tmp", ".part", ".partial")
 UNHIDEABLE = {DESCRIPTOR, MANIFEST, "LICENCE.txt", WORKING_FOLDER, *LAYERS[:5]}
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)", re.DOTALL)
 _HEAD = re.compile(r"# (layer [a-z]+|dataset) ([0-9a-f]{64})")
@@ -288,6 +289,8 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
             return parts[0] in layers
         if len(parts) == 2:
             return kind != "file" and SHARD.fullmatch(path) is not None
+        if any(parts[2].startswith(f"{table}.parquet.") for table in TABLES) or parts[2].endswith(_WORKING_SUFFIXES):
+            return False
         known = parts[2].removesuffix(".parquet") in TABLES and parts[2].endswith(".parquet")
         return len(parts) == 3 and kind != "folder" and (parts[2] in tables or (media and not known))
 

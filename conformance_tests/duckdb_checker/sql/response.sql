@@ -13,7 +13,14 @@ with compared as (
     group by run
 ), seen as (
     select run, count(*) as observations, min(o.tick - t_b) filter (
-            o.x_m <> n.x_m or o.y_m <> n.y_m or o.yaw_rad <> n.yaw_rad or o.speed_mps <> n.speed_mps) as first_difference,
+            o.x_m <> n.x_m or o.y_m <> n.y_m or o.yaw_rad <> n.yaw_rad or o.speed_mps <> n.speed_mps) as state_differs,
+        -- rates tell of the control of t_b only where they are equal before
+        min(o.tick - t_b) filter (o.tick <= t_b and (
+            o.accel_longitudinal_mps2 <> n.accel_longitudinal_mps2 or o.accel_lateral_mps2 <> n.accel_lateral_mps2
+            or o.yaw_rate_radps <> n.yaw_rate_radps)) as rate_differs,
+        max(o.accel_longitudinal_mps2::double - n.accel_longitudinal_mps2) filter (o.tick = t_b) as sooner,
+        max(o.accel_longitudinal_mps2::double - n.accel_longitudinal_mps2) filter (o.tick = t_b + 5) as later,
+        md5(list(row(o.x_m, o.y_m, o.yaw_rad, o.speed_mps) order by o.tick)::varchar) as future,
         max(-sin(n.yaw_rad::double) * (o.x_m - n.x_m) + cos(n.yaw_rad::double) * (o.y_m - n.y_m))
             filter (o.tick = t_b + 50) as left_m,
         max(o.speed_mps::double - n.speed_mps) filter (o.tick = t_b + 50) as faster,
@@ -23,7 +30,8 @@ with compared as (
     where o.tick between t_b - 80 and t_b + 50
     group by run
 )
-select action_key, steer, drive, left_m, faster, moves, first_difference,
+select group_id, action_key, steer, drive, left_m, faster, moves, future, sooner, later,
+    case when state_differs < 0 or rate_differs is distinct from 0 then state_differs else 0 end as first_difference,
     abs(steer) >= 0.04 as steers, abs(drive) >= 0.04 as drives, moves and (steers or drives) as is_commanded,
     case when first_difference >= 0 then first_difference end as response
 from compared join driven using (run) join seen using (run)

@@ -28,9 +28,10 @@ def test_first_response_is_counted_from_the_branch() -> None:
 
 
 def responses(steer: list[float], drive: list[float], lateral_m: list[float], speed_mps: list[float]) -> Responses:
-    index = np.zeros(len(steer), np.int64)
+    index = np.arange(len(steer))
     values = (np.array(column) for column in (steer, drive, lateral_m, speed_mps))
-    return Responses(index, *values, index, np.ones(len(steer), bool))
+    zero = np.zeros(len(steer), np.int64)
+    return Responses(index, zero, *values, zero, np.ones(len(steer), bool), np.zeros((len(steer), 2)), zero)
 
 
 def test_agreement_counts_one_command_at_a_time_and_no_small_effect() -> None:
@@ -38,6 +39,23 @@ def test_agreement_counts_one_command_at_a_time_and_no_small_effect() -> None:
     assert right.steering.tolist() == [1, -1, 1, 0, 0, 0]
     faster = responses([0, 0, 0, 0.2], [0.5, -0.5, 0.5, 0.5], [0] * 4, [2, -2, -2, 2])
     assert faster.driving.tolist() == [1, 1, -1, 0]
+
+
+def test_policies_are_compared_in_the_groups_that_have_both() -> None:
+    group, policy = np.array([1, 2, 3, 1, 2, 4]), np.array([5, 5, 5, 6, 6, 6])
+    steer, zero = np.array([0.1, 0.1, 0.1, 0.2, 0.12, 0.2]), np.zeros(6)
+    first, future = np.array([1, 1, 1, 1, NO_RESPONSE, 1]), np.array([7, 8, 9, 7, 8, 9])
+    every = Responses(group, policy, steer, zero, zero, zero, first, np.ones(6, bool), np.zeros((6, 2)), future)
+    differs, is_one = every.others(5, 6)
+    assert differs.tolist() == [True, False]
+    assert is_one.tolist() == [True, True]
+
+
+def test_only_steering_and_braking_must_have_an_effect() -> None:
+    index, steer, drive = np.arange(4), np.array([0.05, 0.0, 0.0, 0.0]), np.array([0.0, -0.3, 0.5, -0.1])
+    nothing = np.full(4, NO_RESPONSE)
+    every = Responses(index, index, steer, drive, drive, drive, nothing, np.ones(4, bool), np.zeros((4, 2)), index)
+    assert every.is_ignored.tolist() == [True, True, False, False]
 
 
 def test_responses_of_shards_add_up() -> None:

@@ -67,7 +67,7 @@ class WatchedView(ReleaseView):
         super().__init__(
             source.descriptor, **{name: Watched(part, self._note) for name, part in parts.items()},
             raw=source.raw, files=source.files, mismatches=source.mismatches,
-            digests=source.digests, sizes=source.sizes,
+            digests=source.digests, sizes=source.sizes, num_rows=source.num_rows,
         )  # fmt: skip
         stale = {changed, *(LAYERS["model"].tables if changed == CONTEXTS else ())}
         self._frames = {name: frame for name, frame in source._frames.items() if name != changed}

@@ -31,5 +31,5 @@ def release_view(root: Path) -> ReleaseView:
         tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}
         return ReleaseView(
             view.descriptor, tables, view.documents, view.contents, raw, view.files,
-            digests=view.digests, sizes=view.sizes,
+            digests=view.digests, sizes=view.sizes, num_rows=view.num_rows,
         )  # fmt: skip

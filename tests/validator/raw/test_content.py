@@ -17,6 +17,7 @@ from tests.validator.raw.spelled_content import ORDER, attempt_blocks, lines_dig
 
 from branchdrive.contract.identity import document_digest
 from branchdrive.engine.validate import validate
+from branchdrive.formats.parquet import encode_table
 from branchdrive.tables.content import table_digest
 
 
@@ -31,7 +32,7 @@ def content_of(root: Path) -> str | None:
     return validate(root, select=["BD-LAY", "BD-TAB"]).dataset.content.get("raw")
 
 
-def written(root: Path, tables: Tables, encode: Callable[[pa.Table], bytes] = synthetic.encode_table) -> Path:
+def written(root: Path, tables: Tables, encode: Callable[[pa.Table], bytes] = encode_table) -> Path:
     files = {
         f"{folder}/{name}.parquet": encode(table) for folder, shard in tables.items() for name, table in shard.items()
     }

@@ -59,6 +59,8 @@ class Bounds:
     turn_rad: float
     acceleration_mps2: float
     same_centre_m: float
+    contact_observations: float
+    contact_reach_m: float
     gap_observations: float
     gap_margin_m: float
     trigger_delay_ticks: float

@@ -29,7 +29,7 @@ _TRACES = {
         r"|(?<![\d.])\d{1,3}(?:\.\d{1,3}){3}:\d{2,5}(?!\d)"
     ),
     "a time on the clock": re.compile(
-        rf"(?<!\d){_YEAR}-{_DAY[0]}-{_DAY[1]}[Tt _]{_HOUR}:[0-5]\d"
+        rf"(?<!\d){_YEAR}-{_DAY[0]}-{_DAY[1]}[Tt _-]{_HOUR}[:._-][0-5]\d(?!\d)"
         rf"|(?<![0-9A-Za-z]){_YEAR}-?{_DAY[0]}-?{_DAY[1]}[Tt _-]?{_HOUR}[0-5]\d[0-5]\d[Zz]?(?![0-9A-Za-z])"
     ),
 }

@@ -64,8 +64,15 @@ def mismatches_of(error: ValidationError) -> tuple[Mismatch, ...]:
 def _mismatches(error: ValidationError) -> Iterator[Mismatch]:
     for detail in error.errors(include_url=False):
         pointer = "".join(f"/{part}" for part in detail["loc"]) or "/"
-        found = "nothing" if detail["type"] == "missing" else quote(detail["input"])
-        yield Mismatch({"pointer": pointer}, _expected(detail), found)
+        yield Mismatch({"pointer": pointer}, _expected(detail), _found(detail))
+
+
+def _found(detail: ErrorDetails) -> str:
+    if detail["type"] == "missing":
+        return "nothing"
+    found = quote(detail["input"])
+    is_cut = isinstance(detail["input"], Mapping) and found.endswith("...")
+    return "properties that contradict it" if is_cut else found
 
 
 def _expected(detail: ErrorDetails) -> str:

@@ -27,9 +27,15 @@ Index = NDArray[np.int64]
 MIN_COMMAND = 0.04
 """Mean difference of commands below which nothing is expected: the smallest steering of the bank `bd13` is 0.05."""
 
+MIN_BRAKING = 0.2
+"""Mean difference of throttle minus brake that slows any vehicle; more throttle may find one at its top speed."""
+
 MIN_EFFECT_M = 0.1
 MIN_EFFECT_MPS = 0.1
 """Effects below these have no sign; replays of one rollout differ by about as much where a simulator has noise."""
+
+MIN_EFFECT_MPS2 = 2.0
+"""Change of an acceleration that no noise of replays explains in nine of ten interventions."""
 
 BEFORE_BRANCH = -1
 """`Responses.first` of a rollout that differs from its nominal before the branch already."""
@@ -43,6 +49,7 @@ class Responses:
     """Interventions against their nominal rollouts, each field ``[interventions]``.
 
     Attributes:
+        group: The group, as 63 bits of a digest of its id.
         policy: Index into the bank.
         steer: Mean applied steering minus the nominal's, positive to the right.
         drive: Mean applied throttle minus brake, minus the nominal's.
@@ -51,8 +58,11 @@ class Responses:
         first: The first observation that differs from the nominal's: 0 is that of ``t_b``, ``j`` that of ``t_b + 5 j``;
             `BEFORE_BRANCH`, or `NO_RESPONSE`.
         moves: Whether the nominal vehicle moves between ``t_b`` and ``t_b + 50``.
+        accel_mps2: Longitudinal acceleration minus the nominal's, at ``t_b`` and at ``t_b + 5`` ``[interventions, 2]``.
+        future: Its poses and speeds from ``t_b`` to ``t_b + 50``, as 63 bits of their digest.
     """
 
+    group: Index
     policy: Index
     steer: Array
     drive: Array
@@ -60,12 +70,31 @@ class Responses:
     speed_mps: Array
     first: Index
     moves: NDArray[np.bool_]
+    accel_mps2: Array
+    future: Index
 
     @classmethod
     def none(cls) -> Responses:
         """No intervention."""
         index, value = np.zeros(0, np.int64), np.zeros(0)
-        return cls(index, value, value, value, value, index, np.zeros(0, bool))
+        return cls(index, index, value, value, value, value, index, np.zeros(0, bool), np.zeros((0, 2)), index)
+
+    def others(self, first: int, second: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Where the commands of two policies differ, and where they have one future that is not the nominal's.
+
+        Args:
+            first: Index of a policy.
+            second: Index of another one.
+
+        Returns:
+            Whether commands differ and the nominal moves, and whether the future is one, in each group with both.
+        """
+        a, b = (np.flatnonzero(self.policy == policy) for policy in (first, second))
+        _, in_a, in_b = np.intersect1d(self.group[a], self.group[b], return_indices=True)
+        a, b = a[in_a], b[in_b]
+        away = np.maximum(np.abs(self.steer[a] - self.steer[b]), np.abs(self.drive[a] - self.drive[b]))
+        is_one = (self.first[a] != NO_RESPONSE) & (self.future[a] == self.future[b])
+        return self.moves[a] & (away >= MIN_COMMAND), is_one
 
     @classmethod
     def of_all(cls, parts: Iterable[Responses]) -> Responses:
@@ -77,6 +106,20 @@ class Responses:
     def is_commanded(self) -> NDArray[np.bool_]:
         """Interventions whose commands differ from the nominal's, of a vehicle that moves."""
         return self.moves & (np.maximum(np.abs(self.steer), np.abs(self.drive)) >= MIN_COMMAND)
+
+    @property
+    def is_anticipated(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Interventions whose acceleration has changed clearly after the branch, and those at the branch already."""
+        at_branch, later = self.accel_mps2.T
+        counts: NDArray[np.bool_] = np.abs(later) >= MIN_EFFECT_MPS2
+        return counts, counts & (np.sign(later) * at_branch >= np.abs(later) / 2)
+
+    @property
+    def is_ignored(self) -> NDArray[np.bool_]:
+        """Interventions that steer or brake, of a vehicle that moves, and have the future of their nominal."""
+        acts = (np.abs(self.steer) >= MIN_COMMAND) | (self.drive <= -MIN_BRAKING)
+        is_ignored: NDArray[np.bool_] = self.moves & acts & (self.first == NO_RESPONSE)
+        return is_ignored
 
     @property
     def steering(self) -> Array:

@@ -37,6 +37,7 @@ from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
+from branchdrive.raw.calibration import calibration
 from branchdrive.raw.content import attempt_content
 from branchdrive.raw.extent import vehicle_widths
 from branchdrive.raw.funnel import Funnel
@@ -206,8 +207,9 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         if tally.info.scope == "rollout"
     }
     result.responses, result.tracks = responses(view, examination.selection, examination.broken), tracks(view)
-    result.extremes = observed_extremes(view)
+    result.calibration, result.extremes = calibration(view, examination.broken), observed_extremes(view)
     result.widths, result.maps = vehicle_widths(view), map_digests(view)
+    result.scenario_types = frozenset(view.rollouts.categories("scenario_type")[1])
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]

@@ -200,6 +200,11 @@ def _has_place(entry: Entry) -> bool:
             return False
 
 
+def _is_working_file(name: str) -> bool:
+    """Whether a writer left it: a table under more than its name, or a suffix of what is not complete."""
+    return name.startswith(tuple(TABLE_FILES)) or name.endswith((".tmp", ".part", ".partial"))
+
+
 @rule("BD-LAY-009")
 def files_have_a_place(survey: Survey) -> Iterator[Check]:
     """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media."""
@@ -225,6 +230,8 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                     found.append(
                         Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
                     )
+                elif name not in TABLE_FILES and _has_place(entry) and _is_working_file(name):
+                    found.append(Mismatch({"file": entry.path}, "tables and media", "a working file of a writer"))
     yield Check.of(len(plain), tuple(found))
 
 
@@ -259,6 +266,17 @@ def descriptor_agrees_with_itself(survey: Survey) -> Iterator[Check]:
     """What no schema can say: unique keys, one nominal policy, cameras of the claimed streams."""
     judged = survey.descriptor is not None or bool(survey.conflicts)
     yield Check.of(int(judged), (found.within(_DESCRIPTOR) for found in survey.conflicts))
+
+
+@rule("BD-DOC-006")
+def scenario_types_are_those_of_the_plan(survey: Survey) -> Iterator[Check]:
+    """Attempts are of the scenario types that the descriptor names, where it names any."""
+    planned = survey.descriptor.collection.scenario_types if survey.descriptor is not None else ()
+    others = sorted(set().union(*(shard.scenario_types for shard in survey.shards)) - {*planned, ""})
+    place = {**_DESCRIPTOR, "pointer": "/collection/scenario_types"}
+    text = f"none of {', '.join(map(quote, others[:4]))}, which attempts have"
+    found = [Mismatch(place, "every scenario type of the attempts, or none", text, len(others))]
+    yield Check.of(len(survey.shards) if survey.descriptor is not None else 0, found if planned and others else ())
 
 
 @rule("BD-DOC-005")

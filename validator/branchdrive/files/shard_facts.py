@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.driving.response import Responses
 
@@ -33,11 +36,13 @@ class ShardFacts:
             have no place in them.
         responses: What its interventions do, where its rows could be judged.
         tracks: What the ego did in the attempts of each group, as digests.
+        calibration: Sign, unit and clock of recorded motion: values of every quantity in its attempts.
         extremes: Smallest and largest value of every column of numbers of the observations.
         widths: Numbers of egos and of tracks of vehicles that are too narrow, too wide, and of all, by their table.
         maps: Digest of the map of each town, where its rows could be judged.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
+        scenario_types: Scenario types of the attempts, where their rows could be judged.
     """
 
     folder: str
@@ -57,8 +62,10 @@ class ShardFacts:
     attempts: dict[str, str] | None = None
     responses: Responses = field(default_factory=Responses.none)
     tracks: dict[str, frozenset[int]] = field(default_factory=dict)
+    calibration: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
     widths: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     maps: dict[str, str] = field(default_factory=dict)
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)
+    scenario_types: frozenset[str] = frozenset()

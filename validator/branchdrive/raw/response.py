@@ -18,11 +18,12 @@ from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 
-__all__ = ["observed_extremes", "responses", "tracks"]
+__all__ = ["group_digests", "observed_extremes", "responses", "tracks"]
 
 Index = NDArray[np.int64]
 
 _STATE = ("x_m", "y_m", "yaw_rad", "speed_mps")
+_RATES = ("accel_longitudinal_mps2", "accel_lateral_mps2", "yaw_rate_radps")
 _COMMAND = ("applied_steer", "applied_throttle", "applied_brake")
 _OFFSETS = (PREDECESSOR_OFFSET, *HISTORY_OFFSETS, *FUTURE_OFFSETS)
 _NUM_BEFORE = len(HISTORY_OFFSETS)  # the predecessor and the history but for t_b
@@ -41,23 +42,42 @@ def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
     same_branch = view.branched[own] & (view.branch_tick[own] == view.branch_tick[nominal])
     kept = (nominal >= 0) & (policy != view.descriptor.action_bank.nominal_index) & same_branch
     kept &= ~(broken[own] | broken[nominal])
-    own, nominal, policy = own[kept], nominal[kept], policy[kept]
+    own, nominal, policy, group = own[kept], nominal[kept], policy[kept], group[kept]
     state, reference = (_values(view, "observations", rollouts, _STATE, _OFFSETS) for rollouts in (own, nominal))
     ticks = range(ACTIVE_TICKS)
     command, wanted = (_values(view, "controls", rollouts, _COMMAND, ticks) for rollouts in (own, nominal))
     kept = np.isfinite(state - reference).all(axis=(0, 2)) & np.isfinite(command - wanted).all(axis=(0, 2))
     state, reference, command, wanted = (values[:, kept] for values in (state, reference, command, wanted))
+    past = _OFFSETS[: _NUM_BEFORE + 2]
+    rates, known = (_values(view, "observations", rollouts[kept], _RATES, past) for rollouts in (own, nominal))
     steer, throttle, brake = (command - wanted).mean(axis=2)
     (x, y, _, speed), (x_0, y_0, yaw_0, speed_0) = state[:, :, -1], reference[:, :, -1]
+    first = first_response((state != reference).any(axis=0), _NUM_BEFORE)
+    differs = (rates != known).any(axis=0)
+    first[(first > 0) & differs[:, _NUM_BEFORE] & ~differs[:, :_NUM_BEFORE].any(axis=1)] = 0
+    future = np.ascontiguousarray(state[:, :, _NUM_BEFORE:].swapaxes(0, 1))
     return Responses(
+        group=view.cached(group_digests)[group[kept]],
         policy=policy[kept],
         steer=steer,
         drive=throttle - brake,
         lateral_m=lateral_effect_m(x, y, x_0, y_0, yaw_0),
         speed_mps=speed - speed_0,
-        first=first_response((state != reference).any(axis=0), _NUM_BEFORE),
+        first=first,
         moves=np.asarray((np.abs(reference[3, :, _NUM_BEFORE:]) > _MOVING_MPS).all(axis=1)),
+        accel_mps2=(rates - known)[0, :, _NUM_BEFORE:],
+        future=np.array([_digest(track.data) for track in future], np.int64),
     )
+
+
+def group_digests(view: ShardView) -> Index:
+    """63 bits of a digest of the id of each group of the shard ``[groups]``."""
+    return np.array([_digest(group_id.encode()) for group_id in view.group_ids], np.int64)
+
+
+def _digest(content: bytes | memoryview) -> int:
+    """63 bits of a SHA-256."""
+    return int.from_bytes(hashlib.sha256(content).digest()[:8], "little") >> 1
 
 
 def _values(

@@ -14,6 +14,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.raw.response import group_digests, responses
 from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
@@ -77,6 +78,19 @@ def _codes(view: ShardView, column: str) -> NDArray[np.int64]:
     return codes[column]
 
 
+def _unlike(view: ShardView, column: str, nominal: int, other: int) -> tuple[str, str]:
+    """Two values that differ, in words; of polylines, their first vertices that do, or their numbers."""
+    values, valid = view.rollouts[column], view.rollouts.valid(column)
+    if values.dtype != object or not (valid[nominal] and valid[other]) or isinstance(values[nominal], str):
+        wanted, found = (quote(values[i]) if valid[i] else "null" for i in (nominal, other))
+        return wanted, found
+    ours, theirs = values[nominal], values[other]
+    if len(ours) != len(theirs):
+        return f"{len(ours)} vertices", f"{len(theirs)} vertices"
+    vertex = int(np.argmax(ours != theirs))
+    return f"{quote(ours[vertex])} at vertex {vertex}", f"{quote(theirs[vertex])} at vertex {vertex}"
+
+
 def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Iterator[Check]]:
     def check(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
         subjects = subjects & (selection.nominal >= 0)
@@ -88,8 +102,7 @@ def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], It
         def describe(g: int) -> Mismatch:
             column_index, policy_index = np.argwhere(differs[:, g])[0]
             column, other = columns[column_index], chosen[g, policy_index]
-            values, valid = view.rollouts[column], view.rollouts.valid(column)
-            wanted, found = (quote(values[i]) if valid[i] else "null" for i in (selection.nominal[g], other))
+            wanted, found = _unlike(view, column, int(selection.nominal[g]), int(other))
             place: Location = {
                 "table": "rollouts",
                 "column": column,
@@ -127,6 +140,24 @@ same_variant = rule("BD-GRP-007")(_shared(("protocol_variant",)))
 same_versions = rule("BD-GRP-008")(_shared(("simulator_version", "collector_version")))
 
 
+@rule("BD-GRP-009")
+def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """No candidate that steers or brakes otherwise than a moving nominal has its future, bit for bit."""
+    every = responses(view, selection, np.zeros(view.num_rollouts, bool))
+    keys, groups = np.array(view.descriptor.action_bank.keys), view.cached(group_digests)
+    ignored = np.stack(
+        [np.isin(groups, every.group[every.is_ignored & (every.policy == policy)]) for policy in range(len(keys))],
+        axis=1,
+    )
+
+    def describe(g: int) -> Mismatch:
+        names = ", ".join(keys[ignored[g]])
+        found = f"the nominal's, bit for bit, under {names}"
+        return Mismatch({"table": "observations"}, "another future than the nominal's", found, int(ignored[g].sum()))
+
+    yield Check.of_subjects(subjects, subjects & ignored.any(axis=1), describe)
+
+
 @rule("BD-GRP-006")
 def replays_share_their_context(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """A nominal replay agrees with its nominal in everything that candidates share."""
@@ -137,8 +168,7 @@ def replays_share_their_context(view: ShardView, subjects: Mask) -> Iterator[Che
 
     def describe(i: int) -> Mismatch:
         column = columns[int(np.argmax(differs[:, i]))]
-        values, valid = view.rollouts[column], view.rollouts.valid(column)
-        wanted, found = (quote(values[k]) if valid[k] else "null" for k in (view.nominal[i], i))
+        wanted, found = _unlike(view, column, int(view.nominal[i]), i)
         return Mismatch({"table": "rollouts", "column": column}, f"{wanted} as in the nominal", found)
 
     yield Check.of_subjects(subjects, subjects & differs.any(axis=0), describe)

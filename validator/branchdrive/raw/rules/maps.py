@@ -142,6 +142,22 @@ def road_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     )
 
 
+@rule("BD-MAP-009")
+def lights_are_of_signals(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """``traffic_light`` is unavailable in towns whose map holds no signal."""
+    if "map" not in view or "evidence" not in view:
+        return
+    evidence = view.stream("evidence")
+    with_signals = set(view.map["town"][view.map.equals("kind", "signal")])
+    lacks_one = np.array([*(town not in with_signals for town in view.rollouts["town"]), False], bool)
+    bad = lacks_one[evidence.rollout] & evidence["traffic_light_available"].astype(bool)
+
+    def describe(row: int) -> tuple[str, str]:
+        return "unavailable: the map of the town holds no signal", quote(str(evidence["traffic_light"][row]))
+
+    yield _of_evidence(view, subjects, "traffic_light", bad, describe)
+
+
 @rule("BD-MAP-007")
 def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``speed_limit_mps`` is that of a lane under the ego's centre, where both are known."""

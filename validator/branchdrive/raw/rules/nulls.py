@@ -41,15 +41,19 @@ def _nullable(view: Tables, accept: Callable[[Availability], bool]) -> Iterator[
                 yield view[name], column, column.available
 
 
-def _presence(table: TableView, column: Column, expected: Mask, because: str) -> Check:
+def _presence(table: TableView, column: Column, expected: Mask, because: Callable[[int], str]) -> Check:
     present = table.valid(column.name)
 
     def describe(row: int) -> tuple[str, str]:
         demand = "a value" if expected[row] else "null"
         found = quote(table[column.name][row]) if present[row] else "null"
-        return f"{demand} ({because} is {'on' if expected[row] else 'off'})", found
+        return f"{demand} ({because(row)})", found
 
     return Check.of_rows(table.name, column.name, len(table), np.flatnonzero(present != expected), describe)
+
+
+def _switch(name: str, is_on: Mask) -> Callable[[int], str]:
+    return lambda row: f"{name} is {'on' if is_on[row] else 'off'}"
 
 
 @rule("BD-NUL-001")
@@ -67,14 +71,16 @@ def required_columns_hold_no_null(view: Tables) -> Iterator[Check]:
 def masks_agree_with_values(view: Tables) -> Iterator[Check]:
     """A masked column is null exactly where its mask is off."""
     for table, column, available in _nullable(view, lambda a: a.mask is not None):
-        yield _presence(table, column, table[str(available.mask)].astype(bool), f"`{available.mask}`")
+        is_on = table[str(available.mask)].astype(bool)
+        yield _presence(table, column, is_on, _switch(f"`{available.mask}`", is_on))
 
 
 @rule("BD-NUL-003")
 def policy_columns_follow_active(view: ShardView) -> Iterator[Check]:
     """Intended and stored nominal commands are there exactly at active ticks."""
     for table, column, _ in _nullable(view, lambda a: a.when == "active"):
-        yield _presence(table, column, table["active"].astype(bool), "`active`")
+        is_on = table["active"].astype(bool)
+        yield _presence(table, column, is_on, _switch("`active`", is_on))
 
 
 @rule("BD-NUL-004")
@@ -87,10 +93,12 @@ def rollout_columns_follow_conditions(view: ShardView) -> Iterator[Check]:
         "not_nominal": ~view.role("nominal"),
     }
     for _, column, available in _nullable(view, lambda a: a.when in conditions):
-        yield _presence(table, column, conditions[str(available.when)], f"condition `{available.when}`")
+        is_on = conditions[str(available.when)]
+        yield _presence(table, column, is_on, _switch(f"condition `{available.when}`", is_on))
     for _, column, available in _nullable(view, lambda a: a.when == "valued"):
-        carries = table.equals(str(available.rule), "absolute") | table.equals(str(available.rule), "floor")
-        yield _presence(table, column, carries, f"a valued `{available.rule}`")
+        name = str(available.rule)
+        carries = table.equals(name, "absolute") | table.equals(name, "floor")
+        yield _presence(table, column, carries, lambda row, name=name: f"`{name}` is {quote(table[name][row])}")  # type: ignore[misc]
 
 
 @rule("BD-NUL-006")

@@ -15,6 +15,7 @@ from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import CATALOGUE, rule
 from branchdrive.driving.response import NO_RESPONSE, Responses
 from branchdrive.files.survey import Survey
+from branchdrive.raw.calibration import QUANTITIES
 
 MIN_INTERVENTIONS = 8
 """Interventions, attempts or tracks below which nothing is concluded; nine in ten of fewer is all of them."""
@@ -73,7 +74,7 @@ def actuators_act_in_their_direction(survey: Survey) -> Iterator[Check]:
 
 @rule("BD-RSP-002")
 def commands_have_an_effect(survey: Survey) -> Iterator[Check]:
-    """A policy whose commands differ from the nominal's changes what a moving vehicle does."""
+    """A policy whose commands differ from the nominal's, or from another's, changes what a moving vehicle does."""
     every, found, examined = _responses(survey), [], 0
     keys = survey.descriptor.action_bank.keys if survey.descriptor else ()
     for index, key in enumerate(keys):
@@ -85,6 +86,11 @@ def commands_have_an_effect(survey: Survey) -> Iterator[Check]:
                 f"the nominal's observations, bit for bit, in {(unchanged & counts).sum()} of {counts.sum()} attempts"
             )
             found.append(Mismatch({"action_key": key}, "another future than the nominal's", equal))
+        for other in range(index):
+            compared, same = every.others(index, other)
+            if _prevails(same, compared, MIN_EQUAL):
+                equal = f"that of {keys[other]}, bit for bit, in {(same & compared).sum()} of {compared.sum()} groups"
+                found.append(Mismatch({"action_key": key}, "a future of its own", equal))
     yield Check.of(examined, found)
 
 
@@ -96,12 +102,30 @@ def _clean(every: Responses) -> Mask:
 
 @rule("BD-RSP-003")
 def no_response_precedes_its_command(survey: Survey) -> Iterator[Check]:
-    """The observation of the branch tick is taken before the control of that tick acts."""
+    """The observation of the branch tick is taken before the control of that tick acts, accelerations included."""
     every = _responses(survey)
-    counts, early = _clean(every), every.first == 0
-    found = f"a difference in {(early & counts).sum()} of {counts.sum()} interventions that equal it before"
-    mismatch = Mismatch({"table": "observations"}, "the nominal's observation at the branch tick", found)
-    yield Check.of(int(counts.sum() >= MIN_INTERVENTIONS), [mismatch] if _prevails(early, counts) else ())
+    clean, early = _clean(every), every.first == 0
+    keys = survey.descriptor.action_bank.keys if survey.descriptor else ()
+    counted = {key: clean & (every.policy == index) for index, key in enumerate(keys)}
+    acting = [key for key, counts in counted.items() if _prevails(early, counts, MIN_EQUAL)]
+    text = f"a difference in {(early & clean).sum()} of {clean.sum()} interventions that equal it before"
+    found = Mismatch(
+        {"table": "observations"}, "the nominal's observation at the branch tick, accelerations and yaw rate included",
+        text + (f", nearly all of {', '.join(acting)}" if acting else ""),
+    )  # fmt: skip
+    judged, anticipated = every.is_anticipated
+    effect = Mismatch(
+        {"table": "observations", "column": "accel_longitudinal_mps2"},
+        "at the branch tick the acceleration of the control before, as without the intervention",
+        f"half its effect or more in {anticipated.sum()} of {judged.sum()} interventions that change it",
+    )
+    examined = sum(int(counts.sum()) >= MIN_EQUAL for counts in counted.values()) + int(
+        judged.sum() >= MIN_INTERVENTIONS
+    )
+    if acting or _prevails(early, clean):
+        yield Check.of(examined, [found])
+    else:
+        yield Check.of(examined, [effect] if _prevails(anticipated, judged) else ())
 
 
 @rule("BD-RSP-004")
@@ -145,4 +169,19 @@ def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
         if prevails(num_failed, num_examined):
             text = f"{num_failed} of {num_examined} attempts that fail it"
             found.append(Mismatch({"table": table}, f"{rule_id} ({CATALOGUE[rule_id].title}) in most attempts", text))
+    yield Check.of(examined, found)
+
+
+@rule("BD-RSP-007")
+def motion_has_its_sign_unit_and_clock(survey: Survey) -> Iterator[Check]:
+    """Speeds, yaw rates, accelerations and headings are, in most attempts, those of the positions and turns."""
+    found, examined = [], 0
+    for name, quantity in QUANTITIES.items():
+        values = np.concatenate([shard.calibration.get(name, np.zeros(0)) for shard in survey.shards] or [np.zeros(0)])
+        is_wrong = (values < quantity.least) | (values > quantity.most)
+        examined += len(values) >= MIN_INTERVENTIONS
+        if _prevails(is_wrong, np.ones(len(values), bool)):
+            expected = f"{quantity.text}: {quantity.least:g} to {quantity.most:g}"
+            text = f"{np.median(values):.3g} at the median, and others in {is_wrong.sum()} of {len(values)} attempts"
+            found.append(Mismatch({"table": quantity.table, "column": quantity.column}, expected, text))
     yield Check.of(examined, found)

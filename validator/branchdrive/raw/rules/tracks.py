@@ -64,7 +64,7 @@ def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check
 
 
 def _crowded_rows(view: ShardView) -> Index:
-    """Rows at observations where a track begins: of an actor that is there twice, or that is the ego."""
+    """Rows at observations where a track begins: of an actor that is there twice."""
     stream = view.stream("actors")
     row, previous, *_ = view.cached(tracks)
     frame = view.observations.rows_of(stream)[row]
@@ -75,19 +75,20 @@ def _crowded_rows(view: ShardView) -> Index:
 
 @rule("BD-ACT-002")
 def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """No actor has the box of the ego, and no two actors of an observation have one box."""
-    stream, observations, rollouts = view.stream("actors"), view.observations, view.rollouts
-    rows = _crowded_rows(view)
+    """No actor has the place of the ego, and no two actors of an observation have one box."""
+    stream, observations = view.stream("actors"), view.observations
+    row, previous, *_ = view.cached(tracks)
+    rows = row[previous < 0]
     frame = observations.rows_of(stream)[rows]
     near = np.hypot(stream["x_m"][rows] - observations["x_m"][frame], stream["y_m"][rows] - observations["y_m"][frame])
-    same = near <= physical_bounds().same_centre_m
-    for column in ("length_m", "width_m"):
-        same &= stream[column][rows] == rollouts[f"ego_{column}"][observations.rollout[frame]]
+    away = dict(zip(rows.tolist(), near.tolist(), strict=True))
     ego = _of_actors(
-        view, subjects, rows[same], "x_m",
-        lambda _: ("another road user than the ego", "the box of the ego at its place"),
+        view, subjects, rows[near <= physical_bounds().same_centre_m], "x_m",
+        lambda row: ("another road user than the ego", f"a box whose centre is {away[row]:.2f} m from that of the ego"),
     )  # fmt: skip
 
+    rows = _crowded_rows(view)
+    frame = observations.rows_of(stream)[rows]
     boxes = [frame, *(stream[column][rows] for column in _BOX)]
     order = np.lexsort(boxes[::-1])
     repeats = np.flatnonzero(np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in boxes]))

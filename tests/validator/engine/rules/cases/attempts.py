@@ -48,7 +48,7 @@ def attempt_without_any_row(d: Draft) -> None:
 def complete_attempts_with_bad_results(d: Draft) -> None:
     d.set("rollouts", "result_completion", "aborted", rollout_id=BRAKE)
     d.set("rollouts", "result_num_vehicle_collisions", 3, rollout_id=BRAKE)
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=200)
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=170)
 
 
 # BD-TIC-001

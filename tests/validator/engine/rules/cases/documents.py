@@ -256,6 +256,20 @@ def title_with_a_date_and_an_address(d: Draft) -> None:
     d.descriptor["title"] = "Runs of 2026-03-01, https://example.org/runs/1 or mail@example.org"
 
 
+# BD-DOC-006
+
+
+@mutant("BD-DOC-006", at={**PLACE, "pointer": "/collection/scenario_types"})
+def scenario_type_that_no_plan_names(d: Draft) -> None:
+    d.descriptor["collection"]["scenario_types"] = ["HardBreakRoute2"]
+
+
+@boundary("BD-DOC-006")
+def scenario_type_of_which_nothing_was_collected(d: Draft) -> None:
+    collected = set(d.take("rollouts")["scenario_type"].to_pylist())
+    d.descriptor["collection"]["scenario_types"] = sorted({*collected, "HardBreakRoute2"})
+
+
 # BD-ENC-001
 
 

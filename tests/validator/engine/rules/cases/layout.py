@@ -378,6 +378,18 @@ def folder_in_a_shard(d: Draft) -> None:
     d.before_seal(lambda root: (root / SHARD_0 / "front").mkdir())
 
 
+@mutant("BD-LAY-009", base="media", at={"file": f"{SHARD_0}/controls.parquet.tmp"})
+def working_file_beside_media(d: Draft) -> None:
+    d.before_seal(lambda root: (root / SHARD_0 / "controls.parquet.tmp").write_bytes(b"PAR1"))
+
+
+@boundary("BD-LAY-009", base="media")
+def media_under_any_suffix(d: Draft) -> None:
+    d.set("frames", "file", "views.of-g0.dat")
+    for folder in (SHARD_0, SHARD_1):
+        d.before_seal(lambda root, shard=folder: (root / shard / MEDIA_FILE).rename(root / shard / "views.of-g0.dat"))
+
+
 @mutant("BD-LAY-009", at={"file": "canonical"})
 def layer_that_is_not_claimed(d: Draft) -> None:
     d.before_seal(lambda root: (root / "canonical").mkdir())

@@ -282,3 +282,19 @@ def rail_of_a_bridge_over_the_road(d: Draft) -> None:
 @boundary("BD-MAP-008", status="skipped")
 def towns_without_walls(d: Draft) -> None:
     d.drop("map", kind="wall")
+
+
+# BD-MAP-009
+
+
+@mutant("BD-MAP-009", base="map", at={"column": "traffic_light", "tick": 0}, findings=16)
+def light_without_a_signal(d: Draft) -> None:
+    d.drop("map", town=TOWN, element_id="far-signal")
+
+
+@boundary("BD-MAP-009", base="map")
+def town_without_signals_and_lights(d: Draft) -> None:
+    d.drop("map", town=TOWN, element_id="far-signal")
+    ids = d.take("rollouts", town=TOWN)["rollout_id"].to_pylist()
+    d.set("evidence", "traffic_light_available", False, rollout_id=ids)
+    d.set("evidence", "traffic_light", None, rollout_id=ids)

@@ -7,12 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK, EGO_BOX_M, to_table
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, STEER_LEFT, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import Array, route_columns
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
+FREE_TICK = 120
+"""Nobody is within ten metres of the attempt that cases edit."""
 TARGETS = tuple(f"target_point_{number}_{axis}_m" for number in (1, 2) for axis in ("x", "y"))
 
 
@@ -223,6 +225,16 @@ def ego_among_the_actors(d: Draft) -> None:
     }  # fmt: skip
     d.append("actors", to_table("actors", columns), folder=SHARD_0)
     _refresh(d)
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
+
+
+@mutant("BD-ACT-002", at=_actor("x_m", BRANCH_TICK - 75, 99))
+def ego_with_the_extents_of_a_data_sheet(d: Draft) -> None:
+    ego_among_the_actors(d)
+    d.set("actors", ("length_m", "width_m"), lambda v: v + 0.02, rollout_id=BRAKE, actor_id=99)
+    d.set("actors", "x_m", lambda v: v + 0.2, rollout_id=BRAKE, actor_id=99)
+    _refresh(d)
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
 
 
 @mutant("BD-ACT-002", at=_actor("actor_id", BRANCH_TICK - 75, 98))
@@ -274,6 +286,31 @@ def contact_that_is_not_counted(d: Draft) -> None:
 @mutant("BD-RES-001", at=_result(COUNTS[0]))
 def collision_that_nothing_shows(d: Draft) -> None:
     d.set("rollouts", COUNTS[1], 1, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-001", at={"column": "collision", "rollout_id": STEER_LEFT, "tick": 165})
+def overlap_that_nobody_sees(d: Draft) -> None:
+    d.set("evidence", "collision", False, rollout_id=STEER_LEFT)
+    d.set("rollouts", COUNTS, 0, rollout_id=STEER_LEFT)
+
+
+@mutant("BD-RES-001", at={"column": "collision", "rollout_id": BRAKE, "tick": FREE_TICK})
+def collision_with_somebody_who_is_far(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=FREE_TICK)
+    d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-001")
+def collision_with_something_static_too(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=FREE_TICK)
+    d.set("rollouts", (COUNTS[0], COUNTS[2]), 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-001")
+def overlap_of_two_observations(d: Draft) -> None:
+    """Boxes are larger than bodies."""
+    d.set("evidence", "collision", False, rollout_id="g0.steer_left_0.05.a1")
+    d.set("rollouts", COUNTS, 0, rollout_id="g0.steer_left_0.05.a1")
 
 
 @boundary("BD-RES-001")
