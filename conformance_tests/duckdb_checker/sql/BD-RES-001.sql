@@ -7,10 +7,10 @@ with tallied as (
     from attempt
 ), seen as (
     select run, o.tick, e.tick is not null as is_there, coalesce(e.collision, false) as touches, e.separation_m,
-        coalesce(least(e.nearest_vehicle_gap_m, e.nearest_pedestrian_gap_m) = 0, false) as overlaps
+        coalesce(least(e.nearest_vehicle_gap_m, e.nearest_pedestrian_gap_m) = 0, false) as lies_inside
     from tallied join observations o using (run) left join evidence e using (run, tick)
 ), lasting as (
-    select run, min(tick) over latest as tick, count(*) filter (overlaps) over latest = $contact_observations as lasts
+    select run, tick, count(*) filter (lies_inside) over latest = $contact_observations as lasts
     from seen
     window latest as (partition by run order by tick rows between cast($contact_observations as bigint) - 1 preceding and current row)
 ), overlapped as (

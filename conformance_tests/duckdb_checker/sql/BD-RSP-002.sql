@@ -1,8 +1,8 @@
 -- subjects: effect
 with alike as (
-    select greatest(a.action_key, b.action_key) as action_key, least(a.action_key, b.action_key) as other,
-        a.first_difference is not null and a.future = b.future as is_one
-    from effect a join effect b on a.group_id = b.group_id and a.action_key < b.action_key
+    select b.action_key, a.action_key as other, a.first_difference is not null and a.future = b.future as is_one
+    from effect a join policy p on p.key = a.action_key
+    join effect b on b.group_id = a.group_id join policy q on q.key = b.action_key and q.rowid > p.rowid
     where a.moves and (abs(a.steer - b.steer) >= 0.04 or abs(a.drive - b.drive) >= 0.04)
 )
 select action_key

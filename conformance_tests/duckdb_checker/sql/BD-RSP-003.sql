@@ -7,5 +7,5 @@ with early as (
 select distinct 'observations' as "table", null as "column" from early
 union all
 select 'observations', 'accel_longitudinal_mps2'
-from effect where abs(later) >= 2
+from effect where abs(later) >= 2 and not exists (from early)
 having nearly_all(count(*) filter (sooner * sign(later) >= abs(later) / 2), count(*), 8)

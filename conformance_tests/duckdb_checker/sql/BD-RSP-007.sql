@@ -28,7 +28,7 @@ with way as (
         sum(vel_x_mps * cos(yaw_rad::double) + vel_y_mps * sin(yaw_rad::double)) / sum(sqrt(pow(vel_x_mps::double, 2) + pow(vel_y_mps::double, 2))),
         0.9, 1 + 1e-9
     from track join contact using (run)
-    where tick < first_tick and actor_class in ('vehicle', 'cycle') and abs(sin(yaw_rad::double)) >= 0.5
+    where tick < first_tick and actor_class in ('vehicle', 'cycle') and abs(vel_y_mps::double) >= 0.5 * sqrt(pow(vel_x_mps::double, 2) + pow(vel_y_mps::double, 2))
         and sqrt(pow(vel_x_mps::double, 2) + pow(vel_y_mps::double, 2)) >= 2
     group by run having count(*) >= 4
 )
