@@ -43,6 +43,11 @@ def _script(name: str) -> str:
     return (SQL / f"{name}.sql").read_text(encoding="utf-8")
 
 
+def _subjects(sql: str) -> str:
+    """What a statement examines, as its first line says."""
+    return sql.partition("\n")[0].removeprefix("-- subjects: ")
+
+
 @dataclass
 class Outcome:
     """What one rule found: a status, a reason where it was not judged, and locations."""
@@ -135,6 +140,8 @@ class Judgement:
             "cameras": [name for name in documents.claimed_cameras(self.descriptor) if name in cameras],
             "has_evidence": "actor_risk_evidence" in self.descriptor["streams"],
             "noise": noise["kind"],
+            "scenario_types": self.descriptor["collection"].get("scenario_types", []),
+            "single_axis": (self.descriptor.get("vehicle") or {}).get("actuation") == "single_axis",
         }
 
     def _execute(self, statement: str) -> duckdb.DuckDBPyConnection:
@@ -203,6 +210,7 @@ class Judgement:
             {"rollouts": sorted(rollouts)},
         )
         self.connection.execute("create or replace temp table failed (rule varchar, rollout_id varchar)")
+        self.connection.execute("create or replace temp table judged (rule varchar, attempts integer)")
 
     def _judge_attempts(self) -> None:
         """Qualification rules on rollouts; their failures decide who complies."""
@@ -210,13 +218,23 @@ class Judgement:
         if self.parameters["has_evidence"]:
             self._prepare("evidence")
         if "map" in self.descriptor["streams"]:
+            self._prepare("walls")
             self._prepare("surfaces")
         for rule in RULES:
             if rule["kind"] == "qualification" and rule["grain"] == "rollout" and self._is_about(rule):
+                self._count_attempts(rule)
                 self._judge_rule(rule, _script(rule["id"]))
                 failing = [[rule["id"], place["rollout_id"]] for place in self.outcomes[rule["id"]].locations]
                 if failing:
                     self.connection.executemany("insert into failed values (?, ?)", failing)
+
+    def _count_attempts(self, rule: dict[str, Any]) -> None:
+        """Notes how many attempts a rule examines, without those that fail a rule that it requires."""
+        required = ", ".join(f"'{name}'" for name in rule.get("requires", ["none"]))
+        self._execute(
+            f"insert into judged select '{rule['id']}', count(*) from (from {_subjects(_script(rule['id']))}) "
+            f"where rollout_id not in (select rollout_id from failed where rule in ({required}))"
+        )
 
     def _judge_groups(self) -> None:
         """Rules on groups and on the dataset, after the choice of candidates."""
@@ -236,8 +254,7 @@ class Judgement:
         if sql is None:
             self.outcomes[rule["id"]] = outcome([], examined=0)
             return
-        subjects = sql.partition("\n")[0].removeprefix("-- subjects: ")
-        examined = sum(self._count(subject) for subject in subjects.split(" + "))
+        examined = sum(self._count(subject) for subject in _subjects(sql).split(" + "))
         if not examined:
             self.outcomes[rule["id"]] = Outcome("skipped", NO_SUBJECT)
             return
@@ -307,9 +324,12 @@ class Judgement:
                     "total": judged.examined,
                     "num_findings": len(judged.locations),
                     "num_waived": 0,
+                    "url": f"docs/rules/{rule['id']}.md",
                 }
             )
-            places = Counter(tuple(sorted(place.items())) for place in judged.locations)
+            places = Counter(
+                tuple(sorted((key, printable(value)) for key, value in place.items())) for place in judged.locations
+            )
             findings += [
                 {"rule": rule["id"], "kind": rule["kind"], "location": dict(place), "count": count}
                 for place, count in places.items()
@@ -321,6 +341,11 @@ class Judgement:
             "rules": rules,
             "findings": findings,
         }
+
+
+def printable(value: Any) -> Any:
+    """A part of a location; a text in printable ASCII, with every other character escaped."""
+    return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in value) if isinstance(value, str) else value
 
 
 def connect() -> duckdb.DuckDBPyConnection:

@@ -22,6 +22,7 @@ SHARD = re.compile(r"raw/shard-(?:[0-9]{5}|[1-9][0-9]{5,8})(?=/|$)")
 COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE}
 COMPANIONS_ANYWHERE = {".DS_Store", "Thumbs.db"}
 WORKING_FOLDER = ".staging"
+_WORKING_SUFFIXES = (".tmp", ".part", ".partial")
 UNHIDEABLE = {DESCRIPTOR, MANIFEST, "LICENCE.txt", WORKING_FOLDER, *LAYERS[:5]}
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)", re.DOTALL)
 _HEAD = re.compile(r"# (layer [a-z]+|dataset) ([0-9a-f]{64})")
@@ -54,8 +55,8 @@ def layer_of(path: str) -> str | None:
     if top != "raw":
         return top
     name = path.rsplit("/", 1)[-1]
-    in_shard = SHARD.match(path) is not None and path.count("/") == 2
-    return "media" if in_shard and name not in _IDENTITY_TABLES else "raw"
+    is_table = path.count("/") == 2 and name in _IDENTITY_TABLES
+    return "media" if SHARD.match(path) is not None and not is_table else "raw"
 
 
 @dataclass
@@ -94,13 +95,13 @@ def parse_manifest(data: bytes | None) -> Manifest:
         return Manifest(broken="the identity is missing")
     if [order.index(name) for name in names] != sorted({order.index(name) for name in names}):
         return Manifest(broken="layers are out of order")
-    keys = [path.encode() for path in paths if safe(path)]
+    keys = [path.encode() for path in paths if readable(path)]
     if keys != sorted(set(keys)) or MANIFEST in paths:
         return Manifest(broken="paths are out of order, repeated, or the manifest's own")
     return Manifest(
-        {match[2]: match[1] for match in files if match and safe(match[2])},
+        {match[2]: match[1] for match in files if match and readable(match[2])},
         {head[1].removeprefix("layer "): head[2] for head in heads if head},
-        sum(not safe(path) for path in paths),
+        sum(not readable(path) for path in paths),
     )
 
 
@@ -227,8 +228,14 @@ def lay_004(folder: Folder) -> list[Location]:
 
 
 def lay_005(folder: Folder) -> list[Location]:
-    """Paths are safe and stay inside the root."""
-    return [{"file": path} for path in folder.kinds if not safe(path)] + [{"file": MANIFEST}] * folder.manifest.unsafe
+    """Paths are safe, stay inside the root, and differ by more than case and form of letters."""
+    found = [{"file": path} for path in folder.kinds if not safe(path)] + [{"file": MANIFEST}] * folder.manifest.unsafe
+    seen = set()
+    for path in sorted(folder.kinds):
+        name = unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold())
+        found += [{"file": path}] * (name in seen)
+        seen.add(name)
+    return found
 
 
 def lay_006(folder: Folder) -> list[Location]:
@@ -272,7 +279,7 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
     tables = {f"{table}.parquet" for stream in streams for table in stream["tables"]}
     media = any(stream.get("cameras") for stream in streams)
     layers = descriptor.get("layers", ["raw"])
-    root = {MANIFEST, DESCRIPTOR, "CARD.md", "LICENCE.txt", WORKING_FOLDER}
+    root = {MANIFEST, DESCRIPTOR, "README.md", "LICENCE.txt", WORKING_FOLDER}
 
     def placed(path: str, kind: str) -> bool:
         parts = path.split("/")
@@ -282,6 +289,8 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
             return parts[0] in layers
         if len(parts) == 2:
             return kind != "file" and SHARD.fullmatch(path) is not None
+        if any(parts[2].startswith(f"{table}.parquet.") for table in TABLES) or parts[2].endswith(_WORKING_SUFFIXES):
+            return False
         known = parts[2].removesuffix(".parquet") in TABLES and parts[2].endswith(".parquet")
         return len(parts) == 3 and kind != "folder" and (parts[2] in tables or (media and not known))
 

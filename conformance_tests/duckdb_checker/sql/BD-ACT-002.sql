@@ -6,9 +6,7 @@ with beginning as (
     select t.rollout_id, t.group_id, t.tick, t.actor_id, 'x_m' as "column"
     from beginning t
     join observation o using (run, tick)
-    join attempt a using (run)
-    where t.length_m = a.ego_length_m and t.width_m = a.ego_width_m
-        and sqrt(pow(t.x_m - o.x_m, 2) + pow(t.y_m - o.y_m, 2)) <= $same_centre_m
+    where t.tick = t.begin_tick and sqrt(pow(t.x_m - o.x_m, 2) + pow(t.y_m - o.y_m, 2)) <= $same_centre_m
     union all
     select rollout_id, group_id, tick, max(actor_id), 'actor_id'
     from beginning

@@ -1,5 +1,4 @@
 -- subjects: replay where $noise = 'exact'
-select rollout_id, group_id, first("table" order by tick, "table" desc) as "table",
-    first("column" order by tick, "table" desc) as "column", min(tick) as tick
+select rollout_id, group_id, "table", "column", tick
 from replayed where differs and $noise = 'exact'
-group by rollout_id, group_id
+qualify row_number() over (partition by run order by place, tick) = 1

@@ -1,4 +1,4 @@
 -- subjects: effect
 select 'observations' as "table"
-from effect where (steers or drives) and response is not null
+from effect where is_commanded and response is not null
 having nearly_all(count(*) filter (response > 5), count(*), 8)

@@ -19,12 +19,12 @@ with target as (
     where sqrt(pow(px - a_x - share * e_x, 2) + pow(py - a_y - share * e_y, 2)) <= slack
 ), ordered as (
     select o.rollout_id, o.group_id, o.tick,
-        min(f.s) filter (number = 1 and f.s >= f.progress - f.slack - 1e-6 * f.progress - $route_tolerance_m) as first_s,
-        max(f.s + 2 * f.slack) filter (number = 2) as second_s
+        min(f.s) filter (number = 1 and f.s >= f.progress - $route_tolerance_m - 1e-6 * f.progress) as first_s,
+        max(f.s) filter (number = 2) as second_s
     from observation o left join foot f using (id)
     where o.tick between o.t_b - 80 and o.t_b + 50
     group by o.id, o.rollout_id, o.group_id, o.tick
 )
 select rollout_id, group_id, 'observations' as "table", 'target_point_1_x_m' as "column", min(tick) as tick
-from ordered where not coalesce(first_s <= second_s, false)
+from ordered where not coalesce(second_s >= first_s - $route_tolerance_m - 1e-6 * first_s, false)
 group by rollout_id, group_id

@@ -1,30 +1,38 @@
 -- Chosen interventions compared with their chosen nominal from t_b - 80 to t_b + 50 (spec/07-rules.md#response).
 create or replace temp table effect as
 with compared as (
-    select run, p.nominal_run, c.action_key, c.branch_tick as t_b, c.branch_tick - n.branch_tick as shift
+    select run, p.nominal_run, c.group_id, c.action_key, c.branch_tick as t_b
     from chosen_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
-    where c.branch_tick is not null and n.branch_tick is not null
+    where c.branch_tick = n.branch_tick
 ), driven as (
     select run, count(*) as controls, avg(c.applied_steer::double - n.applied_steer) as steer,
         avg(c.applied_throttle::double - c.applied_brake - (n.applied_throttle::double - n.applied_brake)) as drive
     from compared p join controls c using (run)
-    join controls n on n.run = p.nominal_run and n.tick = c.tick - p.shift
+    join controls n on n.run = p.nominal_run and n.tick = c.tick
     where c.tick between t_b and t_b + 49
     group by run
 ), seen as (
     select run, count(*) as observations, min(o.tick - t_b) filter (
-            o.x_m <> n.x_m or o.y_m <> n.y_m or o.yaw_rad <> n.yaw_rad or o.speed_mps <> n.speed_mps) as first_difference,
+            o.x_m <> n.x_m or o.y_m <> n.y_m or o.yaw_rad <> n.yaw_rad or o.speed_mps <> n.speed_mps) as state_differs,
+        -- rates tell of the control of t_b only where they are equal before
+        min(o.tick - t_b) filter (o.tick <= t_b and (
+            o.accel_longitudinal_mps2 <> n.accel_longitudinal_mps2 or o.accel_lateral_mps2 <> n.accel_lateral_mps2
+            or o.yaw_rate_radps <> n.yaw_rate_radps)) as rate_differs,
+        max(o.accel_longitudinal_mps2::double - n.accel_longitudinal_mps2) filter (o.tick = t_b) as sooner,
+        max(o.accel_longitudinal_mps2::double - n.accel_longitudinal_mps2) filter (o.tick = t_b + 5) as later,
+        md5(list(row(o.x_m, o.y_m, o.yaw_rad, o.speed_mps) order by o.tick)::varchar) as future,
         max(-sin(n.yaw_rad::double) * (o.x_m - n.x_m) + cos(n.yaw_rad::double) * (o.y_m - n.y_m))
             filter (o.tick = t_b + 50) as left_m,
         max(o.speed_mps::double - n.speed_mps) filter (o.tick = t_b + 50) as faster,
-        min(n.speed_mps) filter (o.tick >= t_b) > 0.5 as moves
+        min(abs(n.speed_mps)) filter (o.tick >= t_b) > 0.5 as moves
     from compared p join observations o using (run)
-    join observations n on n.run = p.nominal_run and n.tick = o.tick - p.shift
+    join observations n on n.run = p.nominal_run and n.tick = o.tick
     where o.tick between t_b - 80 and t_b + 50
     group by run
 )
-select action_key, steer, drive, left_m, faster, moves, first_difference,
-    abs(steer) >= 0.04 as steers, abs(drive) >= 0.04 as drives,
+select group_id, action_key, steer, drive, left_m, faster, moves, future, sooner, later,
+    case when state_differs < 0 or rate_differs is distinct from 0 then state_differs else 0 end as first_difference,
+    abs(steer) >= 0.04 as steers, abs(drive) >= 0.04 as drives, moves and (steers or drives) as is_commanded,
     case when first_difference >= 0 then first_difference end as response
 from compared join driven using (run) join seen using (run)
 where controls = 50 and observations = 27;

@@ -2,8 +2,10 @@
 create or replace temp table place as
 select row_number() over () as place, *
 from (
-    select distinct a.shard, a.town, o.x_m as x, o.y_m as y
+    select a.shard, a.town, o.x_m as x, o.y_m as y
     from attempt a join observations o using (run)
+    union
+    select shard, town, x, y from inside_ego
 );
 
 create or replace temp table edge as
@@ -23,11 +25,11 @@ with near as (
         sqrt(pow(x - a_x - share * (b_x - a_x), 2) + pow(y - a_y - share * (b_y - a_y), 2)) as distance
     from place join edge e using (shard, town)
 ), closest as (
-    select place, element_id, kind, lane_id, speed_limit_mps, min(distance) as distance,
+    select place, shard, town, x, y, element_id, kind, lane_id, speed_limit_mps, min(distance) as distance,
         arg_min((1 - share) * w_a + share * w_b, distance) as width,
         arg_min((i = 1 and share <= 0) or (i = n - 1 and share >= 1), distance) as at_end,
         sum(case when (a_y > y) <> (b_y > y) and x < a_x + (y - a_y) / (b_y - a_y) * (b_x - a_x) then 1 else 0 end) % 2 = 1 as inside
-    from near group by place, element_id, kind, lane_id, speed_limit_mps
+    from near group by place, shard, town, x, y, element_id, kind, lane_id, speed_limit_mps
 )
 select *, case when kind = 'road_area' then case when inside then distance else -distance end
                else width / 2 - distance end as margin,

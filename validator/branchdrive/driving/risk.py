@@ -43,6 +43,8 @@ MIN_CLOSING_MPS = 0.1
 CORRIDOR_MARGIN_M = 0.5
 CUTOFF_SLACK = 1e-6
 """Distance from a cut-off within which either side of it is right."""
+TOUCH_M = 1e-9
+"""Gap that is 0 within rounding: boxes that are this near may count as touching."""
 
 _PAIRS_AT_ONCE = 1 << 13
 """Pairs that are compared at once: intermediate arrays of 64 KiB stay in the cache."""
@@ -142,8 +144,8 @@ def risk_candidates(pairs: PairRisk, slack: float = 0.0) -> dict[str, tuple[Arra
     """
     in_range = pairs.gap_m <= RANGE_M + slack
     relevant = in_range & (pairs.corridor_m <= slack)
-    overlap = pairs.gap_m == 0
     closing = pairs.closing_mps > MIN_CLOSING_MPS - slack
+    overlap = (pairs.gap_m == 0) | ((slack > 0) & (pairs.gap_m <= TOUCH_M) & ~closing)
     ttc = np.divide(pairs.gap_m, pairs.closing_mps, out=np.zeros_like(pairs.gap_m), where=closing & ~overlap)
     return {
         "separation": (pairs.gap_m, relevant),
