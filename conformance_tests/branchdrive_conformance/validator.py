@@ -143,20 +143,26 @@ def run_cases(
     """
     left_out = [case for case in cases if not command.takes_options and (case.options or case.raw is not None)]
     given = [case for case in cases if case not in left_out]
+    alike: dict[str, list[Case]] = {}  # a dataset that several cases are about is judged once
+    for case in given:
+        alike.setdefault(json.dumps([case.base, case.recipe, case.raw, case.options]), []).append(case)
+    firsts = [same[0] for same in alike.values()]
+    others = {same[0].name: same for same in alike.values()}
     size = _BATCH_CASES if command.is_batched else 1
-    batches = [given[start : start + size] for start in range(0, len(given), size)]
+    batches = [firsts[start : start + size] for start in range(0, len(firsts), size)]
     departures: dict[str, list[Departure]] = {}
     is_whole = set(claimed) == set(CATALOGUE)
     with ThreadPoolExecutor(jobs) as pool:
         waiting = [pool.submit(_answers, folder, batch, command) for batch in batches]
         try:
             for future in as_completed(waiting):
-                for case, answer in future.result():
-                    departures[case.name] = (
-                        score(case, answer, claimed, is_whole=is_whole)
-                        if isinstance(answer, Answer)
-                        else [Departure(case.name, "no report", None, "a report", answer)]
-                    )
+                for first, answer in future.result():
+                    for case in others[first.name]:
+                        departures[case.name] = (
+                            score(case, answer, claimed, is_whole=is_whole)
+                            if isinstance(answer, Answer)
+                            else [Departure(case.name, "no report", None, "a report", answer)]
+                        )
                 if progress is not None:
                     progress(len(departures), len(given))
         finally:
