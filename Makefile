@@ -44,7 +44,7 @@ demo: setup
 	$(BIN)/branchdrive-validate $(DEMO)/dataset --jobs $(JOBS) --require-groups $(FROZEN)
 	$(BIN)/branchdrive draw $(DEMO)/dataset --output $(DEMO)/pictures
 
-## collect 20 groups from highway-env, build a release of them, validate it
+## collect 20 groups from highway-env, build a release of them, validate it, report on it as a pilot
 example-highway: setup
 	@$(BIN)/python -c 'import highway_env' 2>/dev/null || \
 		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]"
@@ -52,6 +52,7 @@ example-highway: setup
 	$(BIN)/python -m examples.highway_env.collector build/highway --groups 20 --jobs $(JOBS)
 	$(BIN)/branchdrive build build/highway --jobs $(JOBS)
 	$(BIN)/branchdrive-validate build/highway --jobs $(JOBS)
+	$(BIN)/branchdrive pilot build/highway || [ $$? -eq 1 ]
 
 ## the whole test suite
 test: setup

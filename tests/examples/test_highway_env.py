@@ -11,7 +11,7 @@ import pytest
 import branchdrive as bd
 from branchdrive.collector.drive import drive
 
-pytest.importorskip("highway_env", reason="highway-env is not installed: pip install 'branchdrive[bench]'")
+pytest.importorskip("highway_env", reason="highway-env is not installed: pip install 'branchdrive[examples]'")
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 SEED = 2

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from branchdrive.collector.collection import collect_dataset, describe
+    from branchdrive.collector.contact import touched
     from branchdrive.collector.frame import Frame, box_centre, full_extents
     from branchdrive.collector.group import collect_group
     from branchdrive.collector.program import collector_main
@@ -129,6 +130,7 @@ __all__ = [
     "risk_evidence",
     "route_columns",
     "to_ego_frame",
+    "touched",
     "validate",
 ]
 
@@ -201,6 +203,7 @@ _HOME = {
     "risk_evidence": "driving.risk",
     "route_columns": "collector.route",
     "to_ego_frame": "collector.route",
+    "touched": "collector.contact",
     "validate": "engine.validate",
 }
 

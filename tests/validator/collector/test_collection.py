@@ -64,6 +64,24 @@ def test_a_seed_without_a_branch_leaves_its_nominal_and_a_reason(collected: tupl
     assert reasons[1] == "the trigger found no manoeuvre of the expert with its windows in the rollout"
 
 
+def test_chosen_groups_are_the_same_in_any_order(tmp_path: Path, collected: tuple[Path, bd.CollectionReport]) -> None:
+    worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
+    only = ["g00002-parked-car", "g00001-empty"]
+    bd.collect_dataset(tmp_path / "dataset", descriptor(), worlds, num_groups=3, only=only)
+    whole, chosen = bd.open_dataset(collected[0]), bd.open_dataset(tmp_path / "dataset")
+    assert sorted({row["group_id"] for row in rollouts(tmp_path / "dataset")}) == sorted(only)
+    x_m = [dataset.group(only[0]).nominal.column("observations", "x_m") for dataset in (whole, chosen)]
+    assert (x_m[0] == x_m[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("only", "found"), [(["g7"], "there is no 'g7'"), (["g00000-empty"] * 2, "one is named twice")]
+)
+def test_chosen_groups_exist_once(tmp_path: Path, only: list[str], found: str) -> None:
+    with pytest.raises(bd.UsageError, match=found):
+        bd.collect_dataset(tmp_path, descriptor(), {"Empty": EmptyRoad}, num_groups=1, only=only)
+
+
 def test_replays_equal_their_nominal(collected: tuple[Path, bd.CollectionReport]) -> None:
     dataset = bd.open_dataset(collected[0])
     group = dataset.group("g00000-parked-car")

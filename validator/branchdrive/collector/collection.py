@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,16 @@ def plan_groups(seed: int, num_groups: int, scenario_types: Sequence[str]) -> li
     return plans
 
 
+def _chosen(plans: Sequence[GroupPlan], group_ids: Sequence[str]) -> list[GroupPlan]:
+    """The groups with `group_ids`, in that order, with places of their own and the seeds that they have among all."""
+    by_id = {plan.group_id: plan for plan in plans}
+    unknown = [group_id for group_id in group_ids if group_id not in by_id]
+    if unknown or len(set(group_ids)) < len(group_ids):
+        found = f"there is no {unknown[0]!r}" if unknown else f"one is named twice in {', '.join(group_ids)}"
+        raise UsageError(f"only: give ids of the {len(plans)} groups of the collection, each once; {found}")
+    return [replace(by_id[group_id], index=index) for index, group_id in enumerate(group_ids)]
+
+
 def _ignore(*_: object) -> None:
     """Nobody watches."""
 
@@ -84,6 +95,7 @@ def collect_dataset(
     jobs: int = 1,
     maps: Mapping[str, Sequence[Element]] | None = None,
     groups_per_shard: int = 32,
+    only: Sequence[str] = (),
     watch: Callable[[int, int], None] = _ignore,
     **options: Any,
 ) -> CollectionReport:
@@ -100,6 +112,8 @@ def collect_dataset(
         maps: Elements of each town, where the descriptor claims the stream ``map``. What a world leaves open of lane,
             road and speed limit follows from them.
         groups_per_shard: Groups of one shard.
+        only: Ids of the groups to collect of the `num_groups`, in that order; all of them where it is empty. A group
+            has the same content, which ``branchdrive pilot --rerun`` tries.
         watch: Called with the number of finished groups and of ticks executed by this run.
         **options: As `WorldCollector` has them: ``trigger``, ``max_ticks``, ``num_replays``, ``max_attempts``,
             ``protocol_variant``.
@@ -113,6 +127,8 @@ def collect_dataset(
         raise UsageError(f"a dataset takes a world and a group; found {len(worlds)} worlds and {num_groups} groups")
     collector = WorldCollector(worlds, maps or {}, **options)
     plans = plan_groups(descriptor.collection.seed, num_groups, tuple(worlds))
+    if only:
+        plans = _chosen(plans, only)
     with DatasetWriter(root, descriptor, groups_per_shard=groups_per_shard, maps=maps) as writer:
-        check_begun(writer, num_groups)
+        check_begun(writer, len(plans))
         return run_campaign(writer, plans, collector, jobs=jobs, watch=watch)

@@ -25,7 +25,7 @@ def collector_main(
     argv: Sequence[str] | None = None,
     **options: Any,
 ) -> int:
-    """Carry out the command line of a collector: ``ROOT [--groups N] [--seed S] [--jobs J]``.
+    """Carry out the command line of a collector: ``ROOT [--groups N] [--only IDS] [--seed S] [--jobs J]``.
 
     Args:
         describe: The descriptor of a collection with a seed.
@@ -40,18 +40,23 @@ def collector_main(
     parser = argparse.ArgumentParser(description="Collect branch groups; the same command goes on after a kill.")
     parser.add_argument("root", type=Path, help="folder of the dataset")
     parser.add_argument("--groups", type=int, default=1, help="branch groups of the dataset (default: 1)")
+    parser.add_argument(
+        "--only", type=lambda ids: ids.split(","), default=[], metavar="IDS",
+        help="ids of the groups to collect of them, with commas, in this order (default: all)",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="seed of the collection (default: 1)")
     parser.add_argument("--jobs", type=int, default=1, help="worker processes (default: 1)")
     args = parser.parse_args(argv)
 
     def watch(groups: int, ticks: int) -> None:
-        sys.stderr.write(f"{groups} of {args.groups} groups, {ticks:,} ticks\n")
+        sys.stderr.write(f"{groups} of {len(args.only) or args.groups} groups, {ticks:,} ticks\n")
 
     try:
         with heeded_termination():
             report = collect_dataset(
-                args.root, describe(args.seed), worlds, num_groups=args.groups, jobs=args.jobs, watch=watch, **options
-            )
+                args.root, describe(args.seed), worlds,
+                num_groups=args.groups, jobs=args.jobs, only=args.only, watch=watch, **options,
+            )  # fmt: skip
     except KeyboardInterrupt as interrupt:
         sys.stderr.write(f"{parser.prog}: interrupted; run the same command to go on\n")
         return int(getattr(interrupt, "exit_code", 130))

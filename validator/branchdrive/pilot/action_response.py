@@ -12,7 +12,7 @@ from branchdrive.engine.response_table import response_table
 from branchdrive.pilot.onset import onsets
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
-from branchdrive.raw.rules.responses import MIN_INTERVENTIONS
+from branchdrive.raw.rules.responses import MIN_EQUAL, MIN_INTERVENTIONS
 
 __all__ = ["action_response"]
 
@@ -25,6 +25,9 @@ _CLOCK = ("BD-RSP-003", "BD-RSP-004")
 
 _LATE, _EARLY = 0.9, -0.5
 """Onsets, in observations, of observations that are a stride late or early; actuators lag by less than 0.2 s."""
+
+_LAGS = 0.5 / OBSERVATION_STRIDE_TICKS
+"""Onset of half a tick: observations that are a tick late show from here, and so do actuators that lag."""
 
 _SPEAKING = {
     "BD-RSP-002": (
@@ -57,7 +60,7 @@ def action_response(pilot: Pilot) -> Section:
         )  # fmt: skip
     begins = onsets(pilot.parts)
     onset = float(np.median(begins)) if len(begins) >= MIN_INTERVENTIONS else None
-    concerns = [*_failed(pilot), *_unshown(summary)]
+    concerns = [*_failed(pilot), *_ignored(pilot, summary), *_unshown(summary)]
     if onset is not None and not _has_failed(pilot):
         concerns += _wrong_onset(onset, len(begins))
     missing = sorted(set(pilot.descriptor.action_bank.keys) - {action.action_key for action in summary.actions})
@@ -98,6 +101,19 @@ def _failed(pilot: Pilot) -> list[Concern]:
     return concerns
 
 
+def _ignored(pilot: Pilot, summary: ResponseSummary) -> list[Concern]:
+    """Concern of commands that never have an effect, in fewer groups than BD-RSP-002 takes to judge a policy."""
+    if any(tally.rule_id == "BD-RSP-002" and tally.status in ("pass", "fail") for tally in pilot.report.tallies):
+        return []
+    total = sum(action.num_groups for action in summary.actions)
+    if total < MIN_EQUAL or not all(map(_is_silent, summary.actions)):
+        return []
+    what, remedy = _SPEAKING["BD-RSP-002"]
+    keys = ", ".join(action.action_key for action in summary.actions)
+    found = f"the nominal's observations, bit for bit, in {total} of {total} attempts"
+    return [Concern(what.format(keys=keys, found=found), remedy)]
+
+
 def _onset_fact(onset: float | None, num_effects: int) -> str:
     if onset is None:
         return f"{counted(num_effects, 'effect')} rise straight and clear of noise, too few to say when effects begin."
@@ -113,6 +129,16 @@ def _wrong_onset(onset: float, num_effects: int) -> list[Concern]:
     if onset <= _EARLY:
         what, remedy = _SPEAKING["BD-RSP-003"]
         return [Concern(what.format(found=begin), remedy)]
+    if onset >= _LAGS:
+        ticks = counted(max(1, round(onset * OBSERVATION_STRIDE_TICKS)), "tick")
+        return [
+            Concern(
+                f"Actuators lag, or observations are late by about {ticks}: {begin}.",
+                "Nothing, where steering and pedals of the simulator lag by as much. Otherwise write the observation "
+                "of tick t with the state at tick t, and apply the command of t in the step from t.",
+                is_problem=False,
+            )
+        ]
     return []
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from branchdrive.contract.text import counted
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.tally import Tally
@@ -27,9 +29,18 @@ def conformance(pilot: Pilot) -> Section:
     unclaimed = [tally.rule_id for tally in report.tallies if tally.status == "not-claimed" and not tally.info.layer]
     if unclaimed:
         facts.append(f"The descriptor claims no stream of {', '.join(unclaimed)}, so that they examine nothing.")
+    num_unbranched = _num_unbranched(pilot)
+    bare = [t.rule_id for t in report.tallies if t.rule_id in _WITHOUT_BRANCH and 0 < t.num_findings == num_unbranched]
+    if bare:
+        facts.append(
+            f"{', '.join(bare)}: {counted(num_unbranched, 'group')} without a branch, which the funnel counts; nothing "
+            "else fails there."
+        )
     explained = [tally.rule_id for tally in report.tallies if tally.num_findings and tally.rule_id in _EXPLAINED]
     facts += [f"{rule_id} fails: see {_EXPLAINED[rule_id]}." for rule_id in explained]
-    concerns = [_concern(tally) for tally in report.tallies if tally.num_findings and tally.rule_id not in explained]
+    concerns = [
+        _concern(tally) for tally in report.tallies if tally.num_findings and tally.rule_id not in (*bare, *explained)
+    ]
     concerns += [
         Concern(f"The validator itself failed: {message.splitlines()[-1]}", "Please report it.")
         for message in report.errors
@@ -53,6 +64,16 @@ _QUIET = ("not-claimed", "skipped")
 
 _EXPLAINED = {"BD-RSP-001": "Physics", **dict.fromkeys(("BD-RSP-002", "BD-RSP-003", "BD-RSP-004"), "Action response")}
 """Rules whose failure another section says more of."""
+
+
+_WITHOUT_BRANCH = ("BD-TIC-003", "BD-BNK-001")
+"""Rules that every seed without a branch fails, once."""
+
+
+def _num_unbranched(pilot: Pilot) -> int:
+    """Groups of which no attempt has a branch."""
+    views = [part.view for part in pilot.parts]
+    return sum(len(np.unique(view.group)) - len(np.unique(view.group[view.branched])) for view in views)
 
 
 def _concern(tally: Tally) -> Concern:

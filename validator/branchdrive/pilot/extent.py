@@ -34,6 +34,10 @@ _PLAUSIBLE: Mapping[str, tuple[_Range, _Range]] = {
 """Medians of length and width of each kind; statics are of any size."""
 
 
+_LONGER = 1.05
+"""Wheelbase over length above which extents are halves: cars have 0.5 to 0.7, and a model's may be the whole length."""
+
+
 class Extents(NamedTuple):
     """Sizes as a table, what is wrong with them, and the medians for programs."""
 
@@ -65,10 +69,10 @@ def extents(views: Sequence[ShardView]) -> Extents:
     vehicle = views[0].descriptor.vehicle
     length_m: float | None = figures["ego"]["length_m"]
     wheelbase_m = None if vehicle is None else vehicle.wheelbase_m
-    if wheelbase_m is not None and length_m is not None and wheelbase_m >= length_m:
+    if wheelbase_m is not None and length_m is not None and wheelbase_m > _LONGER * length_m:
         concerns.append(
             Concern(
-                f"The wheelbase that the descriptor declares, {wheelbase_m:g} m, is not shorter than the ego, "
+                f"The wheelbase that the descriptor declares, {wheelbase_m:g} m, is longer than the ego, "
                 f"{length_m:.2f} m: the extents are halves.",
                 "Record whole extents: twice what a simulator gives as half extents (CARLA's bounding_box.extent).",
             )

@@ -91,6 +91,12 @@ class Ratio(NamedTuple):
         """Whether there were enough steps."""
         return math.isfinite(self.median)
 
+    @property
+    def is_mostly_wrong(self) -> bool:
+        """Whether three quarters of the steps lie on one side of 1, beyond noise."""
+        slack = math.exp(_TOLERANCE)
+        return self.is_known and not self.low / slack <= 1 <= self.high * slack
+
     def near(self, value: float) -> bool:
         """Whether the median is `value` but for noise."""
         return self.is_known and self.median * value > 0 and abs(math.log(self.median / value)) < _TOLERANCE
@@ -198,7 +204,8 @@ def diagnose(ratios: dict[str, Ratio], direction: Direction) -> list[Concern]:
         concerns.append(_wrong_speed("actors", "vel_x_mps and vel_y_mps", actor))
     if turn.is_known and not turn.near(1) and not (concerns and turn.near(way.median)):
         concerns.append(_wrong_turn(turn))
-    if change.is_known and way.near(1) and abs(math.log(max(abs(change.median), 1e-9))) > math.log(1.5):
+    is_off = abs(math.log(max(abs(change.median), 1e-9))) > math.log(1.5)
+    if change.is_mostly_wrong and is_off and way.near(1):
         concerns.append(
             Concern(
                 f"Speed changes by {change.median:.3g} times what accel_longitudinal_mps2 says.",
@@ -221,7 +228,8 @@ def _wrong_clock(factor: float) -> Concern:
 
 def _wrong_speed(who: str, columns: str, ratio: Ratio) -> Concern:
     unit = next(((name, how) for factor, (name, how) in _UNITS.items() if ratio.near(1 / factor)), None)
-    found = f"The displacement of {who} is {ratio.median:.3g} times what {columns} say"
+    verb = "say" if " and " in columns else "says"
+    found = f"The displacement of {who} is {ratio.median:.3g} times what {columns} {verb}"
     if unit is not None:
         return Concern(f"{found}: the speed is in {unit[0]}, not m/s.", f"Record {columns} in m/s: {unit[1]}.")
     return Concern(

@@ -145,7 +145,7 @@ def _drawn(labels: Sequence[int], least: Calibration | None) -> tuple[dict[str, 
     try:
         assignment = assign_split(group_ids, labels, [""] * len(labels), seed=_SEED, calibration=least)
     except ValueError:
-        return {}, f"{len(set(labels)):,} clusters leave none beside the calibration"
+        return {}, f"{counted(len(set(labels)), 'cluster')}, none of which is left beside the calibration"
     drawn = partition_sizes(assignment, dict(zip(group_ids, labels, strict=True)))
     empty = [name for name in SHARES if name not in drawn]
     return drawn, f"nothing left for {', '.join(empty)}" if empty else ""
@@ -161,12 +161,12 @@ def _infeasible(why: str, expected: int, num_groups: int, *, with_calibration: b
     if with_calibration:
         return Concern(
             f"A calibration partition of {MIN_GROUPS} groups and {MIN_CLUSTERS} clusters is not feasible with about "
-            f"{expected:,} route clusters in {num_groups:,} groups: {why}.",
+            f"{counted(expected, 'route cluster')} in {num_groups:,} groups: {why}.",
             f"Drive at least {MIN_CLUSTERS + len(SHARES)} routes that lie apart, better {2 * MIN_CLUSTERS} and more; "
             "or build without --calibration and without the guard.",
             is_problem=False,
         )
     return Concern(
-        f"No split into {', '.join(SHARES)} is feasible with about {expected:,} route clusters: {why}.",
+        f"No split into {', '.join(SHARES)} is feasible with about {counted(expected, 'route cluster')}: {why}.",
         f"Drive at least {len(SHARES)} routes that lie apart; a cluster is never divided between partitions.",
     )
