@@ -8,19 +8,15 @@ library that writes Parquet; ``--check`` changes nothing and names what differs.
 from __future__ import annotations
 
 import argparse
-import gzip
-import io
 import json
 import re
 import shutil
 import sys
-import tarfile
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +32,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.waiver import load_waivers
 from branchdrive.process import spawn_context
+from branchdrive_conformance.archive import pack
 from branchdrive_conformance.case import (
     MAX_LOCATIONS,
     Case,
@@ -385,24 +382,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "".join(f"{verb}: {path}\n" for path in stale) + f"{len(names)} cases, {len(stale)} files {verb}\n"
     )
     if args.archive:
-        _archive(folder, args.archive)
+        sys.stdout.write(f"{args.archive}: {pack(folder, args.archive)}\n")
     return int(args.check and bool(stale))
-
-
-def _archive(folder: Path, target: Path) -> None:
-    """All files below `folder` in one archive, equal for equal files, and its digest in a file beside it."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    packed = io.BytesIO()
-    with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive:
-        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-            entry = tarfile.TarInfo(path.relative_to(folder.parent).as_posix())
-            content = path.read_bytes()
-            entry.size, entry.mode = len(content), 0o644
-            archive.addfile(entry, io.BytesIO(content))
-    target.write_bytes(gzip.compress(packed.getvalue(), mtime=0))
-    digest = sha256(target.read_bytes()).hexdigest()
-    target.with_name(f"{target.name}.sha256").write_text(f"{digest}  {target.name}\n")
-    sys.stdout.write(f"{target}: {digest}\n")
 
 
 if __name__ == "__main__":

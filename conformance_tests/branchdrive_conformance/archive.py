@@ -1,17 +1,40 @@
-"""The archive of all cases, as `make cases` writes it."""
+"""The archive of all cases: how `make cases` writes it, and how the runner reads it."""
 
 from __future__ import annotations
 
+import gzip
+import io
 import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import UsageError
 
-__all__ = ["unpacked"]
+__all__ = ["pack", "unpacked"]
+
+
+def pack(folder: Path, target: Path) -> str:
+    """Write all files below `folder` into one archive, equal for equal files, and its digest into a file beside it.
+
+    Returns:
+        SHA-256 of the archive, hexadecimal.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive:
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            entry = tarfile.TarInfo(path.relative_to(folder.parent).as_posix())
+            content = path.read_bytes()
+            entry.size, entry.mode = len(content), 0o644
+            archive.addfile(entry, io.BytesIO(content))
+    target.write_bytes(gzip.compress(packed.getvalue(), mtime=0))
+    digest = sha256(target.read_bytes()).hexdigest()
+    target.with_name(f"{target.name}.sha256").write_text(f"{digest}  {target.name}\n", encoding="utf-8")
+    return digest
 
 
 @contextmanager

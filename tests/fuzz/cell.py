@@ -12,6 +12,7 @@ import pyarrow as pa
 from tests.fuzz.draw import Draw
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES, Column
+from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.formats.parquet import decode_table, encode_table
 from branchdrive.testing.edit import with_cells
 
@@ -52,7 +53,8 @@ class CellEdit:
 def places(root: Path) -> list[Place]:
     """Columns of all table files of a dataset, one file for each table."""
     declared = {**TABLES, **LAYER_TABLES}
-    first = {path.stem: path for path in sorted(root.rglob("*.parquet"), reverse=True)}
+    paths = sorted(root.rglob("*.parquet"), reverse=True)
+    first = {TABLE_OF_PATH.get(path.relative_to(root).as_posix(), path.stem): path for path in paths}
     return [
         Place(path.relative_to(root).as_posix(), name, column)
         for name, path in sorted(first.items())

@@ -14,7 +14,7 @@ from tests.repo.checkout import ROOT
 from tests.synthetic import base_tables, descriptor, write_dataset
 
 from branchdrive import open_dataset
-from branchdrive.cli.main import run
+from branchdrive.cli.main import run, run_script
 from branchdrive.engine.validate import validate
 from branchdrive.engine.verdict import EXIT_CODES
 from branchdrive.raw.funnel import STAGES
@@ -96,13 +96,17 @@ def test_the_commands_and_their_options_exist(capsys: pytest.CaptureFixture[str]
     calls = [words for words in SHELL if words[0].startswith("branchdrive")]
     assert {words[1] for words in calls if words[0] == "branchdrive"} >= {"collect", "build", "study", "draw", "rules"}
     for words in calls:
-        command = "validate" if words[0] == "branchdrive-validate" else words[1]
+        prog, command = words[0], words[1]
+        if prog == "branchdrive-validate":
+            prog, command = "branchdrive", "validate"
         try:
+            if prog == "branchdrive-conformance":
+                run_script(prog, "branchdrive_conformance.command", [command, "--help"], io.StringIO(), io.StringIO())
             run([command, "--help"], io.StringIO(), io.StringIO())
         except SystemExit as stop:
             assert stop.code == 0, command
         printed = capsys.readouterr().out
-        assert f"branchdrive {command}" in printed
+        assert f"{prog} {command}" in printed
         for option in [word for word in words if word.startswith("--")]:
             assert option in printed, words
 

@@ -16,6 +16,7 @@ from tests.validator.engine.datasets import FOLDER, failing, write
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
+from branchdrive.formats.parquet import encode_table
 
 SECRET = b"nobody may read this"
 
@@ -35,7 +36,7 @@ def outside(tmp_path: Path) -> Path:
     folder.mkdir()
     (folder / "secret").write_bytes(SECRET)
     for name, table in synthetic.base_tables()[FOLDER].items():
-        (folder / f"{name}.parquet").write_bytes(synthetic.encode_table(table))
+        (folder / f"{name}.parquet").write_bytes(encode_table(table))
     return folder
 
 
