@@ -17,8 +17,9 @@ import pyarrow as pa
 from tests.validator.engine.release_view import release_view
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
+from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.rule import rules_of
 from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.tally import Tally
@@ -64,10 +65,14 @@ class WatchedView(ReleaseView):
         self._open: list[set[str]] = []
         self._known: dict[Any, tuple[Any, set[str]]] = {}
         parts = {name: parts.get(name, getattr(source, name)) for name in ("tables", "documents", "contents")}
+        num_rows = dict(source.num_rows)
+        if changed in LAYER_TABLES:  # all rows of another table stand in its first file
+            first, *others = table_paths(changed)
+            num_rows |= {**dict.fromkeys(others, 0), first: len(parts["tables"][changed])}
         super().__init__(
             source.descriptor, **{name: Watched(part, self._note) for name, part in parts.items()},
             raw=source.raw, files=source.files, mismatches=source.mismatches,
-            digests=source.digests, sizes=source.sizes, num_rows=source.num_rows,
+            digests=source.digests, sizes=source.sizes, num_rows=num_rows,
         )  # fmt: skip
         stale = {changed, *(LAYERS["model"].tables if changed == CONTEXTS else ())}
         self._frames = {name: frame for name, frame in source._frames.items() if name != changed}

@@ -13,6 +13,7 @@ from branchdrive.engine.reading import read_dataset
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.worker import in_process
 from branchdrive.files.survey import take_survey
+from branchdrive.formats.table_file import parts_of
 from branchdrive.layers.view import RawLayer, ReleaseView
 
 
@@ -29,7 +30,8 @@ def release_view(root: Path) -> ReleaseView:
         assert view.raw.rows is not None
         raw = RawLayer(dict(view.raw.rows), digest=view.raw.digest, descriptor=view.raw.descriptor)
         tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}
+        num_rows = {path: len(rows) for name in tables for path, rows in parts_of(name, tables[name]).items()}
         return ReleaseView(
             view.descriptor, tables, view.documents, view.contents, raw, view.files,
-            digests=view.digests, sizes=view.sizes, num_rows=view.num_rows,
+            digests=view.digests, sizes=view.sizes, num_rows=num_rows,
         )  # fmt: skip

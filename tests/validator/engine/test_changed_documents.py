@@ -86,7 +86,19 @@ def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -
 READ_BY_COMMANDS = {"descriptor", "action-bank", "action-encoding", "policy", "waivers"}
 """Schemas of what commands read beside documents of layers, which `tests.changed_input` changes."""
 
-NOT_READ = {"branch-group", "clauses", "columns", "layers", "limits", "mask", "metrics", "report", "rollout", "rules"}
+NOT_READ = {
+    "branch-group",
+    "clauses",
+    "columns",
+    "layers",
+    "limits",
+    "mask",
+    "metrics",
+    "pilot",
+    "report",
+    "rollout",
+    "rules",
+}
 """Schemas of resources of this package, of typed views, and of what the validator writes."""
 
 

@@ -72,6 +72,7 @@ class OtherBits(ReleaseView):
             RawLayer(frames, digest=source.raw.digest,
                      descriptor=source.raw.descriptor),
             source.files, source.mismatches, digests=source.digests, sizes=source.sizes,
+            num_rows=source.num_rows,
         )  # fmt: skip
         stored = {table: source.rows(table) for table in source.tables}
         self._frames = {table: dict(frame) for table, frame in with_noise(stored, MODEL, rng).items()}

@@ -48,7 +48,7 @@ def front_matter(descriptor: Descriptor, population: Mapping[str, Any]) -> list[
     lines = ["---", *_licence(descriptor.licence), f"pretty_name: {_text(descriptor.title)}", "tags:"]
     lines += [f"- {_text(tag)}" for tag in dict.fromkeys((*_TAGS, *descriptor.keywords))]
     if "model" in descriptor.layers:
-        groups = next(stage["groups"] for stage in population["stages"] if stage["stage"] == "frozen") or {}
+        groups = next((stage["groups"] for stage in population["stages"] if stage["stage"] == "frozen"), None) or {}
         present = [name for name in population["partitions"] if groups.get(name)]
         lines += ["configs:", *(line for table in _tables(descriptor) for line in _config(table, present))]
     return [*lines, "---"]
