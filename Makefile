@@ -58,7 +58,7 @@ example-highway: setup
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
 
-## write the conformance cases anew from the registered defects, and all of them as one archive with its digest
+## write the conformance cases from the registered defects, and all of them as one archive with its digest
 cases: setup
 	$(BIN)/python -m tests.conformance_cases --jobs $(JOBS) --archive build/conformance-cases.tar.gz
 

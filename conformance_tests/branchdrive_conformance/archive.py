@@ -11,14 +11,18 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
+from branchdrive.contract.layout import unsafe_reason
 from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.contract.text import quote
 from branchdrive.errors import UsageError
 
 __all__ = ["pack", "unpacked"]
 
 
 def pack(folder: Path, target: Path) -> str:
-    """Write all files below `folder` into one archive, equal for equal files, and its digest into a file beside it.
+    """Write all files below `folder` into one archive, and its digest into a file beside it.
+
+    Equal files give an equal archive with one version of zlib.
 
     Returns:
         SHA-256 of the archive, hexadecimal.
@@ -47,7 +51,13 @@ def unpacked(path: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="branchdrive-cases-") as scratch:
         try:
             with tarfile.open(path) as archive:
-                archive.extractall(scratch, filter="data")
+                for entry in archive:
+                    content = archive.extractfile(entry)
+                    if content is None or unsafe_reason(entry.name) is not None:
+                        raise UsageError(f"--cases: {str(path)!r} holds {quote(entry.name)}, no plain file inside it")
+                    target = Path(scratch) / entry.name
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    target.write_bytes(content.read())
         except (OSError, tarfile.TarError) as error:
             raise UsageError(f"--cases: {str(path)!r} is no archive of cases: {error}") from error
         folder = Path(scratch) / f"v{SPEC_VERSION}"

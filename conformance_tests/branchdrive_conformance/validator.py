@@ -146,8 +146,8 @@ def run_cases(
     alike: dict[str, list[Case]] = {}  # a dataset that several cases are about is judged once
     for case in given:
         alike.setdefault(json.dumps([case.base, case.recipe, case.raw, case.options]), []).append(case)
+    by_first = {same[0].name: same for same in alike.values()}
     firsts = [same[0] for same in alike.values()]
-    others = {same[0].name: same for same in alike.values()}
     size = _BATCH_CASES if command.is_batched else 1
     batches = [firsts[start : start + size] for start in range(0, len(firsts), size)]
     departures: dict[str, list[Departure]] = {}
@@ -157,7 +157,7 @@ def run_cases(
         try:
             for future in as_completed(waiting):
                 for first, answer in future.result():
-                    for case in others[first.name]:
+                    for case in by_first[first.name]:
                         departures[case.name] = (
                             score(case, answer, claimed, is_whole=is_whole)
                             if isinstance(answer, Answer)

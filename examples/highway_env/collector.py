@@ -60,7 +60,7 @@ def centre_line(lane: Any) -> Any:
 
 
 def grown(thing: Any) -> Any:
-    """Its outline with 5 cm more at the ends: whoever collides is moved apart until rounding decides on a contact."""
+    """Its outline with 5 cm more at the ends: at a contact, bodies are moved apart until rounding decides."""
     return thing.position + 1.02 * (thing.polygon() - thing.position)
 
 

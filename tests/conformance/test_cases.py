@@ -35,7 +35,7 @@ def test_cases_are_those_of_the_registry(cases: list[Case]) -> None:
 
 
 def test_every_rule_passes_fails_and_is_at_its_limit(cases: list[Case]) -> None:
-    """A rule that passes on no base dataset, for want of a subject, passes at a limit."""
+    """A rule without a subject in any base dataset passes at a limit."""
     reached: dict[str, set[str]] = defaultdict(set)
     for case in cases:
         for rule in case.rules:

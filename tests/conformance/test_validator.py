@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from branchdrive.cli.main import run_script
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.errors import UsageError
+from branchdrive_conformance.archive import pack, unpacked
 from branchdrive_conformance.case import Case, cases_dir, load_case, load_cases
 from branchdrive_conformance.materialize import materialize
 from branchdrive_conformance.reference import judge_case
@@ -176,3 +178,20 @@ def test_a_batch_takes_all_folders() -> None:
     command = Command.of("judge {datasets}")
     assert command.start([Path("a"), Path("b")]) == ["judge", "a/dataset", "b/dataset"]
     assert not command.takes_options
+
+
+def test_an_archive_holds_the_cases_and_nothing_outside(tmp_path: Path) -> None:
+    folder = tmp_path / "v0.1"
+    (folder / "bases").mkdir(parents=True)
+    (folder / "bases" / "raw.json").write_text("{}")
+    digest = pack(folder, tmp_path / "cases.tar.gz")
+    assert (tmp_path / "cases.tar.gz.sha256").read_text() == f"{digest}  cases.tar.gz\n"
+    with unpacked(tmp_path / "cases.tar.gz") as found:
+        assert [path.name for path in found.rglob("*.json")] == ["raw.json"]
+    for name, kind in (("../outside", tarfile.REGTYPE), ("/outside", tarfile.REGTYPE), ("v0.1/link", tarfile.SYMTYPE)):
+        with tarfile.open(tmp_path / "hostile.tar", "w") as archive:
+            entry = tarfile.TarInfo(name)
+            entry.type, entry.linkname = kind, "/etc/hostname"
+            archive.addfile(entry)
+        with pytest.raises(UsageError, match="no plain file inside"), unpacked(tmp_path / "hostile.tar"):
+            pass

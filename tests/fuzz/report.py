@@ -78,8 +78,8 @@ def render(found: Mapping[str, Any], *, is_full: bool = True) -> str:
     lines += ["", f"{'damage':<14}{'tried':>8}{'sealed':>8}  verdicts"]
     for name, seen in found["damages"].items():
         verdicts = {word: count for word, count in seen.items() if word not in ("tried", "sealed")}
-        told = ", ".join(f"{word} {count}" for word, count in verdicts.items())
-        lines.append(f"{name:<14}{seen['tried']:>8}{seen['sealed']:>8}  {told}")
+        counts = ", ".join(f"{word} {count}" for word, count in verdicts.items())
+        lines.append(f"{name:<14}{seen['tried']:>8}{seen['sealed']:>8}  {counts}")
     columns = list(found["columns"].items())
     shown = columns if is_full else columns[:20]
     lines += ["", f"{'column':<56}{'edits':>6}{'caught':>8}{'subtle':>8}{'caught':>8}  rules"]

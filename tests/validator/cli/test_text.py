@@ -24,8 +24,9 @@ from branchdrive.text.terminal import PLAIN_WIDTH
 NUM_RULES = len(CATALOGUE)
 LAYER_RULES = {
     layer: [rule for rule, info in CATALOGUE.items() if info.layer == layer]
-    for layer in ("canonical", "quality", "model", "benchmark")
+    for layer in dict.fromkeys(info.layer for info in CATALOGUE.values() if info.layer is not None)
 }
+"""Rules of each derived layer, in the order in which the catalogue comes to them."""
 NUM_UNCLAIMED = 12 + sum(map(len, LAYER_RULES.values()))
 SGR = re.compile(r"\x1b\[[0-9;]*m")
 

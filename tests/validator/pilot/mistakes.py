@@ -108,7 +108,7 @@ def half_extents(shards: Mapping[str, Shard]) -> Shards:
 
 
 def ten_hertz(shards: Mapping[str, Shard]) -> Shards:
-    """A simulator at 10 Hz whose ticks are recorded as 20 Hz: motion as in a world of twice the size, rates as told."""
+    """A simulator at 10 Hz whose ticks are recorded as 20 Hz: motion as in a world of twice the size, equal rates."""
 
     def change(shard: Shard) -> Shard:
         places = (

@@ -199,8 +199,8 @@ def _print_verdict(console: Console, report: Report) -> None:
     console.print(Text.assemble("Verdict: ", (report.verdict, _STYLE[report.verdict]), meaning))
     for condition in report.conditions:
         console.print(Padding(Text(condition, style="dim"), (0, 0, 0, 2)))
-    for told in refusals(report):
-        console.print(Text(told, style="bold red"))
+    for refusal in refusals(report):
+        console.print(Text(refusal, style="bold red"))
 
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:

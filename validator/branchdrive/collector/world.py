@@ -147,7 +147,7 @@ class World(Protocol):
     """A simulator with an ego vehicle and an expert that can drive it, at 20 ticks a second.
 
     At every tick it is asked for its observation, at saved ones for its actors, then for the expert's decision, and
-    told the command to step with: the decision's, rounded to float32, or an intervention's instead.
+    given the command to step with: the decision's, rounded to float32, or an intervention's instead.
     """
 
     def reset(self, seed: int) -> Scene:

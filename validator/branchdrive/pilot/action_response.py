@@ -83,7 +83,7 @@ def _facts(summary: ResponseSummary) -> list[str]:
             + ("." if low == high else f" at the earliest policy, {high:.2f} s at the latest.")
         )
     else:
-        facts.append("No replay equals its nominal up to the branch, so the first response cannot be told from noise.")
+        facts.append("No replay equals its nominal up to the branch, so noise hides the first response.")
     return facts
 
 

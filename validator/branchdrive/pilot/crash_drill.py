@@ -20,10 +20,10 @@ _TITLE = "Crash drill"
 _NEVER = "power failures and full disks: a kill leaves what the system has buffered, they do not"
 
 _GOES_ON = 0.95
-"""Share of the undisturbed time from which on a resumed run seems to have begun anew."""
+"""Share of the undisturbed time from which on a resumed run seems to have begun from the start."""
 
 _LONG_S = 60.0
-"""Parts from which on that is told from the time that a command takes to start, and from the load of a machine."""
+"""Parts from which on the time that a command takes to start, and the load of a machine, matter little."""
 
 _COMMIT = (
     "Write a group aside, sync its files, and rename it into place when all of it is there; on the way in, delete what "
@@ -83,7 +83,7 @@ def crash_drill(pilot: Pilot, reruns: Reruns | None, *, num_kills: int) -> Secti
     if last.seconds > _GOES_ON * fresh.seconds and part_s >= _LONG_S:
         concerns.append(
             Concern(
-                f"The last run took {last.seconds:.1f} s of {fresh.seconds:.1f} s: it seems to have begun anew.",
+                f"The last run took {last.seconds:.1f} s of {fresh.seconds:.1f} s: it seems to have started over.",
                 "Keep finished groups, and skip them on the way in, or a long collection never ends on a machine that "
                 "is taken away now and then.",
                 is_problem=False,

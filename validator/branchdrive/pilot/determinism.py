@@ -25,7 +25,7 @@ _NEVER = "another machine, other versions of libraries or drivers, and another n
 
 _STATE = (
     "Draw everything from the group's own seed at the start of each rollout: seed every random generator (Python, "
-    "numpy, simulator, traffic manager) anew, start from a fresh world, and take nothing from the place in the list "
+    "numpy, simulator, traffic manager) again, start from a fresh world, and take nothing from the place in the list "
     "or from what ran before."
 )
 
@@ -115,7 +115,7 @@ def _concerns(trial: _Trial, trials: list[_Trial]) -> list[Concern]:
         return [
             Concern(
                 f"The command gives the same every time, but not what the pilot holds: {found.text}.{differing}",
-                "Run the command with the options, versions and machine of the pilot, or collect the pilot anew.",
+                "Run the command with the options, versions and machine of the pilot, or collect the pilot again.",
             )
         ]
     if trial.name in ("fresh", "again"):

@@ -154,12 +154,12 @@ def _actor_ratios(view: ShardView) -> Array:
     free = _compared(view)[view.observations.rows_of(stream)[row]]
     row, before = row[(before >= 0) & free], before[(before >= 0) & free]
     moved = [stream[name][row] - stream[name][before] for name in ("x_m", "y_m")]
-    told = [
+    recorded = [
         (stream[name][row].astype(np.float64) + stream[name][before]) / 2 * OBSERVATION_S
         for name in ("vel_x_mps", "vel_y_mps")
     ]
-    squared = told[0] ** 2 + told[1] ** 2
-    ratio = (moved[0] * told[0] + moved[1] * told[1]) / squared
+    squared = recorded[0] ** 2 + recorded[1] ** 2
+    ratio = (moved[0] * recorded[0] + moved[1] * recorded[1]) / squared
     return np.asarray(ratio[squared > (_MOVING_MPS * OBSERVATION_S) ** 2])
 
 

@@ -157,7 +157,7 @@ class Stage:
         replace_file(self._places_path, places.render())
 
     def save_maps(self, maps: Mapping[str, pa.Table]) -> None:
-        """Keep the maps of all towns, by name, for whoever looks into the staging area."""
+        """Keep the maps of all towns, by name, for readers of the staging area."""
         import pyarrow as pa
 
         if maps:

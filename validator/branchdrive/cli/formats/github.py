@@ -24,7 +24,7 @@ def render(report: Report) -> str:
     verdict = "; ".join([headline(report), *refusals(report), *report.conditions])
     lines = [_command(_COMMANDS[verdict_level(report)], verdict, title=f"BranchDrive: {report.verdict}")]
     lines += [_of_rule(level, tally, report) for level, tally in failures(report)]
-    lines += [_command("warning", told, title="Not judged") for told in unjudged(report)]
+    lines += [_command("warning", reason, title="Not judged") for reason in unjudged(report)]
     lines += [_command("error", message, title="BranchDrive failed") for message in report.errors]
     return "".join(f"{line}\n" for line in lines)
 

@@ -45,18 +45,18 @@ def render(report: Report) -> str:
 
 def _verdict_cases(report: Report) -> Iterator[_Case]:
     name = f"verdict {report.verdict}"
-    told = headline(report)
+    result = headline(report)
     match report.verdict:
         case "valid":
             yield _Case(name)
         case "valid-with-waivers":
-            yield _Case(name, "skipped", told, report.conditions)
+            yield _Case(name, "skipped", result, report.conditions)
         case "invalid":
-            yield _Case(name, "failure", told, report.conditions)
+            yield _Case(name, "failure", result, report.conditions)
         case _:  # nothing is known to be wrong, and yet the dataset is not known to be right
-            yield _Case(name, "error", told, (*report.conditions, *report.errors))
-    for told in refusals(report):
-        yield _Case("required by the caller", "failure", told)
+            yield _Case(name, "error", result, (*report.conditions, *report.errors))
+    for refusal in refusals(report):
+        yield _Case("required by the caller", "failure", refusal)
 
 
 def _rule_case(tally: Tally, report: Report) -> _Case:

@@ -49,8 +49,8 @@ def _head_lines(report: Report) -> Iterator[str]:
         f"{counted(facts.num_rollouts, 'rollout')}, {counted(facts.num_shards, 'shard')}"
     )
     yield ""
-    for told in refusals(report):
-        yield f"- **{told}**"
+    for refusal in refusals(report):
+        yield f"- **{refusal}**"
     for condition in report.conditions:
         yield f"- {code_span(condition)}"
     for message in report.errors:
@@ -71,8 +71,8 @@ def _rule_lines(report: Report) -> Iterator[str]:
 
 def _tally_lines(tally: Tally) -> Iterator[str]:
     info = tally.info
-    told = summary(tally) if tally.status == "fail" else code_span(summary(tally))
-    yield from ("", f"### [{info.id}]({info.url}) {info.title}", "", f"{info.kind}: {told}", "")
+    result = summary(tally) if tally.status == "fail" else code_span(summary(tally))
+    yield from ("", f"### [{info.id}]({info.url}) {info.title}", "", f"{info.kind}: {result}", "")
     for finding in tally.findings[:FINDINGS_SHOWN]:
         more = f" ({finding.count:,} places)" if finding.count > 1 else ""
         yield f"- {code_span(location_text(finding.location))}{more}  "

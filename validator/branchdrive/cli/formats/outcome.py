@@ -49,14 +49,14 @@ def verdict_level(report: Report) -> Level:
 
 def refusals(report: Report) -> list[str]:
     """What the caller's own demands refuse, one sentence each."""
-    told = []
+    refused = []
     if report.lacks_groups:
         found = report.num_qualified or 0
-        told.append(f"{found} of {report.options.require_groups} required branch groups qualify")
+        refused.append(f"{found} of {report.options.require_groups} required branch groups qualify")
     if report.options.is_strict and report.noted:
         failed = ", ".join(tally.rule_id for tally in report.noted)
-        told.append(f"--strict refuses what these diagnostics and recommendations found: {failed}")
-    return told
+        refused.append(f"--strict refuses what these diagnostics and recommendations found: {failed}")
+    return refused
 
 
 def level_of(tally: Tally, report: Report) -> Level | None:

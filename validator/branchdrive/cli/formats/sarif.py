@@ -69,8 +69,8 @@ def _rule(info: RuleInfo) -> dict[str, Any]:
 
 def _invocation(report: Report) -> dict[str, Any]:
     """How the run went; what is no finding is a notification: the verdict first, then rules without a judgement."""
-    told = "; ".join([headline(report), *refusals(report)])
-    notifications: list[dict[str, Any]] = [{"level": verdict_level(report), "message": {"text": told}}]
+    result = "; ".join([headline(report), *refusals(report)])
+    notifications: list[dict[str, Any]] = [{"level": verdict_level(report), "message": {"text": result}}]
     notifications += [
         {
             "level": level_of(tally, report) or "none",
