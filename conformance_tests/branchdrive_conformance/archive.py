@@ -52,7 +52,7 @@ def unpacked(path: Path) -> Iterator[Path]:
         try:
             with tarfile.open(path) as archive:
                 for entry in archive:
-                    content = archive.extractfile(entry)
+                    content = archive.extractfile(entry) if entry.isreg() else None
                     if content is None or unsafe_reason(entry.name) is not None:
                         raise UsageError(f"--cases: {str(path)!r} holds {quote(entry.name)}, no plain file inside it")
                     target = Path(scratch) / entry.name
