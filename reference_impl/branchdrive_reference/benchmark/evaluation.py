@@ -4,7 +4,7 @@ The prediction lock is there before outcomes of the test partition are looked at
 nothing that is not from training or predictions. Predictions of others come from no locked checkpoint: their results
 are printed with a warning and are not published.
 
-Source: paper IV-C; spec/14-benchmark.md.
+Source: paper, "Training and Test Locking"; spec/14-benchmark.md.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from tests.reference_impl.benchmark.small_release import contents, invoke
 from branchdrive_reference.benchmark.figure.gallery import figures
 from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
 
-NAMES = ("guard", "policy_value", "prediction")
+NAMES = ("guard", "policy_value", "prediction", "selected_outcomes")
 
 POPULATION = {
     "num_policies": 13,

@@ -76,12 +76,40 @@ def test_default_names_what_the_formulas_compute() -> None:
 
 def test_families_have_the_sizes_of_the_paper() -> None:
     sizes = {family.name: len(family.members) for family in default_protocol().families}
-    assert sizes == {"structured": 4, "full": 9, "ranking_structured": 8, "ranking_full": 24}
+    assert sizes == {"structured": 4, "full": 9, "ranking_structured": 8, "ranking_full": 24, "ranking_near_range": 2}
+
+
+def test_families_of_the_paper_are_over_its_profiles() -> None:
+    """A profile of another kind enlarges no family of the paper: it has one of its own."""
+    found = default_protocol()
+    near = {name for name, profile in found.preferences.items() if profile.near_m is not None}
+    profiles = {family.name: {m.profile for m in family.members} for family in found.of_kind("ranking")}
+    assert profiles.pop("ranking_near_range") == near == {"near_range"}
+    assert all(used == {"balanced", "safety", "progress", "comfort"} for used in profiles.values())
+
+
+def test_a_protocol_may_do_without_outcomes_and_near_ranges() -> None:
+    """As every protocol did before these parts were declared."""
+    before = document()
+    del before["outcomes"], before["profiles"][-1], before["families"][-1]
+    found = read_protocol({**before, "name": "before"})
+    assert found.outcomes is None
+    assert found.document == {**before, "name": "before"}
+
+
+@pytest.mark.parametrize("near_m", [0.0, -1.0, 1001.0, "2"])
+def test_a_near_range_is_a_length(near_m: object) -> None:
+    wrong = document()
+    wrong["profiles"][-1]["near_m"] = near_m
+    assert "near_m" in str(protocol_problem(wrong))
 
 
 def test_members_of_families_have_names() -> None:
     names = [family.family.members[0] for family in default_protocol().families]
-    assert names == ["M3-M1.macro_nmae", "M3-M1.macro_nmae", *["O-M3-action_prior.value.balanced"] * 2]
+    assert names == [
+        "M3-M1.macro_nmae", "M3-M1.macro_nmae", *["O-M3-action_prior.value.balanced"] * 2,
+        "O-M3-action_prior.value.near_range",
+    ]  # fmt: skip
 
 
 @each(
@@ -110,7 +138,7 @@ def test_members_of_families_have_names() -> None:
             lambda d: d["families"].extend([family("one", ("A-B", "C")), family("other", ("A", "B-C"))]),
             "different members of families share a name",
         ),
-        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 44)), "have 257 members together; the limit is 256"),
+        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 46)), "have 257 members together; the limit is 256"),
         (
             lambda d: [one.update(seeds=list(range(64))) for one in d["models"]] and d["models"].append(more_seeds(d)),
             "models have 257 seeds together; the limit is 256",
@@ -134,7 +162,7 @@ def test_contradictions_are_refused(change: Any, words: str) -> None:
 
 def test_bounds_are_reached_but_not_passed() -> None:
     large = document() | {"name": "large"}
-    large["families"].append(large_family(MAX_MEMBERS - 45))
+    large["families"].append(large_family(MAX_MEMBERS - 47))
     for one in large["models"]:
         one["seeds"] = list(range(64))
     large["statistics"] |= {"flips": 20000, "resamples": 2000}
@@ -145,14 +173,14 @@ def test_bounds_are_reached_but_not_passed() -> None:
 @each(
     ("resamples", "seeds", "profiles", "shuffles", "words"),
     [
-        (2048, 64, 4, 20, None),
-        (2049, 64, 4, 20, "256 pairs of a model and a seed have 524544 resamples together; the limit is 524288"),
-        (5000, 26, 4, 20, None),
-        (5000, 27, 4, 20, "108 pairs of a model and a seed have 540000 resamples together"),
+        (2048, 64, 5, 20, None),
+        (2049, 64, 5, 20, "256 pairs of a model and a seed have 524544 resamples together; the limit is 524288"),
+        (5000, 26, 5, 20, None),
+        (5000, 27, 5, 20, "108 pairs of a model and a seed have 540000 resamples together"),
         (2048, 1, 64, 20, None),
         (5000, 1, 64, 20, "4 models have under all profiles 1280000 resamples together; the limit is 524288"),
-        (100, 64, 4, 21, None),
-        (100, 64, 4, 22, "16896 predictions are shuffled; the limit is 16384"),
+        (100, 64, 5, 21, None),
+        (100, 64, 5, 22, "16896 predictions are shuffled; the limit is 16384"),
     ],
 )
 def test_draws_of_a_protocol_are_bounded(
@@ -162,7 +190,7 @@ def test_draws_of_a_protocol_are_bounded(
     large = document() | {"name": "large"}
     for one in large["models"]:
         one["seeds"] = list(range(seeds))
-    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(profiles - 4)]
+    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(profiles - 5)]
     large["statistics"]["resamples"], large["shuffles"]["seeds"] = resamples, list(range(shuffles))
     problem = protocol_problem(large)
     assert problem == words if words is None else words in str(problem)
@@ -184,7 +212,7 @@ def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -
     equal["models"][3]["configuration"]["training"]["max_epochs"] = 150.0
     with pytest.raises(DatasetError, match="is not the protocol of that name and version"):
         read_protocol(equal)
-    for about in ({"name": "other"}, {"version": "0.2.0"}):
+    for about in ({"name": "other"}, {"version": "0.1.0"}):
         assert protocol_problem(other | about) is None
 
 

@@ -1,6 +1,7 @@
 """Benchmark rules: what is fixed (protocol, locks, checkpoints, test-set accesses), and what follows from it.
 
-Source: paper IV to VI; spec/14-benchmark.md.
+Source: paper, "Benchmark Protocol", "Experiments" and "Discussion, Limitations, and Intended Use";
+spec/14-benchmark.md.
 """
 
 from __future__ import annotations

@@ -20,7 +20,8 @@ A calibration partition is drawn first, against everything else, by the same thr
 that its groups and clusters need on average; then further clusters follow in the order of their keys
 until both numbers are reached. The shares of the others refer to what is left.
 
-Source: paper V-E (70/15/15, no shared route geometry, stratified); the algorithm is this project's choice.
+Source: paper, "Evaluation Population" (70/15/15, no shared route geometry, stratified); the algorithm is this
+project's choice.
 """
 
 from __future__ import annotations

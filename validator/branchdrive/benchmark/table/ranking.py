@@ -12,6 +12,7 @@ from branchdrive.benchmark.table.cell import (
     with_ends,
 )
 from branchdrive.benchmark.table.comparison import comparison_table
+from branchdrive.benchmark.table.selected import selected_tables
 from branchdrive.text.table import Column, Passage, Table
 
 __all__ = ["ranking_sections"]
@@ -36,7 +37,11 @@ def ranking_sections(results: Document) -> list[Table | Passage]:
     """A table for each ranked profile, why the others are not ranked, and the comparisons."""
     ranking = results["ranking"]
     return [
-        *(_profile_table(profile) for profile in ranking["profiles"]),
+        *(
+            table
+            for profile in ranking["profiles"]
+            for table in (_profile_table(profile), *selected_tables(profile, results))
+        ),
         *(
             Passage(f"Ranking, profile {out['profile']}", [f"Not judged: {out['reason']}."])
             for out in ranking["left_out"]
