@@ -37,6 +37,7 @@ def results_document(
     noise: OutcomeNoise | None = None,
     *,
     warnings: Sequence[str] = (),
+    description: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The document.
 
@@ -47,6 +48,7 @@ def results_document(
         risk_fit: Learned risk of the guard, from training; the guard is not judged without it.
         noise: How far outcomes move between nominal replays, from training.
         warnings: Sentences that every table carries, see `warning.warnings`.
+        description: What is counted of population and models, see `description.describe`; ``None`` to go without.
 
     Raises:
         DatasetError: The model layer has no group in the partition that is fitted on or reported.
@@ -63,6 +65,7 @@ def results_document(
             "candidates": list(data.candidates),
             "nominal": data.candidates[data.nominal],
         },
+        **({} if description is None else {"description": dict(description)}),
         "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
         "prediction": prediction_results(protocol, data, predictions, scale),
         "diagnostics": diagnostic_results(protocol, data, predictions, scale),
