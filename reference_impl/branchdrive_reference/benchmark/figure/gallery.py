@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from branchdrive_reference.benchmark.figure.attrition import draw_attrition
 from branchdrive_reference.benchmark.figure.canvas import render
+from branchdrive_reference.benchmark.figure.construction import draw_construction
 from branchdrive_reference.benchmark.figure.leakage import draw_leakage
 from branchdrive_reference.benchmark.figure.policy import draw_policy
 from branchdrive_reference.benchmark.figure.prediction import draw_prediction
@@ -37,6 +38,7 @@ def figures(
     """
     draws: dict[str, Callable[[], Figure | None]] = {}
     if population is not None:
+        draws["construction"] = draw_construction
         draws["attrition"] = partial(draw_attrition, population)
     if leakage is not None and leakage.get("battery") and leakage.get("gate"):
         draws["leakage"] = partial(draw_leakage, leakage)
