@@ -30,7 +30,7 @@ def draw_construction() -> Figure:
     num_interventions = len(load_action_bank().policies) - 1
     figure = new_figure(
         11.4, 5.0, "From two passes to one sample",
-        f"Ticks of {TICK_S:g} s, counted from the branch. One history, the nominal's, is shared by all candidates; each "
+        f"Ticks of {TICK_S:g} s, counted from the branch. The nominal's history is shared by all candidates; each "
         "future is that of the candidate's own rollout.",
     )  # fmt: skip
     (axes,) = axes_of(figure, 1, 1)
@@ -90,5 +90,5 @@ def _action(axes: Axes, place: int) -> None:
 
 def _targets(axes: Axes, place: int) -> None:
     axes.plot(FUTURE_OFFSETS, [place] * len(FUTURE_OFFSETS), "o", color=HUES[3], markersize=6)
-    axes.text(FUTURE_OFFSETS[-1] / 2 + 2, place - 0.22, f"{len(FUTURE_OFFSETS)} observations: six scalars, a trajectory",
-              ha="center", va="bottom", fontsize=8.3, color=INK)  # fmt: skip
+    text = f"{len(FUTURE_OFFSETS)} observations: six scalars, a trajectory"
+    axes.text(FUTURE_OFFSETS[-1] / 2 + 2, place - 0.22, text, ha="center", va="bottom", fontsize=8.3, color=INK)
