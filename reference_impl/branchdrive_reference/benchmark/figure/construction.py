@@ -55,8 +55,8 @@ def draw_construction() -> Figure:
     return figure
 
 
-def _bar(axes: Axes, place: int, begin: float, end: float, colour: str, text: str, **line: float) -> None:
-    axes.plot([begin, end], [place, place], color=colour, linewidth=_BAR, solid_capstyle="butt", **line)
+def _bar(axes: Axes, place: int, begin: float, end: float, colour: str, text: str, alpha: float = 1.0) -> None:
+    axes.plot([begin, end], [place, place], color=colour, linewidth=_BAR, solid_capstyle="butt", alpha=alpha)
     axes.text((begin + end) / 2, place - 0.26, text, ha="center", va="bottom", fontsize=8.3, color=INK)
 
 
