@@ -28,7 +28,7 @@ __all__ = [
     "branch_columns",
 ]
 
-SignalName: TypeAlias = Literal["brake", "throttle_release", "lane_shift"]
+SignalName: TypeAlias = Literal["brake", "throttle_release", "lane_shift", "steady"]
 
 MARGIN_TICKS = 20
 """Ticks that every rollout goes on, at least, after its intervention has ended."""
