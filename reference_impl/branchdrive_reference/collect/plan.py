@@ -21,7 +21,16 @@ from branchdrive_reference.simulation.branch_kind import BranchKind, drawn_kind
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.signal import ENVIRONMENTS
 
-__all__ = ["BRANCH_PRESETS", "FAULT_PRESETS", "PRESETS", "GroupPlan", "Preset", "plan_group", "select_scenarios"]
+__all__ = [
+    "BRANCH_PRESETS",
+    "CONSEQUENTIAL",
+    "FAULT_PRESETS",
+    "PRESETS",
+    "GroupPlan",
+    "Preset",
+    "plan_group",
+    "select_scenarios",
+]
 
 
 @dataclass(frozen=True)
@@ -118,6 +127,28 @@ _BENCHMARK_FAULTS = {
     Fault.ONLINE_STEERING: 0.05,
 }
 
+CONSEQUENTIAL = (
+    "Accident",
+    "AccidentTwoWays",
+    "BlockedIntersection",
+    "ConstructionObstacleTwoWays",
+    "CrossingBicycleFlow",
+    "DynamicObjectCrossing",
+    "HardBrakeRoute",
+    "HazardAtSideLane",
+    "HazardAtSideLaneTwoWays",
+    "HighwayCutIn",
+    "OppositeVehicleTakingPriority",
+    "ParkedObstacle",
+    "ParkedObstacleTwoWays",
+    "ParkingCrossingPedestrian",
+    "ParkingCutIn",
+    "PedestrianCrossing",
+    "StaticCutIn",
+)
+"""Scenario types whose consequence lies inside the window: who accelerates at the manoeuvre touches something within
+2.5 s in two drives of five or more, docs/decisions/0022-branches-in-context.md."""
+
 PRESETS: Mapping[str, Preset] = {
     "demo": Preset(num_groups=29),
     "benchmark": Preset(
@@ -129,7 +160,8 @@ PRESETS: Mapping[str, Preset] = {
         num_groups=1_000,
         replay_noise=1.0,
         faults=_BENCHMARK_FAULTS,
-        branches={BranchKind.EARLY: 0.2, BranchKind.QUIET: 0.35},
+        branches={BranchKind.EARLY: 0.1, BranchKind.QUIET: 0.3},
+        scenario_types=CONSEQUENTIAL,
     ),
     "paper": Preset(
         num_groups=2_467,

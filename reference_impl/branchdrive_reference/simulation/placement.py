@@ -2,8 +2,9 @@
 
 * ``onset``: the last observation before the expert's manoeuvre, as the scenario's trigger finds it;
 * ``early``: one of the observations 0.5 to 1 s before it, where the expert does not react yet;
-* ``quiet``: one of the observations from which on the expert holds its commands and its lane for the whole window and
-  does not brake, while somebody comes near; where nobody does, separation decides nothing.
+* ``quiet``: one of the observations from which on the expert holds its commands for the whole window, drives straight
+  on and does not brake, while somebody comes near. Where nobody does, separation decides nothing, and in a bend every
+  action that lets go of the wheel is another manoeuvre.
 
 All of them read the nominal rollout alone. Source: paper, Matched Intervention Protocol, for the onset; the other
 kinds are this project's choice, docs/decisions/0022-branches-in-context.md.
@@ -29,7 +30,15 @@ from branchdrive_reference.simulation.branch_kind import EARLY_TICKS, BranchKind
 from branchdrive_reference.simulation.record import record
 from branchdrive_reference.simulation.rollout import Run, find_branch
 
-__all__ = ["MOST_EARLY_TICKS", "QUIET_CHANGE", "QUIET_DEFINITION", "QUIET_SEPARATION_M", "place_branch"]
+__all__ = [
+    "MOST_EARLY_TICKS",
+    "QUIET_CHANGE",
+    "QUIET_DEFINITION",
+    "QUIET_SEPARATION_M",
+    "QUIET_SHIFT_M",
+    "QUIET_STEER",
+    "place_branch",
+]
 
 MOST_EARLY_TICKS = 20
 """Ticks from an early branch to the manoeuvre, at most."""
@@ -38,6 +47,9 @@ QUIET_DEFINITION = "quiet 1"
 
 QUIET_CHANGE = 0.1
 """Largest change of any command of the expert in the window of a quiet branch."""
+
+QUIET_STEER = 0.02
+"""Largest steering command there, in magnitude."""
 
 QUIET_SHIFT_M = 0.25
 """Largest offset from the route that it plans there: what shows a lane shift elsewhere."""
@@ -70,10 +82,10 @@ def _quiet(nominal: Run) -> Branch | None:
         return None
     commands = sliding_window_view(log.expert.astype(np.float64), ACTIVE_TICKS, axis=0)[ticks]
     change = np.abs(commands - commands[:, :, :1]).max(axis=(1, 2))
-    brake = commands[:, 2].max(axis=1)
+    steer, brake = np.abs(commands[:, 0]).max(axis=1), commands[:, 2].max(axis=1)
     shift_m = sliding_window_view(np.abs(log.lane_shift_m), ACTIVE_TICKS)[ticks].max(axis=1)
-    is_quiet = (change <= QUIET_CHANGE) & (brake == 0.0) & (shift_m <= QUIET_SHIFT_M)
-    found = np.flatnonzero(is_quiet & (_least_separation_m(nominal, ticks) <= QUIET_SEPARATION_M))
+    is_held = (change <= QUIET_CHANGE) & (steer <= QUIET_STEER) & (brake == 0.0) & (shift_m <= QUIET_SHIFT_M)
+    found = np.flatnonzero(is_held & (_least_separation_m(nominal, ticks) <= QUIET_SEPARATION_M))
     if not len(found):
         return None
     place = found[choice(len(found), nominal.spec.seed, Purpose.BRANCH_QUIET)]

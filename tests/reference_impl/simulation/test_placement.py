@@ -15,6 +15,7 @@ from branchdrive_reference.simulation.placement import (
     QUIET_DEFINITION,
     QUIET_SEPARATION_M,
     QUIET_SHIFT_M,
+    QUIET_STEER,
     place_branch,
 )
 from branchdrive_reference.simulation.record import record
@@ -46,9 +47,10 @@ def test_at_a_quiet_branch_the_expert_holds_its_commands_while_somebody_comes_ne
     window = slice(quiet.branch_tick, quiet.branch_tick + ACTIVE_TICKS)
     commands = nominal.log.expert[window].astype(np.float64)
     assert (quiet.tick, quiet.signal, quiet.definition) == (quiet.branch_tick, "steady", QUIET_DEFINITION)
-    assert quiet.value == pytest.approx(max(abs(now - then) for row in commands for now, then in zip(row, commands[0])))
+    assert quiet.value == max(abs(row[place] - commands[0][place]) for row in commands for place in range(3))
     assert quiet.value <= quiet.threshold == QUIET_CHANGE
     assert not commands[:, 2].any()
+    assert np.abs(commands[:, 0]).max() <= QUIET_STEER
     assert np.abs(nominal.log.lane_shift_m[window]).max() <= QUIET_SHIFT_M
     evidence = record(nominal).evidence
     future = (evidence["tick"] > quiet.branch_tick) & (evidence["tick"] <= quiet.branch_tick + ACTIVE_TICKS)
