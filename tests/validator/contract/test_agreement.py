@@ -153,6 +153,7 @@ def full_descriptor() -> dict[str, Any]:
             "seed": 7,
             "replay_noise": {"kind": "injected", "strength": 1.0},
             "faults": {"late_control": 0.25},
+            "branches": {"quiet": 0.5},
             "scenario_types": ["HardBrake", "ParkedObstacle"],
         },
     }
