@@ -15,6 +15,7 @@ from tests.content_cache import kept, remembered
 from tests.validator.benchmark.samples import noise, paper_protocol, paths_of, risk_fit
 from tests.validator.engine.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
 
+from branchdrive.benchmark.baseline.context import Contexts, contexts_of
 from branchdrive.benchmark.checkpoint import CheckpointFacts
 from branchdrive.benchmark.data import TABLES, BenchmarkData, groups_digest
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
@@ -76,6 +77,11 @@ class BenchmarkDraft(ReleaseDraft):
         return BenchmarkData.of({name: self.frame(name) for name in TABLES}, bank)
 
     @property
+    def contexts(self) -> Contexts | None:
+        declared = self.protocol.baselines
+        return contexts_of(self.frame, self.data, declared) if declared else None
+
+    @property
     def predictions(self) -> PredictionSet:
         return PredictionSet.from_frames({name: self.frame(name) for name in PREDICTED}, self.data)
 
@@ -114,7 +120,9 @@ def _accesses(d: BenchmarkDraft) -> None:
 def _results(d: BenchmarkDraft) -> None:
     lock = d.documents[RANKING_LOCK]
     found = risk_fit_of(lock), noise_of(lock["outcome_noise"])
-    d.documents[RESULTS] = remembered(results_document)(d.protocol, d.data, d.predictions, *found, warnings=d.warnings)
+    d.documents[RESULTS] = remembered(results_document)(
+        d.protocol, d.data, d.predictions, *found, contexts=d.contexts, warnings=d.warnings
+    )
 
 
 def _tables(d: BenchmarkDraft) -> None:
