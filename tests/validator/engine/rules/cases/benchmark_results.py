@@ -16,10 +16,9 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import boundary, mutant
 
-from branchdrive.benchmark.baseline.declaration import Selection
+from branchdrive.benchmark.baseline.declaration import Neighbours, Prior, Ridge, Selection
 from branchdrive.benchmark.guard.calibration import GUARANTEE
 from branchdrive.benchmark.prediction_rows import TABLES
-from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.benchmark.warning import warnings
 from branchdrive.tables.frame import concat, take
 
@@ -34,8 +33,11 @@ def results_with_other_last_bits(d: BenchmarkDraft) -> None:
 
 def _declare_baselines(d: BenchmarkDraft) -> None:
     """What sees labels, a history and evidence, with what is ranked beside it."""
-    found = default_protocol().baselines
-    declared = [baseline for baseline in found if baseline.name in ("type_prior", "neighbours", "ridge_privileged")]
+    declared = (
+        Prior(name="type_prior", kind="prior", by=("scenario_type",), strength=10.0),
+        Neighbours(name="neighbours", kind="neighbours", contract="sensor", neighbours=15),
+        Ridge(name="ridge_privileged", kind="ridge", contract="privileged", strength=1.0),
+    )
     selection = Selection(ensembles=True, references=("type_prior",), baselines=declared)
     d.documents[PROTOCOL]["selection"] = selection.model_dump(mode="json")
     d.follow("lock")
