@@ -44,7 +44,7 @@ from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, wit
 from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risk
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
-from branchdrive_reference.benchmark.release import Release, benchmark_data, published_predictions
+from branchdrive_reference.benchmark.release import Release, baseline_contexts, benchmark_data, published_predictions
 from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "render_files"]
@@ -94,7 +94,8 @@ def evaluate_published(
     show(1, 4, "statistics")
     notes = _warnings(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    results = results_document(protocol, data, predictions, risk, noise, warnings=notes)
+    contexts = baseline_contexts(release, protocol, data)
+    results = results_document(protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes)
     show(2, 4, "figures")
     rendered = render_files(release, protocol, results, with_figures=with_figures)
     show(3, 4, "publication")
@@ -132,7 +133,8 @@ def evaluate_foreign(
     unlocked = sorted({*found.models, *published})
     notes = _warnings(release, ledger, data, protocol, unlocked, changed)
     notes += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
-    results = results_document(protocol, data, predictions, risk, noise, warnings=notes)
+    contexts = baseline_contexts(release, protocol, data)
+    results = results_document(protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes)
     return Evaluation(results, render_files(release, protocol, results, with_figures=with_figures))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.benchmark.ranking.measure import LEARNED
+from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 
 __all__ = ["draw_policy"]
@@ -30,7 +30,8 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
     figure = new_figure(
         2.9 * len(profiles) + 1.2, 2 * (0.27 * num_rows + 0.95) + 0.9, "What the selected action is worth",
         f"Executed utility in the test partition, {profiles[0]['num_ranked']} groups; bars are 95 % intervals over "
-        "route clusters, thin ones below them the spread over seeds; the dashed line is ActionPrior.",
+        "route clusters, thin ones below them the spread over seeds; the dashed line is ActionPrior; * sees privileged "
+        "evidence.",
         results["warnings"],
     )  # fmt: skip
     panels = axes_of(figure, 2, len(profiles), sharey=True)
@@ -45,7 +46,7 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
 def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> None:
     for place, entry in enumerate(entries):
         name, value, ends = entry["selector"], entry[measure], entry["intervals"][measure]
-        colour = HUES[1] if name.startswith(LEARNED) else INK if name == "oracle" else HUES[0]
+        colour = HUES[1] if name.startswith((LEARNED, ENSEMBLE)) else INK if name == "oracle" else HUES[0]
         if ends["cluster_low"] is not None:
             line = ends["cluster_low"], ends["cluster_high"]
             axes.plot(line, [place, place], color=colour, linewidth=2.0, alpha=0.5)
@@ -57,5 +58,13 @@ def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> No
     if reference is not None:
         axes.axvline(reference, color=QUIET, linestyle=(0, (4, 3)), linewidth=1.0)
     axes.set(ylim=(len(entries) - 0.4, -0.6), yticks=range(len(entries)))
-    axes.set_yticklabels([_NAMES.get(entry["selector"], entry["selector"]) for entry in entries])
+    axes.set_yticklabels([_label(entry) for entry in entries])
     axes.grid(axis="x")
+
+
+def _label(entry: Mapping[str, Any]) -> str:
+    """The selector, and what is to be known of it: that it is a tie rule, or sees what no sensor tells."""
+    name = _NAMES.get(entry["selector"], entry["selector"])
+    if entry.get("is_tie"):
+        return f"{name} (tie)"
+    return f"{name} *" if str(entry.get("sees")).startswith("privileged") else name

@@ -6,6 +6,7 @@ import numpy as np
 from tests.validator.engine.rules.benchmark_release import (
     BENCHMARK_LEDGER,
     LOCK,
+    PROTOCOL,
     RANKING_LOCK,
     RESULTS,
     SCALARS,
@@ -15,6 +16,7 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import boundary, mutant
 
+from branchdrive.benchmark.baseline.declaration import Neighbours, Prior, Ridge, Selection
 from branchdrive.benchmark.guard.calibration import GUARANTEE
 from branchdrive.benchmark.prediction_rows import TABLES
 from branchdrive.benchmark.warning import warnings
@@ -27,6 +29,23 @@ from branchdrive.tables.frame import concat, take
 def results_with_other_last_bits(d: BenchmarkDraft) -> None:
     d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 1 + 1e-12
     d.follow("tables")
+
+
+def _declare_baselines(d: BenchmarkDraft) -> None:
+    """What sees labels, a history and evidence, with what is ranked beside it."""
+    declared = (
+        Prior(name="type_prior", kind="prior", by=("scenario_type",), strength=10.0),
+        Neighbours(name="neighbours", kind="neighbours", contract="sensor", neighbours=15),
+        Ridge(name="ridge_privileged", kind="ridge", contract="privileged", strength=1.0),
+    )
+    selection = Selection(ensembles=True, references=("type_prior",), baselines=declared)
+    d.documents[PROTOCOL]["selection"] = selection.model_dump(mode="json")
+    d.follow("lock")
+
+
+@boundary("BD-BMK-012", "BD-BMK-013")
+def results_with_baselines(d: BenchmarkDraft) -> None:
+    _declare_baselines(d)
 
 
 # BD-LYR-007
@@ -118,6 +137,13 @@ def smaller_p_value_by_clusters(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/intervals/value/cluster_low"})
 def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
     d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["intervals"]["value"]["cluster_low"] += 1e-6
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/4/regret"})
+def baseline_that_is_worse_than_it_is(d: BenchmarkDraft) -> None:
+    _declare_baselines(d)
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][4]["regret"] += 0.05
     d.follow("tables")
 
 
