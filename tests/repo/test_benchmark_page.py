@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import json
 import re
 import shlex
+from pathlib import Path
 from types import ModuleType
 
 from tests.each import each
 from tests.repo.checkout import ROOT
 
-from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol
+from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol, read_protocol
 from branchdrive.benchmark.warning import warnings
 from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
@@ -20,6 +22,7 @@ from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect
+from branchdrive_reference.learning.configuration import Configuration
 
 PAGE = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
 LINES = [
@@ -85,6 +88,25 @@ def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
     assert (
         f"more than {guard.tolerance_m} m below that of nominal; the rate it promises is at most {guard.alpha}" in PAGE
     )
+
+
+def test_baselines_are_those_of_the_protocol() -> None:
+    table = PAGE.split("### Baselines")[1].split("### ")[0]
+    named = re.findall(r"`([a-z_]+)`", " ".join(re.findall(r"^\| (`.*?`) \|", table, re.M)))
+    declared = {baseline.name: baseline for baseline in default_protocol().baselines}
+    assert named == ["action_prior", *declared]
+    assert f"as if by {declared['type_prior'].strength:g} groups of them" in table
+    assert f"the {declared['neighbours'].neighbours} groups of `train` with the nearest histories" in table
+
+
+def test_trees_are_declared_as_the_page_says(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+    examples, written = ROOT / "docs/examples/trees.json", tmp_path / "with-trees.json"
+    exec(block.replace("docs/examples/trees.json", str(examples)).replace("build/with-trees.json", str(written)), {})
+    found = read_protocol(json.loads(written.read_text()))
+    assert [model.id for model in found.models[-2:]] == ["T3", "T3p"]
+    for model in found.models:
+        Configuration.of(model)
 
 
 def test_the_sentence_on_accesses_is_the_one_that_tables_carry() -> None:

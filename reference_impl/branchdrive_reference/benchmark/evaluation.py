@@ -48,7 +48,7 @@ from branchdrive.tables.arrow import from_arrow
 from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risk
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
-from branchdrive_reference.benchmark.release import Release, benchmark_data, published_predictions
+from branchdrive_reference.benchmark.release import Release, baseline_contexts, benchmark_data, published_predictions
 from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "render_files"]
@@ -98,8 +98,10 @@ def evaluate_published(
     show(1, 4, "statistics")
     notes = _warnings(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    about = _description(release, data, lock)
-    results = results_document(protocol, data, predictions, risk, noise, warnings=notes, description=about)
+    results = results_document(
+        protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
+        description=_description(release, data, lock),
+    )  # fmt: skip
     show(2, 4, "figures")
     rendered = render_files(release, protocol, results, with_figures=with_figures)
     show(3, 4, "publication")
@@ -137,8 +139,10 @@ def evaluate_foreign(
     unlocked = sorted({*found.models, *published})
     notes = _warnings(release, ledger, data, protocol, unlocked, changed)
     notes += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
-    about = _description(release, data, lock if unevaluated is None else None)
-    results = results_document(protocol, data, predictions, risk, noise, warnings=notes, description=about)
+    results = results_document(
+        protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
+        description=_description(release, data, lock if unevaluated is None else None),
+    )  # fmt: skip
     return Evaluation(results, render_files(release, protocol, results, with_figures=with_figures))
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from branchdrive.benchmark.baseline.context import Contexts, contexts_of
 from branchdrive.benchmark.data import TABLES as DATA_TABLES
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
@@ -28,8 +29,9 @@ from branchdrive.formats.table_file import read_layer_table
 from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.tables.arrow import from_arrow
+from branchdrive.tables.frame import Values
 
-__all__ = ["Release", "benchmark_data", "open_release", "published_predictions"]
+__all__ = ["Release", "baseline_contexts", "benchmark_data", "open_release", "published_predictions"]
 
 _READ = ("quality", "model", BENCHMARK)
 _REMEDY = "restore it, or run `branchdrive build` to make the derived layers again"
@@ -136,6 +138,19 @@ def benchmark_data(release: Release) -> BenchmarkData:
     """
     frames = {name: from_arrow(read_layer_table(release.root, name), name) for name in DATA_TABLES}
     return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
+
+
+def baseline_contexts(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> Contexts | None:
+    """What the baselines of a protocol see; ``None`` where it declares none.
+
+    Raises:
+        DatasetError: A table cannot be read or packed.
+    """
+
+    def frame_of(name: str) -> dict[str, Values]:
+        return from_arrow(read_layer_table(release.root, name), name)
+
+    return contexts_of(frame_of, data, protocol.baselines) if protocol.baselines else None
 
 
 def published_predictions(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> PredictionSet:

@@ -23,6 +23,7 @@ from branchdrive_reference.learning.configuration import MODEL_VERSION, Configur
 from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, build_network
 from branchdrive_reference.learning.provenance import Provenance
 from branchdrive_reference.learning.tensor_file import read_tensors, write_tensors
+from branchdrive_reference.learning.trees import TreesNetwork
 
 __all__ = [
     "MAX_ACTION_FEATURES",
@@ -100,7 +101,7 @@ class Checkpoint:
     weights: Mapping[str, Tensor]
     sha256: str
 
-    def network(self) -> OutcomeNetwork | MeanNetwork:
+    def network(self) -> OutcomeNetwork | MeanNetwork | TreesNetwork:
         """The network with these weights, not to be trained further."""
         network = build_network(self.configuration.model, self.num_action_features)
         network.load_state_dict(dict(self.weights))
@@ -196,7 +197,7 @@ def _provenance(record: Mapping[str, Any], configuration: Configuration) -> Prov
 
 
 def _num_action_features(value: Any, configuration: Configuration) -> int:
-    least = 0 if configuration.model.action is None else 1
+    least = 1 if configuration.model.reads_actions else 0
     if type(value) is not int or not least <= value <= MAX_ACTION_FEATURES:
         raise DatasetError(f"its `num_action_features` is {value!r:.80}, not in {least} .. {MAX_ACTION_FEATURES}")
     return value

@@ -48,6 +48,7 @@ __all__ = [
     "HistoryConfig",
     "ModelConfig",
     "TrainingConfig",
+    "TreesConfig",
     "is_model_name",
 ]
 
@@ -104,6 +105,25 @@ class ActionConfig:
 
 
 @dataclass(frozen=True)
+class TreesConfig:
+    """Gradient-boosted trees of every target.
+
+    Attributes:
+        iterations: Trees of a target.
+        leaves: Leaves of a tree at most.
+        learning_rate: Share of each tree that counts.
+        min_rows: Training rows of a leaf at least.
+    """
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    iterations: Annotated[int, Field(ge=1, le=1000)]
+    leaves: Annotated[int, Field(ge=2, le=64)]
+    learning_rate: Annotated[float, Field(gt=0, le=1)]
+    min_rows: Count
+
+
+@dataclass(frozen=True)
 class ModelConfig:
     """A model.
 
@@ -113,6 +133,7 @@ class ModelConfig:
         fusion_width: Width of the fusion from which the outcome is read.
         history: Encoder of histories, ``None`` for a model that reads none.
         action: Encoder of actions, ``None`` for a model that makes one prediction for the whole bank.
+        trees: Boosted trees in place of encoders, which read histories and actions; ``None`` for a network.
     """
 
     __pydantic_config__ = _NOTHING_ELSE
@@ -122,11 +143,17 @@ class ModelConfig:
     fusion_width: Width
     history: HistoryConfig | None = None
     action: ActionConfig | None = None
+    trees: TreesConfig | None = None
 
     @property
     def is_trained(self) -> bool:
-        """Whether there are weights to train."""
-        return self.history is not None or self.action is not None
+        """Whether there are weights to train by descent."""
+        return self.trees is None and (self.history is not None or self.action is not None)
+
+    @property
+    def reads_actions(self) -> bool:
+        """Whether it tells candidates apart."""
+        return self.action is not None or self.trees is not None
 
 
 @dataclass(frozen=True)

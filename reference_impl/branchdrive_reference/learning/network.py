@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -31,7 +30,9 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.learning.configuration import ActionConfig, HistoryConfig, ModelConfig
+from branchdrive_reference.learning.outcome import Outcome
 from branchdrive_reference.learning.stream import WEIGHTS, stream
+from branchdrive_reference.learning.trees import TreesNetwork
 
 __all__ = [
     "ActionEncoder",
@@ -53,13 +54,6 @@ STEP_CONTROLS = OBSERVATION_STRIDE_TICKS * len(SENSOR_PROFILE.controls)
 
 HISTORY, ACTION = "history", "action"
 """Names of the halves of the fusion."""
-
-
-class Outcome(NamedTuple):
-    """Normalised predictions: `scalars` ``[B, A, 6]`` and `trajectories` ``[B, A, 10, 5]``."""
-
-    scalars: Tensor
-    trajectories: Tensor
 
 
 class SequenceEncoder(nn.Module):
@@ -205,8 +199,10 @@ class MeanNetwork(nn.Module):
         return _expanded(mean, num_groups, num_candidates)
 
 
-def build_network(config: ModelConfig, num_action_features: int) -> OutcomeNetwork | MeanNetwork:
+def build_network(config: ModelConfig, num_action_features: int) -> OutcomeNetwork | MeanNetwork | TreesNetwork:
     """The network of a model, its weights not yet drawn; the state of no generator of torch changes."""
+    if config.trees is not None:
+        return TreesNetwork(config.trees)
     if not config.is_trained:
         return MeanNetwork()
     with torch.random.fork_rng(devices=[]):

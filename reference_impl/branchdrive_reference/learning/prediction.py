@@ -106,7 +106,7 @@ def check_release(checkpoint: Checkpoint, layer: ModelLayer) -> None:
         raise UsageError(
             f"{layer.root}: {name} was trained under another split or normalisation; train it on this release"
         )
-    if checkpoint.configuration.model.action is not None:
+    if checkpoint.configuration.model.reads_actions:
         width = layer.actions().shape[1]
         if width != checkpoint.num_action_features:
             raise UsageError(

@@ -41,6 +41,7 @@ from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, 
 from branchdrive_reference.learning.provenance import Provenance, provenance
 from branchdrive_reference.learning.stream import BATCHES, stream
 from branchdrive_reference.learning.training_state import TrainingState, read_state, state_path, write_state
+from branchdrive_reference.learning.trees import TreesNetwork
 
 __all__ = ["EpochReport", "train_model", "training_data"]
 
@@ -117,7 +118,7 @@ def train_model(
     data = training_data(layer, configuration)
     origin = provenance(layer, configuration, seed, data)
     num_action_features = data["train"]["actions"].shape[1] if "actions" in data["train"] else 0
-    if configuration.model.action is not None and not num_action_features:
+    if configuration.model.reads_actions and not num_action_features:
         layer.actions()  # says that the release declares no encoding
     path = checkpoint_path(Path(folder), configuration.model.name, seed)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -134,6 +135,9 @@ def train_model(
         if isinstance(network, MeanNetwork):
             parts = data["train"]
             network.fit(parts["scalars"], parts["mask"], parts["trajectory"])
+            weights, curve = network.state_dict(), Curve()
+        elif isinstance(network, TreesNetwork):
+            network.fit(data["train"])
             weights, curve = network.state_dict(), Curve()
         else:
             initialise(network, seed=seed)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.validator.benchmark.guard.banks import banks
 
+from branchdrive.benchmark.baseline.context import Contexts
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
 from branchdrive.benchmark.guard.risk import FEATURES, MultiplierGrid, RiskFit
@@ -24,9 +25,44 @@ BANK = load_action_bank()
 SEEDS = (11, 23, 37)
 
 
-def small_protocol(**changes: Any) -> BenchmarkProtocol:
+def paper_protocol() -> dict[str, Any]:
+    """The default protocol without what it ranks beside the selectors of the paper."""
+    document = {name: value for name, value in default_protocol().document.items() if name != "selection"}
+    families = [family for family in document["families"] if family["name"] != "ranking_baselines"]
+    return document | {"name": "small", "version": "0.1.0", "families": families}
+
+
+def whole_protocol() -> BenchmarkProtocol:
     """The default protocol with few resamples."""
-    document = default_protocol().document | {"name": "small"}
+    few = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
+    document = default_protocol().document | {"name": "whole", "statistics": few}
+    document["shuffles"] = {"kinds": [], "seeds": [0]}
+    return BenchmarkProtocol.model_validate(document)
+
+
+def contexts() -> Contexts:
+    """Labels and summaries that tell a little of a group; privileged ones tell more."""
+    groups = [group for part in data().parts.values() for group in part.groups]
+    outcomes = np.concatenate([part.outcomes.scalars for part in data().parts.values()])
+    noise_of = np.random.default_rng(3).normal(size=(len(groups), 2))
+    gap = outcomes[:, 0, 1]
+    histories: dict[str, NDArray[np.float64] | None] = {
+        "sensor": np.column_stack([gap + noise_of[:, 0], noise_of[:, 1]]),
+        "privileged": np.column_stack([gap, noise_of[:, 1]]),
+    }
+    kinds = ["near" if one < np.median(gap) else "far" for one in gap]
+    labels = {
+        "scenario_type": kinds,
+        "town": ["T"] * len(groups),
+        "command": kinds,
+        "speed_limit": [None] * len(groups),
+    }
+    return Contexts({group: row for row, group in enumerate(groups)}, labels, histories)
+
+
+def small_protocol(**changes: Any) -> BenchmarkProtocol:
+    """The protocol of the paper with few resamples."""
+    document = paper_protocol()
     document["statistics"] = {"seed": 0, "resamples": 200, "level": 0.95, "flips": 500}
     document["shuffles"] = {"kinds": ["action", "history", "joint"], "seeds": [0, 1]}
     return BenchmarkProtocol.model_validate({**document, **changes})

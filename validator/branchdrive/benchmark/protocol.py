@@ -19,11 +19,12 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from branchdrive.benchmark.baseline.declaration import Baseline, ProtocolPart, Selection
 from branchdrive.benchmark.metric.family import Family
 from branchdrive.benchmark.metric.shuffle import Kind
-from branchdrive.benchmark.ranking.measure import LEARNED
+from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED
 from branchdrive.contract.document import Integer, dump_json, schema_mismatches
 from branchdrive.contract.resources import load_resource
 from branchdrive.driving.utility import Profile
@@ -55,11 +56,7 @@ MAX_SHUFFLED = 2**14
 _SUM_TOLERANCE = 1e-9
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Partitions(_Document):
+class Partitions(ProtocolPart):
     """What every partition is used for."""
 
     fit: Literal["train"] = "train"
@@ -68,7 +65,7 @@ class Partitions(_Document):
     report: Literal["test"] = "test"
 
 
-class DeclaredModel(_Document):
+class DeclaredModel(ProtocolPart):
     """One model.
 
     Attributes:
@@ -104,7 +101,7 @@ class DeclaredModel(_Document):
                 )
 
 
-class Statistics(_Document):
+class Statistics(ProtocolPart):
     """Of intervals and tests."""
 
     seed: Integer
@@ -113,14 +110,14 @@ class Statistics(_Document):
     flips: Integer
 
 
-class Shuffles(_Document):
+class Shuffles(ProtocolPart):
     """Which shuffles are made, with which seeds."""
 
     kinds: Annotated[tuple[Kind, ...], Field(strict=False)]
     seeds: Annotated[tuple[Integer, ...], Field(strict=False)]
 
 
-class Member(_Document):
+class Member(ProtocolPart):
     """One test: `left` minus `right` in a metric; `profile` for selectors only."""
 
     left: str
@@ -135,7 +132,7 @@ class Member(_Document):
         return f"{self.left}-{self.right}.{self.metric}{end}"
 
 
-class DeclaredFamily(_Document):
+class DeclaredFamily(ProtocolPart):
     """A family of tests, all of one kind."""
 
     name: str
@@ -148,7 +145,7 @@ class DeclaredFamily(_Document):
         return Family(self.name, tuple(member.name for member in self.members))
 
 
-class ProfileWeights(_Document):
+class ProfileWeights(ProtocolPart):
     """Weights of one preference, and the near range in which it scores separation, if it has one."""
 
     name: str
@@ -163,13 +160,13 @@ class ProfileWeights(_Document):
         return Profile(self.separation, self.displacement, self.comfort, self.near_m)
 
 
-class SelectedOutcomes(_Document):
+class SelectedOutcomes(ProtocolPart):
     """That outcomes of selections are reported; a separation of at most `contact_m` is a contact."""
 
     contact_m: float
 
 
-class Guard(_Document):
+class Guard(ProtocolPart):
     """Whose selections are guarded, and at which rates."""
 
     model: str
@@ -181,7 +178,7 @@ class Guard(_Document):
     coverage: float
 
 
-class BenchmarkProtocol(_Document):
+class BenchmarkProtocol(ProtocolPart):
     """A protocol; `read_protocol` makes it of a document."""
 
     name: str
@@ -199,6 +196,7 @@ class BenchmarkProtocol(_Document):
     selectors: Annotated[tuple[str, ...], Field(strict=False)]
     guard: Guard
     outcomes: SelectedOutcomes | None = None
+    selection: Selection | None = None
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -237,6 +235,11 @@ class BenchmarkProtocol(_Document):
         return {weights.name: weights.profile for weights in self.profiles}
 
     @property
+    def baselines(self) -> tuple[Baseline, ...]:
+        """Declared baselines."""
+        return () if self.selection is None else self.selection.baselines
+
+    @property
     def predicted(self) -> tuple[str, ...]:
         """Partitions for which locked models predict: all but the one they are fitted on."""
         return (self.partitions.select, self.partitions.calibrate, self.partitions.report)
@@ -245,18 +248,25 @@ class BenchmarkProtocol(_Document):
     def model_names(self) -> frozenset[str]:
         """Names of models that are declared, or that a declared test is about, as those still to come."""
         sides = {side for family in self.families for member in family.members for side in (member.left, member.right)}
-        return frozenset({model.id for model in self.models} | {side.removeprefix(LEARNED) for side in sides})
+        return frozenset(
+            {model.id for model in self.models} | {side.removeprefix(LEARNED).removeprefix(ENSEMBLE) for side in sides}
+        )
 
     def model(self, name: str) -> DeclaredModel | None:
         """The declared model of that name; ``None`` for another."""
         return next((model for model in self.models if model.id == name), None)
 
     def draws_problem(self, num_models: int, num_owners: int) -> str | None:
-        """Which limit resamples and shuffles of so many models, pairs of a model and a seed in all, exceed, if any."""
+        """Which limit resamples and shuffles of so many models, pairs of a model and a seed in all, exceed, if any.
+
+        A baseline counts as a model, and so does every ensemble.
+        """
         resamples, shuffles = int(self.statistics.resamples), len(self.shuffles.kinds) * len(self.shuffles.seeds)
+        added = self.selection
+        ranked = num_models if added is None else num_models * (1 + added.ensembles) + len(added.baselines)
         for what, size, limit in (
             (f"{num_owners} pairs of a model and a seed have", num_owners * resamples, MAX_DRAWS),
-            (f"{num_models} models have under all profiles", num_models * len(self.profiles) * resamples, MAX_DRAWS),
+            (f"{ranked} models have under all profiles", ranked * len(self.profiles) * resamples, MAX_DRAWS),
         ):
             if size > limit:
                 return f"{what} {size} resamples together; the limit is {limit}"

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.benchmark.baseline.context import Contexts
+from branchdrive.benchmark.baseline.estimate import estimate, is_seen
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.figure import Terms, figures
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
@@ -27,11 +29,12 @@ from branchdrive.benchmark.prediction_result import (
 )
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, Member
-from branchdrive.benchmark.ranking.measure import Measures, best_fixed
-from branchdrive.benchmark.ranking.ranking import Entry, Ranking, rank
+from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED, Measures, best_fixed
+from branchdrive.benchmark.ranking.ranking import Entry, Gate, Ranking, rank
 from branchdrive.benchmark.ranking.selected import selected_outcomes, selected_record
 from branchdrive.benchmark.undeclared import undeclared_rankings
 from branchdrive.driving.utility import RANGE, Scale, fit_scale, utility
+from branchdrive.errors import DatasetError
 from branchdrive.statistics.bootstrap import Design, counted_mean, design
 from branchdrive.statistics.interval import Intervals, intervals
 from branchdrive.statistics.rounding import number, numbers
@@ -41,6 +44,11 @@ __all__ = ["action_prior", "ranking_results", "scale_record", "utility_scale"]
 Array = NDArray[np.float64]
 
 MEASURES = Measures._fields
+
+HELD = ("value", "regret")
+"""Measures in which learned selectors are held against references."""
+
+_NOTHING, _OUTCOMES = "nothing", "outcomes"
 
 
 def utility_scale(protocol: BenchmarkProtocol, data: BenchmarkData) -> Scale:
@@ -63,8 +71,15 @@ def ranking_results(
     predictions: PredictionSet,
     scale: Scale,
     noise: OutcomeNoise | None = None,
+    contexts: Contexts | None = None,
 ) -> dict[str, Any]:
-    """The section ``ranking``; outcomes of selections are in it where the protocol declares them."""
+    """The section ``ranking``; outcomes of selections are in it where the protocol declares them.
+
+    Raises:
+        DatasetError: Baselines are declared, and what they see is not given.
+    """
+    if protocol.baselines and contexts is None:
+        raise DatasetError("the protocol declares baselines, which need the histories of the model layer")
     part = data.part(protocol.partitions.report)
     seed = int(protocol.statistics.seed)
     resampling = design(part.clusters, seed=seed, num_resamples=int(protocol.statistics.resamples))
@@ -73,14 +88,15 @@ def ranking_results(
     rankings: dict[str, Ranking] = {}
     for name in protocol.preferences:
         try:
-            ranking, about = _ranked(protocol, data, predictions, scale, name)
+            ranking, about = _ranked(protocol, data, predictions, scale, name, contexts)
         except ValueError as error:
             left_out.append({"profile": name, "reason": str(error)})
             continue
         rankings[name] = ranking
-        gates = _gate_records(protocol, ranking, part.clusters)
+        added = _added_records(protocol, ranking, part.clusters)
+        gates = _gate_records(protocol, {name: e.gate for name, e in ranking.entries.items()}, ranking, part.clusters)
         entries = [
-            {**_entry_record(selector, entry, ranking, resampling), "gate": gates[selector]}
+            {**_entry_record(selector, entry, ranking, resampling), "gate": gates[selector], **added[selector]}
             for selector, entry in ranking.entries.items()
         ]
         for record, entry in zip(entries, ranking.entries.values(), strict=True):
@@ -99,24 +115,68 @@ def ranking_results(
         seed=seed,
         num_flips=int(protocol.statistics.flips),
     )
-    return {
+    found = {
         **({} if protocol.outcomes is None else {"contact_m": protocol.outcomes.contact_m}),
         "profiles": profiles,
         "left_out": left_out,
         "comparisons": [comparison_record(comparison) for comparison in comparisons],
         "families": family_records(families, comparisons),
     }
+    if protocol.selection is None:
+        return found
+    return found | {
+        "unseen": [b.name for b in protocol.baselines if contexts is not None and not is_seen(b, contexts)],
+        "held": [
+            record
+            for name, ranking in rankings.items()
+            for record in _held_records(protocol, name, ranking, resampling)
+        ],
+    }
+
+
+def _held_records(
+    protocol: BenchmarkProtocol, profile: str, ranking: Ranking, resampling: Design
+) -> list[dict[str, Any]]:
+    """Every learned selector against every declared reference, by value and by regret, under one profile."""
+    learned = [name for name in ranking.entries if name.startswith((LEARNED, ENSEMBLE))]
+    references = () if protocol.selection is None else protocol.selection.references
+    members = [
+        Member(left=left, right=right, metric=metric, profile=profile)
+        for left in learned
+        for right in references
+        if right in ranking.entries
+        for metric in HELD
+    ]
+    if not members:
+        return []
+    comparisons = compare(
+        [member.name for member in members],
+        np.stack([_difference({profile: ranking}, member) for member in members], axis=1),
+        resampling,
+        seed=int(protocol.statistics.seed),
+        num_flips=int(protocol.statistics.flips),
+    )
+    return [
+        {**member.model_dump(mode="json"), **comparison_record(comparison)}
+        for member, comparison in zip(members, comparisons, strict=True)
+    ]
 
 
 def _ranked(
-    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, scale: Scale, name: str
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    predictions: PredictionSet,
+    scale: Scale,
+    name: str,
+    contexts: Contexts | None,
 ) -> tuple[Ranking, dict[str, Any]]:
     partitions, profile = protocol.partitions, protocol.preferences[name]
     prior = action_prior(protocol, data, scale, name)
     brake = None
     if data.brakes and partitions.select in data.parts:
         brake = best_fixed(utility(data.part(partitions.select).targets, scale, profile), data.brakes)
-    report = partitions.report
+    report, train = partitions.report, data.part(partitions.fit)
+    utilities = utility(train.targets, scale, profile)
     ranking = rank(
         data.part(report).targets,
         {model: predictions.scalars(model, report) for model in predictions.of(report)},
@@ -125,6 +185,12 @@ def _ranked(
         nominal=data.nominal,
         action_prior=prior,
         fixed_brake=brake,
+        baselines={
+            baseline.name: estimate(baseline, contexts, train.groups, utilities, data.part(report).groups)
+            for baseline in protocol.baselines
+            if contexts is not None and is_seen(baseline, contexts)
+        },
+        ensembles=protocol.selection is not None and protocol.selection.ensembles,
     )
     who = ranking.population
     return ranking, {
@@ -183,19 +249,42 @@ def _outcomes_record(
     return {"outcomes": selected_record(found)}
 
 
-def _gate_records(protocol: BenchmarkProtocol, ranking: Ranking, clusters: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The gate of every selector, with an interval that resamples the route clusters of ranked groups."""
+def _added_records(protocol: BenchmarkProtocol, ranking: Ranking, clusters: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What a protocol with a `selection` has of every selector besides; nothing under another."""
+    if protocol.selection is None:
+        return {name: {} for name in ranking.entries}
+    gates = {name: entry.gate_to_nominal for name, entry in ranking.entries.items()}
+    to_nominal = _gate_records(protocol, gates, ranking, clusters)
+    return {
+        name: {"sees": _sees(protocol, name), "is_tie": entry.is_tie, "gate_to_nominal": to_nominal[name]}
+        for name, entry in ranking.entries.items()
+    }
+
+
+def _sees(protocol: BenchmarkProtocol, selector: str) -> str | None:
+    """What a selector may see of a group; ``None`` for a model that the protocol does not declare."""
+    if selector.startswith((LEARNED, ENSEMBLE)):
+        model = protocol.model(selector.removeprefix(LEARNED).removeprefix(ENSEMBLE))
+        return None if model is None else f"{model.contract} inputs"
+    sees = {baseline.name: baseline.sees for baseline in protocol.baselines}
+    return sees.get(selector, _OUTCOMES if selector == "oracle" else _NOTHING)
+
+
+def _gate_records(
+    protocol: BenchmarkProtocol, gates: Mapping[str, Gate], ranking: Ranking, clusters: Sequence[str]
+) -> dict[str, dict[str, Any]]:
+    """Gates by selector, with intervals that resample the route clusters of ranked groups."""
     ranked = [cluster for cluster, takes_part in zip(clusters, ranking.population.ranked, strict=True) if takes_part]
-    terms = {name: Terms(entry.gate.difference_m, np.ones(len(ranked))) for name, entry in ranking.entries.items()}
+    terms = {name: Terms(gate.difference_m, np.ones(len(ranked))) for name, gate in gates.items()}
     found = figures(terms, ranked, seed=int(protocol.statistics.seed), num_resamples=int(protocol.statistics.resamples))
     return {
         name: {
-            "mean_m": entry.gate.mean_m,
+            "mean_m": gate.mean_m,
             "low": number(found[name].low),
             "high": number(found[name].high),
-            "passed": bool(entry.gate.passed),
+            "passed": bool(gate.passed),
         }
-        for name, entry in ranking.entries.items()
+        for name, gate in gates.items()
     }
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from branchdrive.benchmark.baseline.context import Contexts
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.diagnostic_result import diagnostic_results
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
@@ -36,6 +37,7 @@ def results_document(
     risk_fit: RiskFit | None = None,
     noise: OutcomeNoise | None = None,
     *,
+    contexts: Contexts | None = None,
     warnings: Sequence[str] = (),
     description: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -47,11 +49,13 @@ def results_document(
         predictions: Of declared models and of others; models that do not predict the reported partition are left out.
         risk_fit: Learned risk of the guard, from training; the guard is not judged without it.
         noise: How far outcomes move between nominal replays, from training.
+        contexts: What baselines see, see `contexts_of`; needed where the protocol declares baselines.
         warnings: Sentences that every table carries, see `warning.warnings`.
         description: What is counted of population and models, see `description.describe`; ``None`` to go without.
 
     Raises:
-        DatasetError: The model layer has no group in the partition that is fitted on or reported.
+        DatasetError: The model layer has no group in the partition that is fitted on or reported, or contexts are
+            missing.
     """
     scale = training_scale(protocol, data)
     quantiles = utility_scale(protocol, data)
@@ -69,7 +73,7 @@ def results_document(
         "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
         "prediction": prediction_results(protocol, data, predictions, scale),
         "diagnostics": diagnostic_results(protocol, data, predictions, scale),
-        "ranking": ranking_results(protocol, data, predictions, quantiles, noise),
+        "ranking": ranking_results(protocol, data, predictions, quantiles, noise, contexts),
         "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
         "noise": None if noise is None else noise_record(noise),
     }

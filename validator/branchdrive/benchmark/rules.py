@@ -38,6 +38,7 @@ from branchdrive.benchmark.view import (
     predictions_of,
     protocol_of,
     ranking_lock_of,
+    seen_of,
 )
 from branchdrive.benchmark.warning import warnings
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
@@ -262,11 +263,12 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
         raise PreconditionError(str(error)) from error
     noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
     protocol, data, predictions = view.cached(protocol_of), view.cached(data_of), view.cached(predictions_of)
+    contexts, notes = seen_of(view), _warnings(view)
     try:
-        about = _description(view) if "description" in found else None
         expected = results_document(
-            protocol, data, predictions, risk_fit, noise, warnings=_warnings(view), description=about
-        )
+            protocol, data, predictions, risk_fit, noise, contexts=contexts, warnings=notes,
+            description=_description(view) if "description" in found else None,
+        )  # fmt: skip
     except (DatasetError, ValueError) as error:
         none = Mismatch({"pointer": "/"}, "results that can be computed", f"none: {error}")
         yield document_check(RESULTS_FILE, 1, [none])

@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
+from branchdrive.benchmark.baseline.context import Contexts, contexts_of
 from branchdrive.benchmark.data import TABLES, BenchmarkData
 from branchdrive.benchmark.prediction_check import prediction_mismatches
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
@@ -22,7 +23,7 @@ from branchdrive.layers.view import ReleaseView
 
 __all__ = [
     "CHECKPOINTS", "data_of", "digest_of", "layer_files", "lock_of", "lock_of_kind", "mismatches_of", "other_kind",
-    "predictions_of", "protocol_of", "ranking_lock_of",
+    "predictions_of", "protocol_of", "ranking_lock_of", "seen_of",
 ]  # fmt: skip
 
 _KINDS = {LOCK_FILE: "prediction", RANKING_LOCK_FILE: "ranking"}
@@ -49,6 +50,21 @@ def data_of(view: ReleaseView) -> BenchmarkData:
     """
     try:
         return BenchmarkData.of({name: view.frame(name) for name in TABLES}, view.descriptor.action_bank)
+    except DatasetError as error:
+        raise PreconditionError(f"the model layer cannot be packed: {error}") from error
+
+
+def seen_of(view: ReleaseView) -> Contexts | None:
+    """What the declared baselines see; ``None`` where none is declared.
+
+    Raises:
+        PreconditionError: The model layer cannot be packed.
+    """
+    baselines = view.cached(protocol_of).baselines
+    if not baselines:
+        return None
+    try:
+        return contexts_of(view.frame, view.cached(data_of), baselines)
     except DatasetError as error:
         raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 

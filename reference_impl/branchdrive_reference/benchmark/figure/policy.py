@@ -8,23 +8,18 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.benchmark.ranking.measure import LEARNED
+from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 
-__all__ = ["colour_of", "draw_policy", "title_of"]
+__all__ = ["colour_of", "draw_policy", "label_of"]
 
 _NAMES = {"random": "Random", "nominal": "Nominal", "action_prior": "ActionPrior", "fixed_brake": "Fixed brake"}
 _NAMES |= {"oracle": "Oracle of the bank"}
 
 
-def title_of(selector: str) -> str:
-    """What a figure calls a selector."""
-    return _NAMES.get(selector, selector)
-
-
 def colour_of(selector: str) -> str:
     """Colour of a selector's marks: learned ones, the oracle, and others."""
-    return HUES[1] if selector.startswith(LEARNED) else str(INK) if selector == "oracle" else HUES[0]
+    return HUES[1] if selector.startswith((LEARNED, ENSEMBLE)) else str(INK) if selector == "oracle" else HUES[0]
 
 
 def draw_policy(results: Mapping[str, Any]) -> Figure | None:
@@ -40,7 +35,8 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
     figure = new_figure(
         2.9 * len(profiles) + 1.2, 2 * (0.27 * num_rows + 0.95) + 0.9, "What the selected action is worth",
         f"Executed utility in the test partition, {profiles[0]['num_ranked']} groups; bars are 95 % intervals over "
-        "route clusters, thin ones below them the spread over seeds; the dashed line is ActionPrior.",
+        "route clusters, thin ones below them the spread over seeds; the dashed line is ActionPrior; * sees privileged "
+        "evidence.",
         results["warnings"],
     )  # fmt: skip
     panels = axes_of(figure, 2, len(profiles), sharey=True)
@@ -67,5 +63,13 @@ def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> No
     if reference is not None:
         axes.axvline(reference, color=QUIET, linestyle=(0, (4, 3)), linewidth=1.0)
     axes.set(ylim=(len(entries) - 0.4, -0.6), yticks=range(len(entries)))
-    axes.set_yticklabels([title_of(entry["selector"]) for entry in entries])
+    axes.set_yticklabels([label_of(entry) for entry in entries])
     axes.grid(axis="x")
+
+
+def label_of(entry: Mapping[str, Any]) -> str:
+    """The selector, and what is to be known of it: that it is a tie rule, or sees what no sensor tells."""
+    name = _NAMES.get(entry["selector"], entry["selector"])
+    if entry.get("is_tie"):
+        return f"{name} (tie)"
+    return f"{name} *" if str(entry.get("sees")).startswith("privileged") else name

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive_reference.benchmark.figure.canvas import QUIET, axes_of, new_figure
-from branchdrive_reference.benchmark.figure.policy import colour_of, title_of
+from branchdrive_reference.benchmark.figure.policy import colour_of, label_of
 
 __all__ = ["draw_selected"]
 
@@ -63,7 +63,7 @@ def _panel(
         if entry["selector"] == "nominal":
             axes.axvline(value, color=QUIET, linestyle=(0, (4, 3)), linewidth=1.0)
     axes.set(ylim=(len(entries) - 0.4, -0.6), yticks=range(len(entries)))
-    axes.set_yticklabels([title_of(entry["selector"]) for entry in entries])
+    axes.set_yticklabels([label_of(entry) for entry in entries])
     axes.grid(axis="x")
 
 

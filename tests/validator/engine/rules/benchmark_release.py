@@ -12,16 +12,17 @@ from typing import Any
 
 import numpy as np
 from tests.content_cache import kept, remembered
-from tests.validator.benchmark.samples import noise, paths_of, risk_fit
+from tests.validator.benchmark.samples import noise, paper_protocol, paths_of, risk_fit
 from tests.validator.engine.rules.release import BUILT, SPLIT, STEPS, ReleaseDraft, release_draft
 
+from branchdrive.benchmark.baseline.context import Contexts, contexts_of
 from branchdrive.benchmark.checkpoint import CheckpointFacts
 from branchdrive.benchmark.data import TABLES, BenchmarkData, groups_digest
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
 from branchdrive.benchmark.metric.outcome import Predictions
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
+from branchdrive.benchmark.protocol import BenchmarkProtocol, read_protocol
 from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.benchmark.results import noise_of, results_document
 from branchdrive.benchmark.tables import render_tables
@@ -76,6 +77,11 @@ class BenchmarkDraft(ReleaseDraft):
         return BenchmarkData.of({name: self.frame(name) for name in TABLES}, bank)
 
     @property
+    def contexts(self) -> Contexts | None:
+        declared = self.protocol.baselines
+        return contexts_of(self.frame, self.data, declared) if declared else None
+
+    @property
     def predictions(self) -> PredictionSet:
         return PredictionSet.from_frames({name: self.frame(name) for name in PREDICTED}, self.data)
 
@@ -114,7 +120,9 @@ def _accesses(d: BenchmarkDraft) -> None:
 def _results(d: BenchmarkDraft) -> None:
     lock = d.documents[RANKING_LOCK]
     found = risk_fit_of(lock), noise_of(lock["outcome_noise"])
-    d.documents[RESULTS] = remembered(results_document)(d.protocol, d.data, d.predictions, *found, warnings=d.warnings)
+    d.documents[RESULTS] = remembered(results_document)(
+        d.protocol, d.data, d.predictions, *found, contexts=d.contexts, warnings=d.warnings
+    )
 
 
 def _tables(d: BenchmarkDraft) -> None:
@@ -197,8 +205,8 @@ def _made() -> _Made:
 
 
 def _protocol() -> BenchmarkProtocol:
-    """The default protocol with few draws, and without the parts that one may do without; cases add them."""
-    document = default_protocol().document | {"name": "small", "version": "0.1.0"}
+    """The protocol of the paper with few draws, and without the parts that one may do without; cases add them."""
+    document = paper_protocol()
     del document["outcomes"]
     near = {weights["name"] for weights in document["profiles"] if "near_m" in weights}
     document["profiles"] = [weights for weights in document["profiles"] if weights["name"] not in near]

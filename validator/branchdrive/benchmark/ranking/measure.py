@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from branchdrive.driving.utility import RANGE, TIE
 
 __all__ = [
+    "ENSEMBLE",
     "LEARNED",
     "Measures",
     "Selector",
@@ -151,6 +152,9 @@ Indices = NDArray[np.intp]
 
 LEARNED = "O-"
 """Name of an outcome-derived selector, before that of its model."""
+
+ENSEMBLE = "E-"
+"""Name of the selector by the mean prediction of the seeds of a model, before that of the model."""
 
 
 class Selector(NamedTuple):

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.ranking.measure import (
+    ENSEMBLE,
     LEARNED,
     Measures,
     Selector,
@@ -86,6 +87,9 @@ class Entry(NamedTuple):
         num_actions: Distinct candidates chosen, by seed; for Random all of them.
         captured: Captured share of the oracle gap; `None` where there is no gap.
         gate: Non-worsening of separation against ActionPrior.
+        gate_to_nominal: The same against nominal.
+        is_tie: Whether all scores tie in every group, so that the order of the bank decides and nothing else; not
+            where candidates share the choice.
     """
 
     measures: Measures
@@ -95,6 +99,8 @@ class Entry(NamedTuple):
     num_actions: tuple[int, ...]
     captured: float | None
     gate: Gate
+    gate_to_nominal: Gate
+    is_tie: bool
 
 
 class Ranking(NamedTuple):
@@ -104,8 +110,8 @@ class Ranking(NamedTuple):
         population: Who is ranked; everything else is over these groups, in their order.
         utilities: Executed utilities ``[ranked groups, candidates]``.
         num_without_range: Groups whose utilities are all equal.
-        entries: Selectors by name: ``random``, ``nominal``, ``action_prior``, ``fixed_brake``, ``O-`` and the name
-            of a model, ``oracle``.
+        entries: Selectors by name: ``random``, ``nominal``, ``action_prior``, ``fixed_brake``, baselines, ``O-`` and
+            the name of a model, ``E-`` and the name of a model, ``oracle``.
     """
 
     population: Population
@@ -130,6 +136,8 @@ def rank(
     nominal: int,
     action_prior: int,
     fixed_brake: int | None = None,
+    baselines: Mapping[str, Array] | None = None,
+    ensembles: bool = False,
 ) -> Ranking:
     """Rank the candidates of every group by every selector.
 
@@ -141,6 +149,8 @@ def rank(
         nominal: Place of the nominal candidate.
         action_prior: Candidate with the greatest mean utility in training, see `best_fixed`.
         fixed_brake: Brake candidate chosen on validation; `None` for a bank without one.
+        baselines: Utilities that baselines estimate ``[groups, candidates]``, by name.
+        ensembles: Whether the mean prediction of a model of several seeds selects too.
 
     Raises:
         ValueError: Shapes do not match, a prediction is not finite, or no group can be ranked.
@@ -158,6 +168,7 @@ def rank(
     }
     if fixed_brake is not None:
         selectors["fixed_brake"] = [fixed(fixed_brake, *shape)]
+    selectors |= {name: [by_score(scores[who.ranked])] for name, scores in (baselines or {}).items()}
     for model, scalars in predictions.items():
         if scalars.ndim != 4 or not len(scalars) or scalars.shape[1:] != outcomes.values.shape:
             raise ValueError(
@@ -166,6 +177,9 @@ def rank(
             )
         scores = predicted_utility(scalars, scale, profile)[:, who.ranked]
         selectors[LEARNED + model] = [by_score(each) for each in scores]
+        if ensembles and len(scores) > 1:
+            mean = predicted_utility(scalars.mean(axis=0), scale, profile)[who.ranked]
+            selectors[ENSEMBLE + model] = [by_score(mean)]
     oracle = by_score(utilities)
     selectors["oracle"] = [oracle]
     best = measures(oracle, utilities, nominal=nominal)
@@ -192,7 +206,13 @@ def _entry(
         num_actions=tuple(int((each > 0).any(axis=0).sum()) for each in all_shares),
         captured=captured_share(mean, oracle),
         gate=non_worsening(separation, all_shares, reference),
+        gate_to_nominal=non_worsening(separation, all_shares, nominal),
+        is_tie=all(_is_tie(each) for each in selectors),
     )
+
+
+def _is_tie(selector: Selector) -> bool:
+    return bool((np.ptp(selector.scores, axis=1) <= TIE).all() and (selector.shares.max(axis=1) == 1).all())
 
 
 class Gate(NamedTuple):
@@ -241,7 +261,7 @@ def non_worsening(separation_m: Array, shares: Array, reference: int) -> Gate:
         separation_m: Executed minimum separation ``[groups, candidates]``, metres, of ranked groups.
         shares: Shares of the selector ``[seeds, groups, candidates]``; a seed that chooses another candidate of the
             same separation as the reference differs from it by nothing.
-        reference: The candidate that ActionPrior takes.
+        reference: That candidate: what ActionPrior takes, or nominal.
 
     Raises:
         ValueError: There is no group, or a separation is not a number.

@@ -16,6 +16,7 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import boundary, mutant
 
+from branchdrive.benchmark.baseline.declaration import Neighbours, Prior, Ridge, Selection
 from branchdrive.benchmark.guard.calibration import GUARANTEE
 from branchdrive.benchmark.prediction_rows import TABLES
 from branchdrive.benchmark.protocol import default_protocol
@@ -44,6 +45,23 @@ def declare_outcomes(d: BenchmarkDraft) -> None:
 @boundary("BD-BMK-001", "BD-BMK-012", "BD-BMK-013")
 def outcomes_of_selections_are_declared(d: BenchmarkDraft) -> None:
     declare_outcomes(d)
+
+
+def _declare_baselines(d: BenchmarkDraft) -> None:
+    """What sees labels, a history and evidence, with what is ranked beside it."""
+    declared = (
+        Prior(name="type_prior", kind="prior", by=("scenario_type",), strength=10.0),
+        Neighbours(name="neighbours", kind="neighbours", contract="sensor", neighbours=15),
+        Ridge(name="ridge_privileged", kind="ridge", contract="privileged", strength=1.0),
+    )
+    selection = Selection(ensembles=True, references=("type_prior",), baselines=declared)
+    d.documents[PROTOCOL]["selection"] = selection.model_dump(mode="json")
+    d.follow("lock")
+
+
+@boundary("BD-BMK-012", "BD-BMK-013")
+def results_with_baselines(d: BenchmarkDraft) -> None:
+    _declare_baselines(d)
 
 
 # BD-LYR-007
@@ -142,6 +160,13 @@ def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
 def fewer_contacts_than_were_recorded(d: BenchmarkDraft) -> None:
     declare_outcomes(d)
     d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][8]["outcomes"]["contact"]["value"] += 0.25
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/4/regret"})
+def baseline_that_is_worse_than_it_is(d: BenchmarkDraft) -> None:
+    _declare_baselines(d)
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][4]["regret"] += 0.05
     d.follow("tables")
 
 
