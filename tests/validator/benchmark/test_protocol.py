@@ -211,8 +211,8 @@ def test_models_that_predict_are_bounded_as_those_that_are_declared() -> None:
     found = default_protocol()
     assert found.draws_problem(4, 262) is None
     assert "263 pairs" in str(found.draws_problem(4, 263))
-    assert found.draws_problem(29, 58) is None
-    assert "66 models have under all profiles" in str(found.draws_problem(30, 60))  # 6 are baselines, 30 ensembles
+    assert found.draws_problem(23, 58) is None
+    assert "54 models have under all profiles" in str(found.draws_problem(24, 60))  # 6 are baselines, 24 ensembles
 
 
 def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -> None:
