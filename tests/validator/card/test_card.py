@@ -128,7 +128,7 @@ def test_thresholds_that_filter_nothing_are_named_where_that_is_known(release: R
     filtering = EXAMPLES["filtering"]
     text = render_card(described, SOURCE, *release, filtering=filtering)
     assert all(sentence in text for sentence in filtering_sentences(filtering))
-    assert row(text, "`matched_vehicle_gap_m`") == ["0.25", "0.5", "50.0 %", "100.0 %", "12", "-", "decides nothing"]
+    assert row(text, "`matched_vehicle_gap_m`") == ["0.25", "0.5", "50.00%", "100.00%", "12", "-", "decides nothing"]
     assert "filters nothing" not in card(release)
 
 

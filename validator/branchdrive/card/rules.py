@@ -50,11 +50,9 @@ def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[Check]:
     """The card is the one that descriptor and documents give."""
     names = ("population", "split", "thresholds", "retention", "ledger", "variants")
     documents = {name: view.document(f"quality/{name}.json") for name in names}
-    optional = {
-        name: view.document(path) if path in view.files else None
-        for name, path in (("leakage", LEAKAGE_FILE), ("filtering", FILTERING_FILE))
-    }
-    card = render_card(view.descriptor, view.document(SOURCE_FILE), **documents, **optional)
+    for name, path in (("leakage", LEAKAGE_FILE), ("filtering", FILTERING_FILE)):
+        documents[name] = view.document(path) if path in view.files else None
+    card = render_card(view.descriptor, view.document(SOURCE_FILE), **documents)
     yield text_agrees(view, CARD_FILE, card)
 
 

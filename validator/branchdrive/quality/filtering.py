@@ -52,11 +52,14 @@ def filtering_document(pairs: Frame, groups: Frame, frames: Frame, thresholds: M
         thresholds: Document ``thresholds.json``.
 
     Raises:
-        ValueError: A pair has no row in `frames`, or a group lacks a pair that others have.
+        ValueError: No training group is eligible, a pair has no row in `frames`, or a group lacks a pair that others
+            have.
     """
     assignment = assignment_of(groups)
     eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
     training = bank_rows(pairs, sorted(group for group in eligible if assignment.get(group) == TRAINING))
+    if not len(training):
+        raise ValueError("no training group is structurally eligible, so no threshold filters")
     every = bank_rows(pairs, sorted(assignment)).ravel()
     place = {rollout: row for row, rollout in enumerate(frames["rollout_id"].tolist())}
     try:

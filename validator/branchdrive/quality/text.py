@@ -40,11 +40,14 @@ def filtering_sentences(filtering: Mapping[str, Any]) -> list[str]:
         if variable["filters"] is False
     ]
     for name in ("vehicle_gap_m", "vehicle_rel_speed_mps"):
-        nearest, matched = variables[name], variables[f"matched_{name}"]
+        nearest, matched = variables.get(name), variables.get(f"matched_{name}")
+        if nearest is None or matched is None:  # a document of a stranger may name one variable twice
+            continue
+        unmatched = f"{matched['num_unmatched'] or 0:,} of {filtering['num_pairs']:,} pairs"
         sentences.append(
             f"`{name}` compares the nearest vehicle of each drive, whichever it is, at {_amount(nearest)}; of the same "
-            f"vehicle, matched by actor, the threshold would be {_amount(matched)}, with "
-            f"{matched['num_unmatched']:,} of {filtering['num_pairs']:,} pairs in which the replay lacks it at a frame."
+            f"vehicle, matched by actor, the threshold would be {_amount(matched)}, with {unmatched} in which the "
+            "replay lacks it at a frame."
         )
     return sentences
 
