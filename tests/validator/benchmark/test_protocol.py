@@ -19,6 +19,7 @@ from branchdrive.benchmark.protocol import (
     MAX_DRAWS,
     MAX_MEMBERS,
     MAX_OWNERS,
+    MAX_REDRAWS,
     MAX_SHUFFLED,
     default_protocol,
     protocol_digest,
@@ -95,6 +96,9 @@ def test_members_of_families_have_names() -> None:
         (lambda d: d["profiles"].append(d["profiles"][0]), "profiles share a name"),
         (lambda d: d["profiles"].pop(1), "families name the profiles"),
         (lambda d: d["guard"].update(model="M9"), "the guard's model 'M9' is not declared"),
+        (lambda d: d["guard"].update(further_models=["M1", "M9"]), "the guard's model 'M9' is not declared"),
+        (lambda d: d["guard"].update(further_models=["M3"]), "guarded models share a name: 'M3'"),
+        (lambda d: d["guard"].update(further_tolerances_m=[1.0]), "/guard/further_tolerances_m"),
         (lambda d: d["guard"].update(alpha=0.2), "/guard/alpha"),
         (lambda d: d["families"][0]["members"][0].update(metric="rmse.min_ttc_s"), "/families/0"),
         (lambda d: d["partitions"].update(report="val"), "/partitions/report"),
@@ -178,6 +182,24 @@ def test_draws_of_a_protocol_are_bounded(
     assert problem == words if words is None else words in str(problem)
 
 
+def test_redraws_of_guards_are_bounded() -> None:
+    large = document() | {"name": "large"}
+    del large["selection"]
+    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(60)]
+    assert protocol_problem(large) is None
+    large["guard"]["further_models"] = ["M1"]
+    assert "guards have 256000 redraws together; the limit is 131072" in str(protocol_problem(large))
+    del large["guard"]["redraws"]
+    assert protocol_problem(large) is None
+
+
+def test_every_guarded_model_is_judged_at_every_tolerance() -> None:
+    guard = document()["guard"] | {"further_models": ["M1", "M2"]}
+    found = read_protocol(document() | {"name": "other", "guard": guard}).guard
+    assert found.further == (("M3", 0.5), ("M1", 0.25), ("M1", 0.5), ("M2", 0.25), ("M2", 0.5))
+    assert default_protocol().guard.further == (("M3", 0.5),)
+
+
 def test_models_that_predict_are_bounded_as_those_that_are_declared() -> None:
     found = default_protocol()
     assert found.draws_problem(4, 262) is None
@@ -204,6 +226,7 @@ def test_bounds_are_those_of_the_specification() -> None:
     assert f"MUST NOT be more than {MAX_OWNERS} pairs of a model and a seed" in chapter
     assert f"MUST each be at most {MAX_DRAWS}, and" in chapter
     assert f"seeds of shuffles at most {MAX_SHUFFLED}, for" in chapter
+    assert f"`redraws` MUST be at most {MAX_REDRAWS}." in chapter
     assert f"at most {MAX_MEMBERS} members together" in chapter
     assert f"at most {MAX_OWNERS} seeds together" in chapter
     assert f"at most {MAX_MEMBERS} members together" in load_resource("protocol.schema.json")["description"]

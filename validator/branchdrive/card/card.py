@@ -26,6 +26,7 @@ from branchdrive.quality.text import (
     UNITS,
     access_sentence,
     benchmark_sentences,
+    filtering_sentences,
     population_sentences,
     target_sentences,
 )
@@ -59,8 +60,9 @@ def render_card(
     ledger: Document,
     variants: Document,
     leakage: Document | None = None,
+    filtering: Document | None = None,
 ) -> str:
-    """The card as Markdown, of a release's descriptor and documents; `leakage` is None where it was not audited."""
+    """The card as Markdown, of a release's descriptor and documents; those that a release may lack are None."""
     sections = [
         front_matter(descriptor, population),
         _head(descriptor, population, ledger, leakage),
@@ -68,7 +70,7 @@ def render_card(
         _population(population),
         _attempts(source),
         _split(split),
-        _fidelity(thresholds, retention, ledger),
+        _fidelity(thresholds, retention, ledger, filtering),
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
         _structure(descriptor, source, has_leakage=leakage is not None),
@@ -234,7 +236,7 @@ def _split(split: Document) -> list[str]:
     ]
 
 
-def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> list[str]:
+def _fidelity(thresholds: Document, retention: Document, ledger: Document, filtering: Document | None) -> list[str]:
     return [
         "## Replay fidelity",
         "",
@@ -247,6 +249,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
             [[f"`{v['name']}`", v["criterion"], _threshold(v, thresholds)] for v in thresholds["variables"]],
         ),
         "",
+        *([] if filtering is None else _filtering(filtering)),
         f"Retention over all integrity-complete groups, with {percent(retention['level'], 0)} intervals over "
         f"{retention['num_resamples']:,} resamples of whole groups:",
         "",
@@ -262,6 +265,33 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
         *(f"On the test partition {sentence}" for sentence in target_sentences(retention)),
         access_sentence(ledger),
         *benchmark_sentences(ledger),
+    ]
+
+
+def _filtering(filtering: Document) -> list[str]:
+    """Figures beside the thresholds, and which of them filter nothing."""
+    columns = ("Threshold", "Over variation", "Mean", f"{percent(0.99, 0)} of groups", "Fail", "Alone")
+    rows = [
+        [
+            f"`{v['name']}`",
+            "-" if v["threshold"] is None else f"{v['threshold']:.4g}",
+            "-" if v["over_variation"] is None else f"{v['over_variation']:.2g}",
+            *("-" if v[name] is None else percent(v[name]) for name in ("mean_share_above", "share_above")),
+            *(count_text(v[name]) for name in ("num_failing", "num_failing_alone")),
+            {True: "yes", False: "**no**", None: "decides nothing"}[v["filters"]],
+        ]
+        for v in filtering["variables"]
+    ]
+    return [
+        "Beside the largest discrepancy: the threshold over what nominals move in the window themselves, the share of "
+        f"frames above the floor (mean over pairs of {filtering['num_groups']:,} training groups, and of the worst "
+        f"replay of a group), and how many of {filtering['num_pairs']:,} pairs fail a variable, and it alone. "
+        "These figures decide nothing.",
+        "",
+        *grid([*_texts("Variable"), *map(Column, columns), *_texts("Filters")], rows),
+        "",
+        *filtering_sentences(filtering),
+        "",
     ]
 
 

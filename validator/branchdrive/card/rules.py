@@ -10,7 +10,14 @@ from collections.abc import Iterator
 from branchdrive.card.card import render_card
 from branchdrive.card.licence import render_licence
 from branchdrive.contract.comparison import document_mismatches
-from branchdrive.contract.layout import CARD_FILE, DESCRIPTOR_FILE, LEAKAGE_FILE, LICENCE_FILE, SOURCE_FILE
+from branchdrive.contract.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    FILTERING_FILE,
+    LEAKAGE_FILE,
+    LICENCE_FILE,
+    SOURCE_FILE,
+)
 from branchdrive.contract.mismatch import Check, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.layers.compare import document_check, text_agrees, text_mismatches
@@ -43,8 +50,9 @@ def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[Check]:
     """The card is the one that descriptor and documents give."""
     names = ("population", "split", "thresholds", "retention", "ledger", "variants")
     documents = {name: view.document(f"quality/{name}.json") for name in names}
-    leakage = view.document(LEAKAGE_FILE) if LEAKAGE_FILE in view.files else None
-    card = render_card(view.descriptor, view.document(SOURCE_FILE), **documents, leakage=leakage)
+    for name, path in (("leakage", LEAKAGE_FILE), ("filtering", FILTERING_FILE)):
+        documents[name] = view.document(path) if path in view.files else None
+    card = render_card(view.descriptor, view.document(SOURCE_FILE), **documents)
     yield text_agrees(view, CARD_FILE, card)
 
 

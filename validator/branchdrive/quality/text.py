@@ -17,6 +17,7 @@ __all__ = [
     "UNITS",
     "access_sentence",
     "benchmark_sentences",
+    "filtering_sentences",
     "population_sentences",
     "target_sentences",
 ]
@@ -28,6 +29,42 @@ PARTITION_TITLES: Mapping[str, str] = MappingProxyType(
 
 UNITS: Mapping[str, str] = MappingProxyType({"pair": "pairs", "bank": "complete banks"})
 """How texts name the units of retention."""
+
+
+def filtering_sentences(filtering: Mapping[str, Any]) -> list[str]:
+    """Which thresholds filter nothing, and how the nearest vehicle differs where it is matched by actor."""
+    variables = {variable["name"]: variable for variable in filtering["variables"]}
+    sentences = [
+        f"The threshold of `{name}`, {_amount(variable)}, filters nothing: {_why(variable)}."
+        for name, variable in variables.items()
+        if variable["filters"] is False
+    ]
+    for name in ("vehicle_gap_m", "vehicle_rel_speed_mps"):
+        nearest, matched = variables.get(name), variables.get(f"matched_{name}")
+        if nearest is None or matched is None:  # a document of a stranger may name one variable twice
+            continue
+        unmatched = f"{matched['num_unmatched'] or 0:,} of {filtering['num_pairs']:,} pairs"
+        sentences.append(
+            f"`{name}` compares the nearest vehicle of each drive, whichever it is, at {_amount(nearest)}; of the same "
+            f"vehicle, matched by actor, the threshold would be {_amount(matched)}, with {unmatched} in which the "
+            "replay lacks it at a frame."
+        )
+    return sentences
+
+
+def _amount(variable: Mapping[str, Any]) -> str:
+    if variable["threshold"] is None:
+        return "any finite value"
+    return f"{variable['threshold']:.4g} {variable['unit'] or ''}".rstrip()
+
+
+def _why(variable: Mapping[str, Any]) -> str:
+    reasons = []
+    if variable["num_failing_alone"] == 0:
+        reasons.append("no pair fails by it alone")
+    if variable["over_variation"] is not None and variable["over_variation"] >= 1:
+        reasons.append(f"it is {variable['over_variation']:.2g} times what nominals move in the window")
+    return " and ".join(reasons)
 
 
 def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> list[str]:

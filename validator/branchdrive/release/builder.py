@@ -20,6 +20,7 @@ from branchdrive.contract.layout import (
     BENCHMARK_LEDGER_FILE,
     CARD_FILE,
     DESCRIPTOR_FILE,
+    FILTERING_FILE,
     LEAKAGE_FILE,
     LEDGER_FILE,
     LICENCE_FILE,
@@ -259,8 +260,8 @@ class _Job:
                 name: layers.documents[f"quality/{name}.json"]
                 for name in ("population", "split", "thresholds", "retention", "ledger", "variants")
             }
-            leakage = layers.documents.get(LEAKAGE_FILE)
-            files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE_FILE], **named, leakage=leakage).encode()
+            named["leakage"], named["filtering"] = map(layers.documents.get, (LEAKAGE_FILE, FILTERING_FILE))
+            files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE_FILE], **named).encode()
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)
