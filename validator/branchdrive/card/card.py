@@ -27,6 +27,7 @@ from branchdrive.quality.text import (
     UNITS,
     access_sentence,
     benchmark_sentences,
+    calibration_sentences,
     population_sentences,
     target_sentences,
 )
@@ -228,6 +229,7 @@ def _split(split: Document) -> list[str]:
         f"Integrity-complete groups were divided with seed {split['seed']}, before any threshold was fitted.",
         f"Groups on the same route geometry form one of {split['num_clusters']:,} clusters and stay together, and "
         "scenario types are balanced.",
+        *calibration_sentences(split),
         "Keep this split, or draw one that keeps whole groups and clusters together.",
         "",
         *grid([*_texts("Partition"), Column("Groups"), Column("Route clusters")], rows),
