@@ -95,6 +95,16 @@ def test_a_calibration_partition_has_its_column() -> None:
     assert "The largest loss" not in text
 
 
+def test_the_card_says_whether_calibration_was_a_uniform_draw() -> None:
+    parts = [reaching(name, 6, 3, name) for name in ("train", "val", "test", "calibration")]
+    found = documents(groups := numbered(concat(parts)), with_passes(pairs_of(groups), ONES))
+    assumed = "drawn by `clustered-1`: that its clusters and those of test are exchangeable is assumed."
+    assert assumed in card(found)
+    divided = card(found._replace(split={**found.split, "algorithm": "clustered-2"}))
+    assert "are exchangeable by construction" in divided
+    assert assumed not in divided
+
+
 def test_every_disposition_is_counted_and_explained(release: Release) -> None:
     text = card(release)
     for name in DISPOSITIONS:

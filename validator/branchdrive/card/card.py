@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import Any
 
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
+from branchdrive.card.filtering import filtering_lines
 from branchdrive.card.front_matter import front_matter
 from branchdrive.contract.columns import Table
 from branchdrive.contract.descriptor import Descriptor, ReplayNoise, Vehicle
@@ -26,7 +27,7 @@ from branchdrive.quality.text import (
     UNITS,
     access_sentence,
     benchmark_sentences,
-    filtering_sentences,
+    calibration_sentences,
     population_sentences,
     target_sentences,
 )
@@ -228,6 +229,7 @@ def _split(split: Document) -> list[str]:
         f"Integrity-complete groups were divided with seed {split['seed']}, before any threshold was fitted.",
         f"Groups on the same route geometry form one of {split['num_clusters']:,} clusters and stay together, and "
         "scenario types are balanced.",
+        *calibration_sentences(split),
         "Keep this split, or draw one that keeps whole groups and clusters together.",
         "",
         *grid([*_texts("Partition"), Column("Groups"), Column("Route clusters")], rows),
@@ -249,7 +251,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document, filte
             [[f"`{v['name']}`", v["criterion"], _threshold(v, thresholds)] for v in thresholds["variables"]],
         ),
         "",
-        *([] if filtering is None else _filtering(filtering)),
+        *([] if filtering is None else filtering_lines(filtering)),
         f"Retention over all integrity-complete groups, with {percent(retention['level'], 0)} intervals over "
         f"{retention['num_resamples']:,} resamples of whole groups:",
         "",
@@ -265,33 +267,6 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document, filte
         *(f"On the test partition {sentence}" for sentence in target_sentences(retention)),
         access_sentence(ledger),
         *benchmark_sentences(ledger),
-    ]
-
-
-def _filtering(filtering: Document) -> list[str]:
-    """Figures beside the thresholds, and which of them filter nothing."""
-    columns = ("Threshold", "Over variation", "Mean", f"{percent(0.99, 0)} of groups", "Fail", "Alone")
-    rows = [
-        [
-            f"`{v['name']}`",
-            "-" if v["threshold"] is None else f"{v['threshold']:.4g}",
-            "-" if v["over_variation"] is None else f"{v['over_variation']:.2g}",
-            *("-" if v[name] is None else percent(v[name]) for name in ("mean_share_above", "share_above")),
-            *(count_text(v[name]) for name in ("num_failing", "num_failing_alone")),
-            {True: "yes", False: "**no**", None: "decides nothing"}[v["filters"]],
-        ]
-        for v in filtering["variables"]
-    ]
-    return [
-        "Beside the largest discrepancy: the threshold over what nominals move in the window themselves, the share of "
-        f"frames above the floor (mean over pairs of {filtering['num_groups']:,} training groups, and of the worst "
-        f"replay of a group), and how many of {filtering['num_pairs']:,} pairs fail a variable, and it alone. "
-        "These figures decide nothing.",
-        "",
-        *grid([*_texts("Variable"), *map(Column, columns), *_texts("Filters")], rows),
-        "",
-        *filtering_sentences(filtering),
-        "",
     ]
 
 

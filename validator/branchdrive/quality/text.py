@@ -11,12 +11,14 @@ from typing import Any
 
 from branchdrive.contract.text import percent
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, RELEASE_ACCESS, Ledger, accesses
+from branchdrive.statistics.split import DIVIDED
 
 __all__ = [
     "PARTITION_TITLES",
     "UNITS",
     "access_sentence",
     "benchmark_sentences",
+    "calibration_sentences",
     "filtering_sentences",
     "population_sentences",
     "target_sentences",
@@ -29,6 +31,21 @@ PARTITION_TITLES: Mapping[str, str] = MappingProxyType(
 
 UNITS: Mapping[str, str] = MappingProxyType({"pair": "pairs", "bank": "complete banks"})
 """How texts name the units of retention."""
+
+
+def calibration_sentences(split: Mapping[str, Any]) -> list[str]:
+    """How the calibration partition was drawn, and what that means for a guard; nothing where there is none."""
+    if "calibration" not in split["partitions"]:
+        return []
+    if split["algorithm"] == DIVIDED:
+        return [
+            "Calibration and test are a uniform division of one pool of clusters, so that a calibration cluster and a "
+            "test cluster are exchangeable by construction, but for near duplicates, which are left out afterwards."
+        ]
+    return [
+        f"The calibration partition was drawn by `{split['algorithm']}`: that its clusters and those of test are "
+        "exchangeable is assumed."
+    ]
 
 
 def filtering_sentences(filtering: Mapping[str, Any]) -> list[str]:
