@@ -11,7 +11,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo example-highway test check cases conformance compat compat-quick fuzz bench bench-paper bench-release
+.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills bench bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -58,6 +58,10 @@ example-highway: setup
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
 
+## the whole breadth of what tests of the suite sample: kills anywhere, every kernel, every change
+thorough: setup
+	$(BIN)/pytest -q -n $(JOBS) --dist worksteal -m thorough
+
 ## write the conformance cases from the registered defects, and all of them as one archive with its digest
 cases: setup
 	$(BIN)/python -m tests.conformance_cases --jobs $(JOBS) --archive build/conformance-cases.tar.gz
@@ -78,6 +82,10 @@ compat-quick: setup
 ## damage valid datasets of all layers in FUZZ ways and see that each ends in a verdict; a run goes on where it stopped
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --cases $(FUZZ) --jobs $(JOBS)
+
+## kill collector, builder and benchmark 100 times each, and compare what they end with
+kills: setup
+	$(BIN)/python -m tests.kills
 
 ## style, types, import contracts, generated files
 check: setup

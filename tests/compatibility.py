@@ -50,7 +50,9 @@ CORE_TESTS = ("tests/validator",)
 QUICK_CORE_TESTS = (
     "tests/validator/formats",
     "tests/validator/raw",
-    "tests/validator/writer",
+    "tests/validator/writer/test_round_trip.py",
+    "tests/validator/writer/test_staging.py",
+    "tests/validator/writer/test_writer_errors.py",
     "tests/validator/contract",
     "tests/validator/statistics/test_stream.py",
 )
@@ -80,11 +82,12 @@ NUMERIC_TESTS = (
     "tests/reference_impl/simulation",
 )
 QUICK_NUMERIC_TESTS = (
-    "tests/validator/benchmark/guard",
+    "tests/validator/benchmark/guard/test_calibration.py",
     "tests/validator/benchmark/metric",
     "tests/validator/benchmark/ranking",
     "tests/validator/statistics",
-    "tests/reference_impl/guard",
+    "tests/reference_impl/guard/test_fit.py",
+    "tests/reference_impl/guard/test_program.py",
     "tests/reference_impl/geometry",
 )
 

@@ -31,6 +31,9 @@ class Purpose(IntEnum):
     PLAN_ROUTE = 1
     PLAN_ENVIRONMENT = 2
     PLAN_SEED = 3
+    PLAN_BRANCH = 4
+    BRANCH_LEAD = 5
+    BRANCH_QUIET = 6
     SITE = 10
     EGO_SPEED = 11
     SCENARIO_TIMING = 13

@@ -90,6 +90,7 @@ def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
         list(paper.rows(tmp_path, num_groups=1, jobs=1))
 
 
+@pytest.mark.thorough
 def test_a_release_is_measured_stage_by_stage(tmp_path: Path) -> None:
     source = kept_collection(tmp_path / "source", num_groups=6, seed=1)
     before = {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
@@ -136,6 +137,7 @@ def test_a_step_that_fails_is_no_measurement(bare: Path) -> None:
         list(benchmark.rows(bare, jobs=1))
 
 
+@pytest.mark.thorough
 def test_the_selector_and_plain_torch_rank_alike(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("onnxruntime")
     two_of_three = model_tasks(default_protocol(), ["M3"])[:2]

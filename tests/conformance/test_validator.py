@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
 import tarfile
 from collections.abc import Callable
@@ -42,6 +43,18 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Case, Report]
     for case in cases:
         materialize(cases_dir(), case, folder / case.name, is_linked=True)
     return [(case, judge_case(folder / case.name).to_json()) for case in cases]
+
+
+@pytest.fixture(scope="module")
+def few_cases(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Folder with all base datasets, two cases of a rule, and of another a defect and its waiver."""
+    folder = tmp_path_factory.mktemp("few") / cases_dir().name
+    folder.mkdir()
+    (folder / "bases").symlink_to(cases_dir() / "bases")
+    for name in ("BD-VAL-003/command_in_capitals", "BD-VAL-003/pass", f"{RULE}/throttle_in_percent", f"{RULE}/waived"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        shutil.copy(cases_dir() / f"{name}.json", folder / f"{name}.json")
+    return str(folder)
 
 
 def test_this_validator_is_right(judged: list[tuple[Case, Report]]) -> None:
@@ -105,16 +118,17 @@ def test_rules_that_are_not_claimed_are_not_compared(judged: list[tuple[Case, Re
         assert score(case, Answer.of(rule_removed(report)), {"BD-LAY-002"}, is_whole=False) == []
 
 
-def test_a_command_is_scored(tmp_path: Path) -> None:
+def test_a_command_is_scored(few_cases: str, tmp_path: Path) -> None:
     """Each case at a time, several at once, and one that is right but for what it cannot be given."""
     single = f"{sys.executable} -P -m branchdrive.cli validate {{dataset}} --format json"
-    code, text, error = run("validator", "--command", single, "--select", "BD-VAL-003")
+    code, text, error = run("validator", "--command", single, "--select", "BD-VAL-003", "--cases", few_cases)
     assert (code, error) == (0, ""), text
     assert "conforms" in text
-    code, text, _ = run("validator", "--select", RULE, "--format", "json")
+    code, text, _ = run("validator", "--select", RULE, "--format", "json", "--cases", few_cases)
     document = json.loads(text)
     assert (code, document["right"], document["left_out"]) == (0, True, [])
-    code, text, _ = run("validator", "--command", single, "--select", RULE, "--output", str(tmp_path / "table.txt"))
+    options = ("--select", RULE, "--output", str(tmp_path / "table.txt"), "--cases", few_cases)
+    code, text, _ = run("validator", "--command", single, *options)
     assert code == 0
     assert "conforms in all cases that it could be given" in (tmp_path / "table.txt").read_text()
     assert f"{RULE}/waived" in (tmp_path / "table.txt").read_text()
@@ -129,9 +143,11 @@ def test_a_command_is_scored(tmp_path: Path) -> None:
         ("echo {cases}", "1 reports for"),
     ],
 )
-def test_a_program_that_prints_no_report_is_told_so(line: str, found: str) -> None:
+def test_a_program_that_prints_no_report_is_told_so(line: str, found: str, few_cases: str) -> None:
     line = line.replace("SLEEP", f"{sys.executable} -c 'import time; time.sleep(60)'")
-    code, text, _ = run("validator", "--command", line, "--select", "BD-VAL-003", "--limit-s", "1")
+    code, text, _ = run(
+        "validator", "--command", line, "--select", "BD-VAL-003", "--limit-s", "1", "--cases", few_cases
+    )
     assert code == 1
     assert found in text
 

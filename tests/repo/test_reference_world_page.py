@@ -12,7 +12,7 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive_reference.collect.fault import DESCRIPTIONS
 from branchdrive_reference.collect.plan import FAULT_PRESETS
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
-from branchdrive_reference.simulation import replay_noise
+from branchdrive_reference.simulation import branch_kind, placement, replay_noise
 from branchdrive_reference.town.lane import LANE_WIDTH_M, RoadClass
 from branchdrive_reference.town.network import RoadNetwork
 from branchdrive_reference.town.signal import CYCLE_TICKS, ENVIRONMENTS, Light, light_of
@@ -112,3 +112,13 @@ def test_the_replay_noise_is_that_of_the_code() -> None:
 def test_the_faults_are_those_of_the_code() -> None:
     assert table("fault") == [[str(fault), text] for fault, text in DESCRIPTIONS.items()]
     assert all(preset in FAULT_PRESETS for preset in re.findall(r"--faults ([a-z]+)`", PAGE))
+
+
+def test_the_kinds_of_branch_are_those_of_the_code() -> None:
+    assert table("kind") == [[str(kind), text] for kind, text in branch_kind.DESCRIPTIONS.items()]
+    assert f"the definition of a quiet branch is `{placement.QUIET_DEFINITION}`" in PAGE.lower()
+    early_s, most_s = (TICK_S * ticks for ticks in (branch_kind.EARLY_TICKS, placement.MOST_EARLY_TICKS))
+    assert f"{early_s:g} to {most_s:g} s before" in branch_kind.DESCRIPTIONS[branch_kind.BranchKind.EARLY]
+    quiet = branch_kind.DESCRIPTIONS[branch_kind.BranchKind.QUIET]
+    assert f"within {placement.QUIET_SEPARATION_M:g} m" in quiet
+    assert f"which is at most {placement.QUIET_CHANGE:g} and" in PAGE

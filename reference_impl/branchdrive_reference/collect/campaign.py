@@ -49,6 +49,7 @@ def collect(
     seed: int,
     replay_noise: float = 0.0,
     faults: Mapping[str, float] | None = None,
+    branches: Mapping[str, float] | None = None,
     scenario_types: Sequence[str] = (),
     jobs: int = 1,
     resume: bool = False,
@@ -63,6 +64,7 @@ def collect(
         seed: Seed of the collection.
         replay_noise: Strength of the noise of replays; 0 replays exactly.
         faults: Rates of injected faults by name.
+        branches: Shares of groups by the kind of branch that is asked for; the others branch at the manoeuvre.
         scenario_types: Scenario types to plan; all registered ones by default.
         jobs: Worker processes; 1 works in this process.
         resume: Whether the folder must hold this collection already.
@@ -77,16 +79,18 @@ def collect(
         PlatformError: The groups do not fit on the disk.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
-    descriptor = collection_descriptor(seed, replay_noise=replay_noise, faults=faults, scenario_types=scenario_types)
+    descriptor = collection_descriptor(
+        seed, replay_noise=replay_noise, faults=faults, branches=branches, scenario_types=scenario_types
+    )
     if not (root / DESCRIPTOR_FILE).exists():
         if resume:
             raise UsageError(f"{root}: holds no collection to resume; leave out --resume to begin one")
         disk_need(root, num_groups, jobs=jobs).check(root)  # before anything is created
     with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD, maps=town_maps()) as writer:
-        selected = descriptor.collection.scenario_types
+        planned = descriptor.collection
         check_begun(writer, num_groups)
         with deferred_interrupt() as raise_if_noted:  # loading compiled code swallows interrupts
-            plans = [plan_group(seed, index, selected) for index in range(num_groups)]
+            plans = [plan_group(seed, index, planned.scenario_types, planned.branches) for index in range(num_groups)]
         raise_if_noted()
 
         def prepare(num_missing: int) -> None:
@@ -114,6 +118,7 @@ def collection_descriptor(
     *,
     replay_noise: float = 0.0,
     faults: Mapping[str, float] | None = None,
+    branches: Mapping[str, float] | None = None,
     scenario_types: Sequence[str] = (),
 ) -> Descriptor:
     """Descriptor of a collection; the number of groups is not part of it.
@@ -122,6 +127,7 @@ def collection_descriptor(
         seed: Seed of the collection.
         replay_noise: Strength of the noise of replays.
         faults: Rates of injected faults by name.
+        branches: Shares of groups by the kind of branch that is asked for; the others branch at the manoeuvre.
         scenario_types: Scenario types to plan; all registered ones if none is named.
 
     Raises:
@@ -142,6 +148,7 @@ def collection_descriptor(
             seed=seed,
             replay_noise=ReplayNoise.of_strength(replay_noise),
             faults={str(name): rate for name, rate in sorted((faults or {}).items())},
+            branches={str(kind): share for kind, share in sorted((branches or {}).items())},
             scenario_types=select_scenarios(scenario_types),
         ),
         vehicle=Vehicle(

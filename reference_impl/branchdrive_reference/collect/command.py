@@ -18,7 +18,8 @@ from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.interrupt import deferred_interrupt, heeded_termination
 from branchdrive_reference.collect.fault import Fault, parse_faults
-from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
+from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS
+from branchdrive_reference.simulation.branch_kind import BranchKind, parse_shares
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport
@@ -52,12 +53,15 @@ def strength(text: str) -> float:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     presets = ", ".join(f"{name} ({preset.num_groups:,} groups)" for name, preset in PRESETS.items())
-    fault_presets = " or ".join(FAULT_PRESETS)
+    fault_presets, branch_presets = " or ".join(FAULT_PRESETS), " or ".join(BRANCH_PRESETS)
+    kinds = ", ".join(kind for kind in BranchKind if kind is not BranchKind.ONSET)
     parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
     what = parser.add_argument_group("what to collect")
     what.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
     what.add_argument(
-        "--preset", choices=PRESETS, help=f"defaults of groups, replay noise and faults: {presets}; options override it"
+        "--preset",
+        choices=PRESETS,
+        help=f"defaults of groups, branches, scenario types, replay noise and faults: {presets}; options override it",
     )
     what.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
     what.add_argument(
@@ -65,6 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         action="append",
         help="collect this scenario type only; can be repeated; docs/reference-world.md describes them",
+    )
+    what.add_argument(
+        "--branches",
+        metavar="SPEC",
+        help=f"shares of groups that branch elsewhere than at the expert's manoeuvre: none, {branch_presets}, or "
+        f"KIND=SHARE,... of {kinds}; docs/reference-world.md describes them",
     )
     what.add_argument(
         "--no-media", action="store_true", help="structured streams only, which is all that this version records"
@@ -91,6 +101,8 @@ class _Choice:
     num_groups: int
     replay_noise: float
     faults: dict[str, float]
+    branches: dict[str, float]
+    scenario_types: tuple[str, ...]
 
 
 def _choose(args: argparse.Namespace) -> _Choice:
@@ -100,7 +112,10 @@ def _choose(args: argparse.Namespace) -> _Choice:
         raise UsageError(f"how many groups? give --groups N or --preset {'|'.join(PRESETS)}")
     noise = args.replay_noise if args.replay_noise is not None else (preset.replay_noise if preset else 0.0)
     text = args.faults if args.faults is not None else (args.preset if args.preset in FAULT_PRESETS else "none")
-    return _Choice(num_groups, noise, parse_faults(text, FAULT_PRESETS))
+    faults = parse_faults(text, FAULT_PRESETS)
+    kinds = args.branches if args.branches is not None else (args.preset if args.preset in BRANCH_PRESETS else "none")
+    scenario_types = tuple(args.scenario or (preset.scenario_types if preset else ()))
+    return _Choice(num_groups, noise, faults, parse_shares(kinds, BRANCH_PRESETS), scenario_types)
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
@@ -144,7 +159,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 seed=args.seed,
                 replay_noise=chosen.replay_noise,
                 faults=chosen.faults,
-                scenario_types=args.scenario or (),
+                branches=chosen.branches,
+                scenario_types=chosen.scenario_types,
                 jobs=args.jobs or 1,
                 resume=args.resume,
                 foresee=foresee,
@@ -175,6 +191,7 @@ def _command_line(args: argparse.Namespace) -> str:
         "--jobs": args.jobs,
         "--replay-noise": args.replay_noise,
         "--faults": args.faults,
+        "--branches": args.branches,
     }
     out = str(args.out)
     tokens = ["branchdrive", "collect", f"./{out}" if out.startswith("-") else out]

@@ -19,7 +19,9 @@ from branchdrive.writer.group_writer import GroupWriter
 from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
 from branchdrive_reference.collect.plan import GroupPlan
 from branchdrive_reference.collect.script import Attempt, group_script
-from branchdrive_reference.simulation.rollout import Run, find_branch
+from branchdrive_reference.simulation.branch_kind import BranchKind
+from branchdrive_reference.simulation.placement import place_branch
+from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 
 __all__ = ["collect_group"]
@@ -42,7 +44,7 @@ class _Collection:
             return found
         executed = execute_attempt(attempt, self.plan.spec, 0.0, None)
         is_complete = executed.ending.partial_reason is None and not attempt.is_failure
-        branch = find_branch(executed) if is_complete else None
+        branch = place_branch(executed, self.plan.kind) if is_complete else None
         return self._write(
             attempt, executed, None, lambda rollout_id: {} if branch is None else branch.columns(rollout_id)
         )
@@ -90,12 +92,19 @@ class _Collection:
         return f"{origin}, with the injected fault {faults}" if faults else origin
 
 
-def _unbranched_because(nominal: Rollout, descriptor: Descriptor) -> str:
+_UNFOUND = {
+    BranchKind.ONSET: "the trigger found no manoeuvre of the expert",
+    BranchKind.EARLY: "the trigger found no manoeuvre of the expert with a whole history before it",
+    BranchKind.QUIET: "the trigger found no quiet stretch of the expert's drive with somebody near",
+}
+
+
+def _unbranched_because(nominal: Rollout, kind: BranchKind, descriptor: Descriptor) -> str:
     """Why a nominal rollout is not worth replays; empty if it is."""
     if nominal.record["status"] != "complete":
         return str(nominal.record["status_reason"])
     if nominal.branch_tick is None:
-        return "the trigger found no manoeuvre of the expert"
+        return _UNFOUND[kind]
     findings = check_rollout(nominal, descriptor)
     return findings[0].message if findings else ""
 
@@ -118,7 +127,7 @@ def collect_group(
         between()
         nominals.append(collection.nominal(attempt))
     nominal = next((made for made in nominals if made.record["status"] == "complete"), nominals[-1])
-    collection.report.unbranched_because = _unbranched_because(nominal, descriptor)
+    collection.report.unbranched_because = _unbranched_because(nominal, plan.kind, descriptor)
     if collection.report.unbranched_because:
         return collection.report
     collection.report.stopped_because = script.stopped_because

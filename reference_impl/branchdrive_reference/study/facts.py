@@ -23,6 +23,7 @@ from branchdrive.quality.replay import Pairs, canonical_pairs
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
+from branchdrive_reference.simulation.branch_kind import EARLY_TICKS, BranchKind
 from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "Fidelity",
     "Groups",
     "NominalResults",
+    "branch_kinds",
     "collisions",
     "nominal_results",
     "shard_facts",
@@ -81,6 +83,7 @@ class Groups:
     Attributes:
         scenario_type: Of the canonical nominal, else of the first attempt.
         town: Likewise.
+        branch: Kind of its branch likewise, as `branch_kinds` has it.
         polyline: Route ``[groups, 32, 2]``, resampled; NaN where the record holds no polyline.
         has_nominal: Whether a compliant nominal was found.
         is_complete: Whether the group is integrity-complete.
@@ -89,6 +92,7 @@ class Groups:
 
     scenario_type: Names
     town: Names
+    branch: Names
     polyline: Array
     has_nominal: Mask
     is_complete: Mask
@@ -101,6 +105,7 @@ class Banks:
 
     Attributes:
         scenario_type: Of the group.
+        branch: Kind of the group's branch, as `branch_kinds` has it.
         targets: Scalar targets ``[banks, policies, 6]``, NaN where unavailable.
         collided: Whether the ego ever touched anything ``[banks, policies]``; NaN where no evidence is claimed.
         collided_in_window: The same within 2.5 s of the branch.
@@ -109,6 +114,7 @@ class Banks:
     """
 
     scenario_type: Names
+    branch: Names
     targets: Array
     collided: Array
     collided_in_window: Array
@@ -179,6 +185,7 @@ def _groups(view: ShardView, examination: Examination) -> Groups:
     return Groups(
         standing["scenario_type"],
         standing["town"],
+        branch_kinds(view, described),
         np.reshape(routes, (len(described), CLUSTER_POINTS, 2)),
         (nominal >= 0) & examination.complies[nominal],
         np.asarray(standing["integrity_complete"]),
@@ -200,6 +207,7 @@ def _banks(view: ShardView, examination: Examination) -> Banks:
     unknown = np.full(banks.shape, np.nan)
     return Banks(
         view.rollouts["scenario_type"][nominals],
+        branch_kinds(view, nominals),
         targets_of(view, banks.ravel()).values.reshape(*banks.shape, len(TARGETS)),
         unknown if touched is None else touched.ever.reshape(banks.shape).astype(np.float64),
         unknown if touched is None else touched.in_window.reshape(banks.shape).astype(np.float64),
@@ -221,6 +229,22 @@ def _fidelity(view: ShardView, examination: Examination) -> Fidelity:
         np.stack([equal.get(table, np.ones(len(compared), bool)) for table in COMPARED_TABLES], axis=1),
         np.array([(is_replay & ~whole).sum()]),
     )
+
+
+def branch_kinds(view: ShardView, rollouts: Index) -> Names:
+    """Kinds of the branches of `rollouts`, as they are recorded.
+
+    ``quiet`` is a control branch, ``early`` lies half a second before the manoeuvre or more, ``onset`` immediately
+    before it, and ``none`` stands for a rollout without a branch.
+    """
+    delay_ticks = view.rollouts["trigger_tick"].astype(np.int64) - view.branch_tick
+    where = {
+        "none": ~view.branched,
+        BranchKind.QUIET: view.rollouts.equals("trigger_signal", "steady"),
+        BranchKind.EARLY: delay_ticks >= EARLY_TICKS,
+    }
+    kinds = np.select(list(where.values()), list(map(str, where)), BranchKind.ONSET).astype(object)
+    return np.asarray(kinds[rollouts])
 
 
 def collisions(view: ShardView, rollouts: Index) -> Collisions | None:

@@ -23,6 +23,7 @@ class Population:
         num_without_nominal: Groups without a compliant nominal.
         scenario_types: Groups by scenario type.
         towns: Groups by town.
+        branches: Groups by the kind of their branch: ``onset``, ``early``, ``quiet``, or ``none`` without a branch.
         num_route_clusters: Clusters of route geometry.
         num_ticks: Control rows.
         attempts: Attempts by status.
@@ -35,6 +36,7 @@ class Population:
     num_without_nominal: int
     scenario_types: dict[str, int]
     towns: dict[str, int]
+    branches: dict[str, int]
     num_route_clusters: int
     num_ticks: int
     attempts: dict[str, int]
@@ -42,10 +44,10 @@ class Population:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Outcomes of the integrity-complete groups of one scenario type, or of all.
+    """Outcomes of the integrity-complete groups of one scenario type, of one kind of branch, or of all.
 
     Attributes:
-        scenario_type: Its name, ``all`` for all.
+        scenario_type: Its name or that of the kind, ``all`` for all.
         num_groups: Integrity-complete groups.
         completed: Share of nominals that completed their route.
         clean: Share that also had no collision and no infraction among those monitored.
@@ -129,7 +131,8 @@ class Study:
         not_monitored: Results that some canonical nominal does not monitor, as text.
         has_evidence: Whether the dataset claims risk evidence: without it nothing is known of collisions and ranks.
         scenarios: One row for each scenario type.
-        overall: All scenario types together.
+        branches: One row for each kind of branch.
+        overall: All groups together.
         interventions: Discrepancies of canonical interventions.
         nominal_replays: Discrepancies of compliant nominal replays.
         equality: Whether nominal replays repeat their nominals.
@@ -142,6 +145,7 @@ class Study:
     not_monitored: tuple[str, ...]
     has_evidence: bool
     scenarios: tuple[Scenario, ...]
+    branches: tuple[Scenario, ...]
     overall: Scenario
     interventions: tuple[Spread, ...]
     nominal_replays: tuple[Spread, ...]

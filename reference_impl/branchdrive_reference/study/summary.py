@@ -15,6 +15,7 @@ from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.driving.route_cluster import route_clusters
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
+from branchdrive_reference.simulation.branch_kind import BranchKind
 from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity, Groups
 from branchdrive_reference.study.fidelity import COMPARED_TABLES
 from branchdrive_reference.study.study import Equality, Population, Rate, Scenario, Spread, Study
@@ -45,6 +46,7 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
             _scenario(name, banks.scenario_type == name, banks, shares, bank)
             for name in sorted(set(facts.groups.scenario_type.tolist()))
         ),
+        tuple(_scenario(kind, banks.branch == kind, banks, shares, bank) for kind in _kinds(banks.branch)),
         _scenario("all", everything, banks, shares, bank),
         _spreads(facts.fidelity.interventions, has_evidence),
         _spreads(facts.fidelity.replays, has_evidence),
@@ -62,10 +64,16 @@ def _population(facts: Facts) -> Population:
         int((~groups.has_nominal).sum()),
         _counts(groups.scenario_type.tolist()),
         _counts(groups.town.tolist()),
+        {kind: int((groups.branch == kind).sum()) for kind in _kinds(groups.branch)},
         len(set(route_clusters(groups.town.tolist(), groups.polyline).tolist())),
         facts.num_ticks,
         dict(sorted(facts.statuses.items())),
     )
+
+
+def _kinds(found: NDArray[np.object_]) -> list[str]:
+    """Kinds of branch that are found, in their order."""
+    return [kind for kind in (*map(str, BranchKind), "none") if (found == kind).any()]
 
 
 def _counts(names: Sequence[str]) -> dict[str, int]:

@@ -36,6 +36,15 @@ _RANKING = (
 )
 
 
+_KINDS = {
+    "onset": "at the manoeuvre",
+    "early": "half a second before it or more",
+    "quiet": "controls without one",
+    "none": "none",
+}
+"""Kinds of branch in words."""
+
+
 def render_study(study: Study, stdout: TextIO, *, is_file: bool = False, is_full: bool = True) -> str:
     """The study as text for `stdout` or a file: every table, or a page of headlines."""
     return render(partial(_print_study if is_full else _print_headlines, study=study), stdout, is_file=is_file)
@@ -75,8 +84,26 @@ def _print_overall(console: Console, study: Study) -> None:
     families = list(overall.best)
     rows = [[name, *(_percent(rates[family]) for family in families)] for name, rates in shares.items()]
     print_section(console, Table(title, [Column.name("outcome"), *map(Column, families)], rows, [nominal]))
+    if len(study.branches) > 1:
+        console.print()
+        print_section(console, _branch_table(study))
     if overall.num_ranked:
         _print_ranking(console, study)
+
+
+def _branch_table(study: Study) -> Table:
+    """Families of the best candidates by the kind of branch."""
+    rows = [
+        [
+            _KINDS[row.scenario_type],
+            f"{row.num_groups:,}",
+            *map(_percent, row.best.values()),
+            _percent(row.best_collided_in_window),
+        ]
+        for row in study.branches
+    ]
+    columns = [Column.name("branch"), *map(Column, ("groups", *study.overall.best, f"collides within {_WINDOW}"))]
+    return Table("Family of the best candidate by the kind of branch, % of ranked groups", columns, rows)
 
 
 def _largest_discrepancies(study: Study) -> Table | None:
@@ -129,6 +156,7 @@ def _print_population(console: Console, population: Population) -> None:
         "branch groups": f"{population.num_groups:,}, {complete}",
         "scenario types": f"{len(population.scenario_types):,}: {_listed(population.scenario_types)}",
         "towns": f"{len(population.towns):,}: {_listed(population.towns)}",
+        "branches": ", ".join(f"{_KINDS[kind]} {count:,}" for kind, count in population.branches.items()),
         "route clusters": f"{population.num_route_clusters:,}",
         "attempts": f"{sum(population.attempts.values()):,}: {_listed(population.attempts)}",
         "ticks": f"{population.num_ticks:,}, {hours:,.1f} hours of driving",
@@ -193,6 +221,9 @@ def _print_outcomes(console: Console, study: Study) -> None:
     note = "by a utility that knows no collisions: the best may have hit something"
     print_families("Family of the best candidate, % of ranked groups", note, _BEST, _NUM_RANKED)
     print_families("Family of the worst candidate, % of ranked groups", "", _WORST, _NUM_RANKED)
+    if len(study.branches) > 1:
+        console.print()
+        print_section(console, _branch_table(study))
     _print_ranking(console, study)
 
 

@@ -10,6 +10,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
+from branchdrive_reference.simulation.branch_kind import BranchKind
 from branchdrive_reference.town.signal import ENVIRONMENTS
 
 PLANS = [plan_group(5, index) for index in range(300)]
@@ -45,6 +46,13 @@ def test_selected_scenarios_take_turns_in_registered_order() -> None:
     plans = [plan_group(5, index, selected) for index in range(4)]
     assert [plan.spec.scenario_type for plan in plans] == [first, second, first, second]
     assert [plan.spec.seed for plan in plans] == [plan.spec.seed for plan in PLANS[:4]]
+
+
+def test_kinds_of_branch_change_nothing_else_of_a_plan() -> None:
+    plans = [plan_group(5, index, (), {"early": 0.5, "quiet": 0.25}) for index in range(300)]
+    assert {plan.kind for plan in plans} == set(BranchKind)
+    assert [plan.spec for plan in plans] == [plan.spec for plan in PLANS]
+    assert {plan.kind for plan in PLANS} == {BranchKind.ONSET}
 
 
 def test_all_scenarios_are_no_selection() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.fault import Fault
-from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
+from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS, select_scenarios
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 
@@ -16,7 +16,7 @@ def test_the_demo_has_every_scenario_type_once_exact_and_faultless() -> None:
     assert "demo" not in FAULT_PRESETS
 
 
-@pytest.mark.parametrize("name", ["benchmark", "paper"])
+@pytest.mark.parametrize("name", ["benchmark", "context", "paper"])
 def test_the_others_are_noisy_and_have_every_fault(name: str) -> None:
     preset = PRESETS[name]
     assert preset.replay_noise == 1.0
@@ -32,7 +32,23 @@ def test_the_benchmark_is_milder_than_the_paper() -> None:
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_descriptor_declares_what_is_switched_on(name: str) -> None:
     preset = PRESETS[name]
-    declared = collection_descriptor(1, replay_noise=preset.replay_noise, faults=preset.faults).collection
+    declared = collection_descriptor(
+        1,
+        replay_noise=preset.replay_noise,
+        faults=preset.faults,
+        branches=preset.branches,
+        scenario_types=preset.scenario_types,
+    ).collection
     assert (declared.replay_noise.strength or 0.0, declared.faults) == (preset.replay_noise, preset.faults)
+    assert (declared.branches, declared.scenario_types) == (preset.branches, preset.scenario_types)
     assert list(declared.faults) == sorted(declared.faults)
     assert all(type(key) is str for key in declared.faults)
+
+
+def test_context_alone_asks_for_other_kinds_of_branch() -> None:
+    assert BRANCH_PRESETS == {"context": {"early": 0.1, "quiet": 0.3}}
+    assert select_scenarios(PRESETS["context"].scenario_types) == PRESETS["context"].scenario_types
+
+
+def test_without_other_kinds_a_descriptor_says_nothing_of_them() -> None:
+    assert "branches" not in collection_descriptor(1).model_dump(mode="json")["collection"]

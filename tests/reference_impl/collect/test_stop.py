@@ -92,7 +92,13 @@ def test_a_stopped_collection_keeps_what_is_finished(
 
 @pytest.mark.parametrize(
     ("delay_s", "stop"),
-    [(0.0, signal.SIGINT), (0.05, signal.SIGTERM), (0.2, signal.SIGINT), (0.5, signal.SIGTERM), (1.0, signal.SIGINT)],
+    [
+        (0.0, signal.SIGINT),
+        pytest.param(0.05, signal.SIGTERM, marks=pytest.mark.thorough),
+        pytest.param(0.2, signal.SIGINT, marks=pytest.mark.thorough),
+        (0.5, signal.SIGTERM),
+        pytest.param(1.0, signal.SIGINT, marks=pytest.mark.thorough),
+    ],
 )
 def test_workers_that_begin_are_stopped_in_silence(tmp_path: Path, delay_s: float, stop: signal.Signals) -> None:
     root = tmp_path / "d"

@@ -6,12 +6,13 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.processors import blas_kernels, runnable
+from tests.processors import Setting, blas_kernels, runnable
 from tests.validator.benchmark.guard.banks import banks
 
 from branchdrive.driving.utility import fit_scale
@@ -41,14 +42,16 @@ def numbers(document: Any) -> list[float]:
     return [document] if isinstance(document, float) else []
 
 
-def test_every_processor_fits_the_same_risk() -> None:
+def kernels() -> list[Setting]:
+    """Kernels that no setting has along with other features."""
+    tried = {setting.variables.get("OPENBLAS_CORETYPE") for setting in runnable()}
+    return [kernel for kernel in blas_kernels() if kernel.variables["OPENBLAS_CORETYPE"] not in tried]
+
+
+@pytest.mark.parametrize("settings", [runnable, pytest.param(kernels, marks=pytest.mark.thorough)])
+def test_every_processor_fits_the_same_risk(settings: Callable[[], Sequence[Setting]]) -> None:
     expected = numbers(hard_fit())
-    # Kernels that a setting has along with other features are not tried without them, nor what this process uses.
-    settings = runnable()
-    tried = {setting.variables.get("OPENBLAS_CORETYPE") for setting in settings}
-    kernels = [kernel for kernel in blas_kernels() if kernel.variables["OPENBLAS_CORETYPE"] not in tried]
-    others = [setting for setting in (*settings, *kernels) if setting.environment() != os.environ]
-    for setting in others:
+    for setting in (setting for setting in settings() if setting.environment() != os.environ):
         program = [sys.executable, "-W", "error", "-m", "tests.reference_impl.guard.test_processor"]
         environment = setting.environment() | {"PYTHONPATH": str(ROOT)}
         ran = subprocess.run(program, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)

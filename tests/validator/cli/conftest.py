@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.audits import remember_audits
 from tests.validator.engine import datasets
-
-from branchdrive.engine.worker import in_process
 
 
 @pytest.fixture(scope="session")
@@ -28,5 +27,5 @@ def invalid_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Validate in this process."""
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+    """Validate in this process, what was audited before not again."""
+    remember_audits(monkeypatch)

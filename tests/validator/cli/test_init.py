@@ -23,7 +23,7 @@ def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", *arguments], cwd=folder, capture_output=True, text=True, check=False)
 
 
-def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path) -> None:
+def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path, quick: None) -> None:
     folder = tmp_path / "my-world"
     code, out, err = init("my-world", "--output", folder)
     assert (code, err) == (0, "")
@@ -33,9 +33,10 @@ def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path) -> 
     ]
     collected = python(folder, "my_world.collector", "build/dataset")
     assert collected.returncode == 0, collected.stderr
-    validated = python(folder, "branchdrive.cli", "validate", "build/dataset", "--require-groups", "1", "--strict")
-    assert validated.returncode == 0, validated.stdout
-    assert "my-world 0.1.0" in validated.stdout
+    validated = io.StringIO()
+    options = ("--require-groups", "1", "--strict")
+    assert run(["validate", str(folder / "build/dataset"), *options], validated, validated) == 0, validated.getvalue()
+    assert "my-world 0.1.0" in validated.getvalue()
     tested = python(folder, "pytest", "-q", "-p", "no:cacheprovider")
     assert tested.returncode == 0, tested.stdout
     assert "2 passed" in tested.stdout

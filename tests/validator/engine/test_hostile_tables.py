@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests import synthetic
+from tests.audits import remembering
 from tests.validator.engine.datasets import (
     FOLDER,
     OTHER_FOLDER,
@@ -28,7 +29,6 @@ from tests.validator.engine.datasets import (
     write,
     write_with,
 )
-from tests.validator.engine.rules.case import remembering
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.validate import validate

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 from tests import synthetic
+from tests.audits import remembering
 from tests.validator.engine.datasets import (
     DEPARTURES,
     FOLDER,
@@ -21,7 +22,6 @@ from tests.validator.engine.datasets import (
     write,
     write_with,
 )
-from tests.validator.engine.rules.case import remembering
 
 from branchdrive.engine.validate import validate
 

@@ -11,6 +11,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +52,15 @@ print(((values @ values).tobytes() + np.exp(values).tobytes()).hex())
 """
 
 
-def settings() -> list[Setting]:
-    """Every kernel and every restricted setting that this processor can run."""
-    restricted = [setting for setting in SETTINGS if setting.variables and can_run(setting)]
-    covered = {setting.variables["OPENBLAS_CORETYPE"] for setting in restricted}
-    return [*restricted, *(kernel for kernel in blas_kernels() if kernel.name not in covered)]
+def restricted() -> list[Setting]:
+    """Every restricted setting that this processor can run."""
+    return [setting for setting in SETTINGS if setting.variables and can_run(setting)]
+
+
+def kernels() -> list[Setting]:
+    """Every kernel that this processor can run and no restricted setting has."""
+    covered = {setting.variables["OPENBLAS_CORETYPE"] for setting in restricted()}
+    return [kernel for kernel in blas_kernels() if kernel.name not in covered]
 
 
 def run(setting: Setting, code: str, *arguments: str) -> str:
@@ -71,7 +76,10 @@ def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return BenchmarkDraft().write(tmp_path_factory.mktemp("processors") / "dataset")
 
 
-def test_a_release_is_valid_and_results_are_the_same_under_every_kernel_and_setting(release: Path) -> None:
+@pytest.mark.parametrize("settings", [restricted, pytest.param(kernels, marks=pytest.mark.thorough)])
+def test_a_release_is_valid_and_results_are_the_same_under_every_kernel_and_setting(
+    release: Path, settings: Callable[[], list[Setting]]
+) -> None:
     expected = results_document(*tied(_STEP), risk_fit(), noise())
     for setting in settings():
         is_whole = setting in SETTINGS

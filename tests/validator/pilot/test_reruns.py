@@ -129,7 +129,11 @@ def test_a_command_that_fails_is_a_problem(collected: Pilot, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("mistake", "what"),
-    [("none", ""), ("begun", "A resume loses 1 group"), ("lock", "does not go on: it ended with exit code 1")],
+    [
+        ("none", ""),
+        ("begun", "A resume loses 1 group"),
+        pytest.param("lock", "does not go on: it ended with exit code 1", marks=pytest.mark.thorough),
+    ],
 )
 def test_a_crash_drill_names_what_a_resume_loses(
     mistake: str, what: str, source: Path, collected: Pilot, tmp_path: Path

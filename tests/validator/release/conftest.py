@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.audits import remember_audits
 from tests.content_cache import kept_folder
 from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.engine.rules.draft import Draft
 from tests.validator.release.running import build
 
 from branchdrive.leakage.classifier import Unavailable
+from branchdrive.release.audit_process import audit_here
 from branchdrive.release.builder import STAGES
 
 
@@ -32,6 +34,18 @@ def _no_classifier() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("branchdrive.release.leakage.sequence_classifier", lambda: Unavailable("none in this test"))
         yield
+
+
+@pytest.fixture(autouse=True)
+def _remembered_audits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The raw layer is the same in nearly every build."""
+    remember_audits(monkeypatch)
+
+
+@pytest.fixture
+def audit_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a test can look at it, and sooner."""
+    monkeypatch.setattr("branchdrive.release.leakage.audit_in_own_process", audit_here)
 
 
 @pytest.fixture(scope="session")

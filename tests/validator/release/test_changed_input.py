@@ -10,14 +10,8 @@ import pytest
 from tests.changed_input import changed_contents, poor_end, poor_ends
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, SOURCE_FILE
-from branchdrive.engine.worker import in_process
 
 VARIANTS = [{"name": "mine", "title": "Mine", "where": {"extended_valid": True, "core_valid": True}}]
-
-
-@pytest.fixture(autouse=True)
-def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
 
 
 @pytest.mark.parametrize("path", [DESCRIPTOR_FILE, MANIFEST_FILE])

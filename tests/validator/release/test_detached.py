@@ -14,15 +14,8 @@ from tests.validator.release.test_stages import another_raw_layer, stored_otherw
 
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.engine.worker import in_process
 
 NAME_RAW = "the raw layer is not available; give its dataset with --raw"
-
-
-@pytest.fixture(autouse=True)
-def _here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read shards in this process."""
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda _: in_process)
 
 
 @pytest.fixture(scope="module")

@@ -42,7 +42,10 @@ def test_a_build_on_a_full_disk_goes_on_when_there_is_room(
     assert contents(dataset) == contents(built)
 
 
-def test_a_build_under_a_limit_on_files_goes_on_without_it(dataset: Path, built: Path) -> None:
+def test_a_build_under_a_limit_on_files_goes_on_without_it(
+    dataset: Path, built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # what is remembered is kept in files, too
     arguments, stderr = ["build", str(dataset), "--no-leakage", "--seed", str(SEED)], io.StringIO()
     with at_most(5_000):
         assert run(arguments, io.StringIO(), stderr) == 4
@@ -57,6 +60,7 @@ def test_a_build_under_a_limit_on_files_goes_on_without_it(dataset: Path, built:
 def test_a_validation_whose_temporary_files_do_not_fit_leaves_none(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.undo()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     before = contents(built)
     with at_most(1_000), pytest.raises(PlatformError, match="File too large; "):

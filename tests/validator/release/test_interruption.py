@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -19,29 +18,15 @@ from tests.synthetic_release import SEED
 from tests.validator.release.running import build, call, contents, raw_state
 
 from branchdrive.contract.layout import STAGING_DIR
-from branchdrive.engine.worker import in_process
 from branchdrive.errors import UsageError
 from branchdrive.leakage import audit
 from branchdrive.release import leakage as stored
 from branchdrive.release import publish as publication
-from branchdrive.release.audit_process import audit_here
 from branchdrive.release.publish import staging
-from branchdrive.release.scan import RawScan, scan_raw
 
 
 class PowerCut(BaseException):
     """The end, without a chance to clean up."""
-
-
-@pytest.fixture
-def quick_scan(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read the raw layer once: it is the same in every copy."""
-    known = scan_raw(raw, in_process)
-
-    def scan(root: Path, *_: Any) -> RawScan:
-        return replace(known, root=root)
-
-    monkeypatch.setattr("branchdrive.release.builder.scan_raw", scan)
 
 
 def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
@@ -64,7 +49,7 @@ def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
 
 
 def test_a_build_goes_on_after_a_cut_at_any_step(
-    raw: Path, built: Path, tmp_path: Path, quick_scan: None, monkeypatch: pytest.MonkeyPatch
+    raw: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected, at = contents(built), 0
     while True:
@@ -84,12 +69,12 @@ def test_a_build_goes_on_after_a_cut_at_any_step(
         assert contents(root) == expected, at
         assert raw_state(root) == before, at
         shutil.rmtree(root)
-        at += 3
+        at += 6
     assert num_taken() > 40
 
 
 def test_a_rebuild_goes_on_after_a_cut_at_any_step(
-    built: Path, tmp_path: Path, quick_scan: None, monkeypatch: pytest.MonkeyPatch
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The ledger of the first build is never lost, and no stage builds on a mixture of both."""
     undisturbed = shutil.copytree(built, tmp_path / "undisturbed")
@@ -107,13 +92,7 @@ def test_a_rebuild_goes_on_after_a_cut_at_any_step(
         build(root, seed=SEED + 1)
         assert contents(root) == expected, at
         shutil.rmtree(root)
-        at += 5
-
-
-@pytest.fixture
-def audit_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a test can look at it."""
-    monkeypatch.setattr("branchdrive.release.leakage.audit_in_own_process", audit_here)
+        at += 8
 
 
 def test_finished_parts_of_an_audit_are_not_computed_again(
@@ -202,7 +181,15 @@ def start(root: Path) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("sign", [STAGING_DIR, "canonical/source.json", "quality/split.json", "model/contexts.parquet"])
+@pytest.mark.parametrize(
+    "sign",
+    [
+        STAGING_DIR,
+        pytest.param("canonical/source.json", marks=pytest.mark.thorough),
+        "quality/split.json",
+        pytest.param("model/contexts.parquet", marks=pytest.mark.thorough),
+    ],
+)
 def test_a_killed_build_goes_on(dataset: Path, built: Path, sign: str) -> None:
     before = raw_state(dataset)
     process = start(dataset)

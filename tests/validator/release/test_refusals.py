@@ -18,16 +18,9 @@ from tests.validator.release.running import breaches, build, call, contents
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import in_process
 from branchdrive.errors import UsageError
 
 CONTROLS = "raw/shard-00000/controls.parquet"
-
-
-@pytest.fixture(autouse=True)
-def _here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read shards in this process."""
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda _: in_process)
 
 
 def refused(*argv: object, exit_code: int = 2) -> str:

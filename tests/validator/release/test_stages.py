@@ -20,6 +20,8 @@ from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
 from branchdrive.release.builder import STAGES
 
+pytestmark = pytest.mark.usefixtures("audit_in_this_process")
+
 CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonical/source.json"}
 
 

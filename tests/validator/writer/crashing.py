@@ -1,6 +1,6 @@
 """Collections that are killed before a file operation, or at a random moment as a process of their own.
 
-Run as a program: ``python -m tests.validator.writer.crashing sweep FOLDER`` or ``... collect ROOT``.
+Run as a program: ``python -m tests.validator.writer.crashing sweep FOLDER STEP`` or ``... collect ROOT``.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 from tests.validator.writer.invented import ATTEMPTS, make_descriptor, write_group, write_rollout
@@ -58,8 +59,8 @@ def check_visible(root: Path) -> None:
             raise RuntimeError(f"visible manifest is not that of the files: {problems}")
 
 
-def sweep(folder: Path, work: Callable[[Path], str], start: Path | None) -> dict[str, object]:
-    """Resume `work` from what is left where it is killed before any of its name operations, one after another.
+def sweep(folder: Path, work: Callable[[Path], str], start: Path | None, step: int) -> dict[str, object]:
+    """Resume `work` from what is left where it is killed before every `step`-th of its name operations.
 
     What a kill leaves is a copy of the files before the operation: one uninterrupted run gives them all, and the
     identity and manifest that every resumed one must come to.
@@ -70,11 +71,11 @@ def sweep(folder: Path, work: Callable[[Path], str], start: Path | None) -> dict
     if start is not None:
         shutil.copytree(start, root)
     kills: list[Path] = []
-    is_watched = True
+    is_watched, seen = True, count()
 
     def keep(event: str, args: tuple[object, ...]) -> None:
         nonlocal is_watched
-        if is_watched and event in NAME_EVENTS:
+        if is_watched and event in NAME_EVENTS and next(seen) % step == 0:
             is_watched = False  # a copy changes names, too
             kills.append(left / str(len(kills) + 1))
             if root.exists():
@@ -103,7 +104,7 @@ def main() -> None:
     finished = folder / "finished"
     collect(finished)
     for name, work, start in (("collect", collect, None), ("retry", retry, finished)):
-        sys.stdout.write(json.dumps({"name": name, **sweep(folder / name, work, start)}) + "\n")
+        sys.stdout.write(json.dumps({"name": name, **sweep(folder / name, work, start, int(sys.argv[3]))}) + "\n")
 
 
 if __name__ == "__main__":

@@ -66,8 +66,8 @@ class Branch:
     Attributes:
         branch_tick: Last observation tick before the manoeuvre.
         definition: Name and version of the trigger.
-        tick: First tick of the manoeuvre.
-        signal: Signal that shows it.
+        tick: First tick of the manoeuvre; of a control branch, which has none, the branch tick.
+        signal: Signal that shows it; ``steady`` at a control branch.
         value: The signal there, in its own unit.
         threshold: What the signal had to pass.
         confidence: Share of the next 0.5 s in which the signal still passes.
@@ -76,7 +76,7 @@ class Branch:
     branch_tick: int
     definition: str
     tick: int
-    signal: SignalName
+    signal: SignalName | Literal["steady"]
     value: float
     threshold: float
     confidence: float

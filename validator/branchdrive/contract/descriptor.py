@@ -8,7 +8,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.columns import RECORDABLE, STREAMS, TABLES
@@ -26,6 +35,7 @@ __all__ = [
 _Identifier = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._:/+-]{0,127}$")]
 _Label = Annotated[str, Field(pattern=r"^[!-~]([ -~]{0,126}[!-~])?$")]
+_Shares = Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)]
 _Prose = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]{1,2000}$")]
 
 
@@ -169,14 +179,15 @@ class Collection(_Document):
         seed: Seed of the collection.
         replay_noise: What tells a replay from the drive that it repeats.
         faults: Rates of injected faults by name.
+        branches: Shares of planned groups by the kind of branch that was asked of their trigger; empty, and left out
+            of documents, where all branch at the manoeuvre.
         scenario_types: Scenario types that the plan was restricted to; empty if it was not.
     """
 
     seed: Annotated[Integer, Field(ge=0, le=9223372036854775807)]
     replay_noise: Annotated[ReplayNoise, BeforeValidator(_from_number)] = ReplayNoise(kind="exact")
-    faults: Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)] = Field(
-        default_factory=dict
-    )
+    faults: _Shares = Field(default_factory=dict)
+    branches: _Shares = Field(default_factory=dict)
     scenario_types: Annotated[tuple[_Label, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
 
     @model_validator(mode="after")
@@ -184,6 +195,13 @@ class Collection(_Document):
         if len(set(self.scenario_types)) != len(self.scenario_types):
             raise ValueError("scenario_types must not repeat")
         return self
+
+    @model_serializer(mode="wrap")
+    def _document(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        document: dict[str, Any] = serialize(self)
+        if not self.branches:
+            del document["branches"]
+        return document
 
 
 class Descriptor(_Document):

@@ -78,10 +78,10 @@ def feet_within(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array, reac
     """
     num_segments = len(route_x_m) - 1
     first = np.arange(0, num_segments, _BLOCK_SEGMENTS)
-    vertex = np.minimum(first[:, None] + np.arange(_BLOCK_SEGMENTS + 1), num_segments)  # [blocks, vertices]
+    vertex = np.minimum(first + np.arange(_BLOCK_SEGMENTS + 1)[:, None], num_segments)  # [vertices, blocks]
     xs, ys = route_x_m[vertex], route_y_m[vertex]
-    centre_x, centre_y = (xs.min(axis=1) + xs.max(axis=1)) / 2, (ys.min(axis=1) + ys.max(axis=1)) / 2
-    radius = np.hypot(xs - centre_x[:, None], ys - centre_y[:, None]).max(axis=1) * _ABOVE
+    centre_x, centre_y = (xs.min(axis=0) + xs.max(axis=0)) / 2, (ys.min(axis=0) + ys.max(axis=0)) / 2
+    radius = np.hypot(xs - centre_x, ys - centre_y).max(axis=0) * _ABOVE
     at_once = max(1, _MAX_CELLS // num_segments)
     parts = []
     for start in range(0, max(len(x_m), 1), at_once):

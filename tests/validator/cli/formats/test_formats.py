@@ -131,11 +131,12 @@ hostile = st.lists(st.sampled_from(MARKUP) | st.text(max_size=8) | st.text(strin
 
 
 def spoiled(report: Report, text: str) -> Report:
-    """The report as a dataset and waivers with this text would give it, which nothing has escaped."""
+    """A report with few findings as a dataset and waivers with this text would give it, which nothing has escaped."""
     tallies = deepcopy(report.tallies)
     for tally in tallies:
         tally.findings = [
-            replace(f, location={"file": text, "rollout_id": text}, expected=text, found=text) for f in tally.findings
+            replace(f, location={"file": text, "rollout_id": text}, expected=text, found=text)
+            for f in tally.findings[:2]
         ]
         tally.unjudged = tally.unjudged and text
     waivers = tuple(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import pickle
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -13,17 +12,15 @@ from typing import Any, Literal, TypeAlias
 import pyarrow as pa
 import pytest
 from tests import synthetic, synthetic_map
-from tests.content_cache import kept, remembered
+from tests.audits import remembering
+from tests.content_cache import remembered
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 from tests.validator.engine.rules.draft import Draft
 from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, release_draft
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
-from branchdrive.engine.shard import ShardTask
-from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import in_process
 from branchdrive.formats.parquet import decode_table
 
 Edit: TypeAlias = Callable[[Any], object]
@@ -241,35 +238,3 @@ def _decoded(content: bytes, name: str) -> pa.Table:
     if key not in _tables:
         _tables[key] = decode_table(content, name)
     return _tables[key]
-
-
-def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-    """Executor that audits shards of the same bytes once: most defects leave most shards as they are."""
-    for index, task in enumerate(tasks):
-        if not isinstance(task, ShardTask):
-            yield from ((index, outcome) for _, outcome in in_process(function, [task]))
-            continue
-        files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
-        claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
-        key = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.spool is None))
-        outcome, spooled = _audited(hashlib.sha256(key.encode()).hexdigest(), lambda task=task: _alone(function, task))
-        for name, content in spooled.items():
-            (task.spool.folder / name).write_bytes(content)
-        yield index, outcome
-
-
-def _alone(function: Callable[[Any], Any], task: ShardTask) -> tuple[Any, dict[str, bytes]]:
-    """Audit of a shard, and what it put into its spool."""
-    with Spool.temporary() as spool:
-        ((_, outcome),) = in_process(function, [replace(task, spool=task.spool and spool)])
-        return outcome, {path.name: path.read_bytes() for path in spool.folder.iterdir()}
-
-
-_shards: dict[str, bytes] = {}
-"""Audits of shards, pickled as between processes, by all that they depend on."""
-
-
-def _audited(key: str, audit: Callable[[], Any]) -> Any:
-    if key not in _shards:
-        _shards[key] = pickle.dumps(kept(f"shard-{key[:32]}", audit))
-    return pickle.loads(_shards[key])

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 from tests.mutation import MUTANTS, new_draft
-from tests.validator.engine.rules.case import Mutant, judged
+from tests.validator.engine.rules.case import Mutant, judged_folder
+from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.rule import CATALOGUE, rules_of
 
@@ -28,12 +29,12 @@ def outcome(report: Any) -> tuple[Any, ...]:
 def test_parts_add_up_to_the_whole(mutant: Mutant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     draft = new_draft(mutant.base)
     mutant.edit(draft)
+    root = draft.write(tmp_path / "dataset")
+    raw = draft.raw_root(root) if isinstance(draft, ReleaseDraft) else None
     reports = []
     for max_groups in (10**9, -1):
         monkeypatch.setattr("branchdrive.engine.derived.MAX_GROUPS_AT_ONCE", max_groups)
-        folder = tmp_path / str(max_groups)
-        folder.mkdir()
-        reports.append(judged(draft, folder))
+        reports.append(judged_folder(root, raw=raw))
     whole, parts = map(outcome, reports)
     assert parts == whole
     assert whole[1][mutant.rule][0] == "fail"

@@ -134,6 +134,17 @@ def branch_precedes_trigger(view: ShardView, subjects: Mask) -> Iterator[Check]:
 _SIGNALS = {"brake": "expert_brake", "throttle_release": "expert_throttle", "steer": "expert_steer"}
 """Commands of the nominal that show a trigger signal; nothing recorded shows a lane shift."""
 
+_STEADY = "steady"
+"""Signal of a control branch, at which the commands stay as they are."""
+
+
+def _largest_change(commands: StreamView, rollouts: NDArray[np.int64], tick: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Largest change of a command of the expert from `tick` on, over 50 ticks of rollouts that have it ``[n]``."""
+    rows = commands.find(rollouts[:, None], tick[:, None] + np.arange(ACTIVE_TICKS))
+    values = np.stack([commands[column][rows].astype(np.float64) for column in _SIGNALS.values()])
+    changes = np.abs(values - values[..., :1])
+    return np.asarray(np.where(rows >= 0, changes, 0.0).max(axis=(0, 2)))
+
 
 @rule("BD-TRG-003")
 def trigger_shows_in_the_nominal(view: ShardView, subjects: Mask) -> Iterator[Check]:
@@ -146,23 +157,32 @@ def trigger_shows_in_the_nominal(view: ShardView, subjects: Mask) -> Iterator[Ch
     for signal, column in _SIGNALS.items():
         here = rollouts.equals("trigger_signal", signal) & (row >= 0)
         command[here] = view.controls[column][row[here]]
-    is_released = rollouts.equals("trigger_signal", "throttle_release")
+    is_steady = rollouts.equals("trigger_signal", _STEADY)
+    steady = np.flatnonzero(subjects & is_steady & (row >= 0))
+    command[steady] = _largest_change(view.controls, view.nominal[steady], tick[steady])
+    stays_below = is_steady | rollouts.equals("trigger_signal", "throttle_release")
     passes = np.where(
-        is_released, value <= threshold + bounds.signal, np.abs(value) >= np.abs(threshold) - bounds.signal
+        stays_below, value <= threshold + bounds.signal, np.abs(value) >= np.abs(threshold) - bounds.signal
     )
     is_command = np.abs(np.abs(value) - np.abs(command)) <= bounds.signal
-    is_soon = tick - view.branch_tick <= bounds.trigger_delay_ticks
+    most_ticks = np.where(is_steady, 0.0, bounds.trigger_delay_ticks)
+    is_soon = tick - view.branch_tick <= most_ticks
 
     def describe(i: int) -> Mismatch:
         signal = rollouts["trigger_signal"][i]
         if not is_command[i]:
-            expected = f"{command[i]:g}, `{_SIGNALS[signal]}` of the nominal at tick {tick[i]}"
+            whose = (
+                f"the largest change of a command of the nominal within {ACTIVE_TICKS} ticks of the branch"
+                if is_steady[i]
+                else f"`{_SIGNALS[signal]}` of the nominal at tick {tick[i]}"
+            )
+            expected = f"{command[i]:g}, {whose}"
             return Mismatch({"table": "rollouts", "column": "trigger_value"}, expected, f"{value[i]:g}")
         if not passes[i]:
-            side = "at most" if is_released[i] else "at least"
+            side = "at most" if stays_below[i] else "at least"
             expected = f"{side} the threshold {threshold[i]:g}"
             return Mismatch({"table": "rollouts", "column": "trigger_value"}, expected, f"{value[i]:g}")
-        expected = f"at most {bounds.trigger_delay_ticks:g} ticks after branch tick {view.branch_tick[i]}"
+        expected = f"at most {most_ticks[i]:g} ticks after branch tick {view.branch_tick[i]}"
         return Mismatch({"table": "rollouts", "column": "trigger_tick"}, expected, f"tick {tick[i]}")
 
     yield Check.of_subjects(subjects, subjects & ~(is_command & passes & is_soon), describe)

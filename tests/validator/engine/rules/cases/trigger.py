@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
@@ -72,6 +73,38 @@ def throttle_above_its_threshold(d: Draft) -> None:
 @mutant("BD-TRG-003", at=_place("trigger_tick"), findings=15)
 def trigger_long_after_the_branch(d: Draft) -> None:
     _show(d, "brake", BRANCH_TICK + 21)
+
+
+def _hold(d: Draft, tick: int, *, more: float = 0.0, above: float = 0.0) -> None:
+    """Make the group's branch a control, with a value that is `more` than the change and `above` the threshold."""
+    rows = d.take("controls", rollout_id=NOMINAL, tick=range(tick, tick + 50)).sort_by("tick")
+    commands = np.array([rows[column].to_numpy() for column in COMMANDS.values()], np.float64)
+    value = np.abs(commands - commands[:, :1]).max() + more
+    changes = {
+        "trigger_tick": tick, "trigger_signal": "steady", "trigger_value": value, "trigger_threshold": value - above,
+    }  # fmt: skip
+    for column, change in changes.items():
+        d.set("rollouts", column, change, group_id="g0")
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def control_at_which_commands_change_more(d: Draft) -> None:
+    _hold(d, BRANCH_TICK, more=-0.001)
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def control_above_its_threshold(d: Draft) -> None:
+    _hold(d, BRANCH_TICK, above=0.001)
+
+
+@mutant("BD-TRG-003", at=_place("trigger_tick"), findings=15)
+def control_behind_the_branch(d: Draft) -> None:
+    _hold(d, BRANCH_TICK + 1)
+
+
+@boundary("BD-TRG-003")
+def control_at_its_threshold(d: Draft) -> None:
+    _hold(d, BRANCH_TICK)
 
 
 @boundary("BD-TRG-003")

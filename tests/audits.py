@@ -1,0 +1,65 @@
+"""Audits of shards that are not repeated: most tests change little of a dataset, and most of its shards not at all.
+
+An audit is a function of a shard's files, of what the descriptor claims and of the rules that are asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from tests.content_cache import kept
+
+from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.worker import in_process
+
+__all__ = ["audit_once", "remember_audits", "remembering"]
+
+_known: dict[str, bytes] = {}
+"""Audits, each with what it put into its spool, pickled as between processes, by all that they depend on."""
+
+
+def audit_once(task: ShardTask) -> ShardResult:
+    """`audit_shard`, which shards of the same bytes go through once; files that cannot be read go through it anyway."""
+    try:
+        files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
+    except OSError:
+        return audit_shard(task)
+    if task.links is not None or any((task.root / path).is_symlink() for path in task.files):
+        return audit_shard(task)
+    claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
+    text = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.spool is None))
+    key = hashlib.sha256(text.encode()).hexdigest()
+    if key not in _known:
+        _known[key] = pickle.dumps(kept(f"shard-{key[:32]}", lambda: _alone(task)))
+    result: ShardResult
+    result, spooled = pickle.loads(_known[key])
+    for name, content in spooled.items():
+        assert task.spool is not None
+        (task.spool.folder / name).write_bytes(content)
+    return result
+
+
+def _alone(task: ShardTask) -> tuple[ShardResult, dict[str, bytes]]:
+    """Audit of a shard, and what it put into its spool."""
+    with Spool.temporary() as spool:
+        result = audit_shard(replace(task, spool=task.spool and spool))
+        return result, {path.name: path.read_bytes() for path in spool.folder.iterdir()}
+
+
+def remember_audits(patch: pytest.MonkeyPatch) -> None:
+    """Validate and build in this process, where `audit_once` is what audits."""
+    patch.setattr("branchdrive.engine.reading.audit_shard", audit_once)
+    patch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+
+
+def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    """Executor in this process whose audits are those of `audit_once`."""
+    with pytest.MonkeyPatch.context() as patch:
+        remember_audits(patch)
+        yield from in_process(function, tasks)
