@@ -3,7 +3,7 @@
 Presets of a collection: how many groups, how noisy, with which faults.
 
 `paper` leaves a funnel of the paper's shape; docs/decisions/0012-faults-as-declared-rates.md derives
-its rates. Source: paper V-A, table of the population.
+its rates. Source: paper, "Research Questions and Experimental Protocol", table of the population.
 """
 
 from __future__ import annotations

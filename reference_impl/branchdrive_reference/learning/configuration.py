@@ -17,8 +17,9 @@ M2        histories            399,800     0.398
 M3        histories, actions   553,784     0.553
 ========  ===================  ==========  =============
 
-Source: paper IV-B (optimiser, schedule, loss, batch size, seeds); widths, learning rate and weight decay are this
-project's choice, widths so that the numbers of parameters are near the paper's.
+Source: paper, "Research Questions and Experimental Protocol" (optimiser, schedule, loss, batch size, seeds); widths,
+learning rate and weight decay are this project's choice, widths so that the numbers of parameters are near the
+paper's.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ training when it has not fallen for `patience` epochs. No other partition is rea
 The state is written every few epochs, and before an interruption is passed on: the same call goes on from there and
 comes to the same weights, bit for bit, on the same machine.
 
-Source: paper IV-B.
+Source: paper, "Research Questions and Experimental Protocol".
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
     results = json.loads(after["benchmark/results.json"])
     assert results["warnings"] == []
     assert [model["id"] for model in results["models"]] == ["M0", "M1", "M2", "M3"]
-    assert len(results["guard"]["profiles"]) == 4
+    assert len(results["guard"]["profiles"]) == 5
     assert results["noise"] is None  # a detached release has no raw layer
 
 

@@ -4,7 +4,7 @@ It has the gate, which decides what a release may claim, and beside it the paper
 work falls into parts, each a function of inputs, seed, protocol and classifier alone, and a caller can keep
 every part, so that an audit that was interrupted goes on where it was.
 
-Source: this project's choice; paper VI-A for the battery.
+Source: this project's choice; paper, "Collection Integrity, Replay Fidelity, and Leakage" for the battery.
 """
 
 from __future__ import annotations

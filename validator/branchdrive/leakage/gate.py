@@ -8,7 +8,8 @@ the family-wise error at `alpha`. The verdict is
   leak, and an effect size is not applicable;
 * ``inconclusive`` where there is nothing to examine, or too little for the gate to be able to fail.
 
-Source: this project's choice; the paper's audit compares accuracies of classifiers (VI-A).
+Source: this project's choice; the paper's audit compares accuracies of classifiers ("Collection Integrity, Replay
+Fidelity, and Leakage").
 """
 
 from __future__ import annotations

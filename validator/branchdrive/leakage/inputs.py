@@ -10,7 +10,7 @@ follow from raw columns by arithmetic that every processor rounds alike, so all 
 Of the features of the gate, discrepancies and availability are one each; every variable of the ego history is one at
 each of 16 observations, and every control one for each mean over 5 ticks.
 
-Source: paper VI-A; spec/13-leakage.md#inputs.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md#inputs.
 """
 
 from __future__ import annotations

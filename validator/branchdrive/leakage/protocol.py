@@ -1,7 +1,7 @@
 """Everything that a leakage audit fixes before it sees data.
 
-Source: paper VI-A for the kinds of tests and the resamples of the battery; other choices and their values are this
-project's, and measured power decided between them.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" for the kinds of tests and the resamples of the
+battery; other choices and their values are this project's, and measured power decided between them.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ at the observations ``t_b - 80 .. t_b``, ``p_n`` and ``yaw_n`` the pose of the n
 
 All rows of a group share one frame, so that an offset between replays stays visible.
 
-Source: paper VI-A; spec/13-leakage.md#inputs; the variables of the ego history are this project's choice.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md#inputs; the variables of the
+ego history are this project's choice.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Leakage rules: the audit was made of this release, its verdicts follow from its numbers, and structure tells nothing.
 
-Source: paper VI-A; spec/13-leakage.md.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@
 * Identifiers tell the partition where more neighbours in their sorted order share one than in all but
   ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``.
 
-Source: paper VI-A; spec/13-leakage.md#structural.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md#structural.
 """
 
 from __future__ import annotations

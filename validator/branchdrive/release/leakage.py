@@ -3,7 +3,7 @@
 Finished parts lie on disk. They are believed only in a folder that this builder made, under a key of all that a part
 depends on, and where they have the form of that part; anything else is computed again.
 
-Source: paper VI-A; spec/13-leakage.md.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md.
 """
 
 from __future__ import annotations

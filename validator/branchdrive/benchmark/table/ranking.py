@@ -12,6 +12,7 @@ from branchdrive.benchmark.table.cell import (
     with_ends,
 )
 from branchdrive.benchmark.table.comparison import JUDGED_BY_CLUSTERS, comparison_table
+from branchdrive.benchmark.table.selected import selected_tables
 from branchdrive.contract.text import NONE
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive.text.table import Column, Passage, Table
@@ -53,7 +54,11 @@ def ranking_sections(results: Document) -> list[Table | Passage]:
     """A table for each ranked profile, why the others are not ranked, and the comparisons."""
     ranking = results["ranking"]
     return [
-        *(table for profile in ranking["profiles"] for table in _profile_tables(profile, ranking)),
+        *(
+            table
+            for profile in ranking["profiles"]
+            for table in (*_profile_tables(profile, ranking), *selected_tables(profile, results))
+        ),
         *(
             Passage(f"Ranking, profile {out['profile']}", [f"Not judged: {out['reason']}."])
             for out in ranking["left_out"]
