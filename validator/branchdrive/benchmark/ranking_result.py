@@ -70,8 +70,8 @@ def ranking_results(
     data: BenchmarkData,
     predictions: PredictionSet,
     scale: Scale,
-    noise: OutcomeNoise | None = None,
     contexts: Contexts | None = None,
+    noise: OutcomeNoise | None = None,
 ) -> dict[str, Any]:
     """The section ``ranking``; outcomes of selections are in it where the protocol declares them.
 

@@ -77,7 +77,7 @@ def results_document(
         "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
         "prediction": prediction_results(protocol, data, predictions, scale),
         "diagnostics": diagnostic_results(protocol, data, predictions, scale),
-        "ranking": ranking_results(protocol, data, predictions, quantiles, noise, contexts),
+        "ranking": ranking_results(protocol, data, predictions, quantiles, contexts, noise),
         "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
         **({"further_guards": further} if further else {}),
         "noise": None if noise is None else noise_record(noise),

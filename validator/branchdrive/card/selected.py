@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.benchmark.table.selected import contact_sentence, percents
+from branchdrive.benchmark.table.selected import contact_sentence, is_privileged, percents
 from branchdrive.contract.layout import TABLES_FILE
 from branchdrive.contract.text import NONE, counted
 from branchdrive.text.markdown import plain, section_lines
@@ -33,7 +33,7 @@ def selected_section(results: Document | None) -> list[str]:
         (profile["profile"], entry["selector"]): entry["outcomes"]
         for profile in profiles
         for entry in profile["entries"]
-        if "outcomes" in entry
+        if "outcomes" in entry and not is_privileged(entry)
     }
     names, selectors = ([*dict.fromkeys(key[part] for key in found)] for part in (0, 1))
     rows = [

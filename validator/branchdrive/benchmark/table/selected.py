@@ -13,7 +13,7 @@ from branchdrive.contract.text import NONE, percent
 from branchdrive.driving.target import TARGETS
 from branchdrive.text.table import Column, Table
 
-__all__ = ["contact_sentence", "percents", "selected_tables"]
+__all__ = ["contact_sentence", "is_privileged", "percents", "selected_tables"]
 
 _ORDER = [SEPARATION, *(t for t in range(len(TARGETS)) if t != SEPARATION)]
 """Separation first: it is among the headlines."""
@@ -25,12 +25,22 @@ _KNOWING = ("oracle", "_prior")
 def selected_tables(profile: Document, results: Document) -> list[Table]:
     """Tables of one ranked profile; none where the protocol does not declare outcomes."""
     entries = [entry for entry in profile["entries"] if "outcomes" in entry]
-    if not entries:
-        return []
-    return [_means(profile, entries, results), *_losses(profile, entries, results)]
+    parts = [("", [entry for entry in entries if not is_privileged(entry)])]
+    parts += [(", privileged", [entry for entry in entries if is_privileged(entry)])]
+    return [
+        table
+        for suffix, found in parts
+        if found
+        for table in (_means(profile, found, results, suffix), *_losses(profile, found, results, suffix))
+    ]
 
 
-def _means(profile: Document, entries: list[Any], results: Document) -> Table:
+def is_privileged(entry: Document) -> bool:
+    """Whether a selector sees what no sensor tells; tables have it apart."""
+    return str(entry.get("sees")).startswith("privileged")
+
+
+def _means(profile: Document, entries: list[Any], results: Document, suffix: str) -> Table:
     rows = []
     for entry in entries:
         found = entry["outcomes"]
@@ -64,9 +74,9 @@ def _means(profile: Document, entries: list[Any], results: Document) -> Table:
         f"window. Avoidable: another candidate of the group makes none. Worse: than nominal, by more than "
         f"{_tolerance(results)}."
     ]
-    if (sentence := contact_sentence(profile)) is not None:
+    if not suffix and (sentence := contact_sentence(profile)) is not None:
         notes.append(sentence)
-    return Table(f"Selected outcomes, profile {profile['profile']}", columns, rows, notes)
+    return Table(f"Selected outcomes, profile {profile['profile']}{suffix}", columns, rows, notes)
 
 
 def _tolerance(results: Document) -> str:
@@ -75,13 +85,13 @@ def _tolerance(results: Document) -> str:
     return f"the noise of repetition, {'which is unknown' if tolerance is None else f'{tolerance:.4g} m'}"
 
 
-def _losses(profile: Document, entries: list[Any], results: Document) -> list[Table]:
+def _losses(profile: Document, entries: list[Any], results: Document, suffix: str) -> list[Table]:
     """Shares of selections that are worse than nominal in each target; none where the noise is unknown."""
     if results["noise"] is None:
         return []
     rows = [[e["selector"], *(percents(t["worse"]) for t in e["outcomes"]["targets"])] for e in entries]
     columns = [Column.name("Selector"), *(Column(target.symbol) for target in TARGETS)]
-    title = f"Selections worse than nominal beyond noise, profile {profile['profile']}"
+    title = f"Selections worse than nominal beyond noise, profile {profile['profile']}{suffix}"
     return [Table(title, columns, rows, is_detail=True)]
 
 
