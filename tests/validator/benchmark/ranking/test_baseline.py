@@ -22,7 +22,7 @@ BASELINES = ["type_prior", "route_prior", "neighbours", "ridge", "neighbours_pri
 
 def section(seen: Contexts | None) -> dict[str, Any]:
     protocol = whole_protocol()
-    return ranking_results(protocol, data(), prediction_set(), utility_scale(protocol, data()), None, seen)
+    return ranking_results(protocol, data(), prediction_set(), utility_scale(protocol, data()), seen)
 
 
 @cache
