@@ -37,6 +37,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
 from branchdrive.driving.feature import InputContract
+from branchdrive.driving.utility import Profile
 from branchdrive.errors import DatasetError
 
 __all__ = [
@@ -44,8 +45,10 @@ __all__ = [
     "MODEL_VERSION",
     "ActionConfig",
     "Configuration",
+    "DecisionConfig",
     "HistoryConfig",
     "ModelConfig",
+    "PreferenceConfig",
     "TrainingConfig",
     "is_model_name",
 ]
@@ -56,10 +59,14 @@ MODEL_VERSION = "0.1.0"
 MAX_WIDTH = 768
 """Widths up to which the state of a training stays below the size of the largest file that is read."""
 
+MAX_PREFERENCES = 16
+"""Preferences that one training may serve."""
+
 Width = Annotated[int, Field(ge=1, le=MAX_WIDTH)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1000)]
 NotNegative = Annotated[float, Field(ge=0, le=1000)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 _MAX_PLACE = 200
 _NOTHING_ELSE = ConfigDict(extra="forbid")
@@ -129,6 +136,41 @@ class ModelConfig:
 
 
 @dataclass(frozen=True)
+class PreferenceConfig:
+    """What a decision weighs, as a profile of the protocol does."""
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    separation: Share
+    displacement: Share
+    comfort: Share
+
+    @property
+    def profile(self) -> Profile:
+        """The same for utilities."""
+        return Profile(self.separation, self.displacement, self.comfort)
+
+
+@dataclass(frozen=True)
+class DecisionConfig:
+    """Training for the choice among the candidates of a context, beside the outcome of each.
+
+    Attributes:
+        contrast_weight: Weight of how wrong the desirabilities of candidates are beside one another.
+        regret_weight: Weight of the regret of a soft choice.
+        temperature: Difference of utility by which the soft choice tells two candidates apart.
+        preferences: By name, those whose choices are made; all weigh the same.
+    """
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    contrast_weight: NotNegative
+    regret_weight: NotNegative
+    temperature: Annotated[float, Field(ge=1e-3, le=1000)]
+    preferences: Annotated[dict[str, PreferenceConfig], Field(min_length=1, max_length=MAX_PREFERENCES)]
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     """Training of a model.
 
@@ -142,6 +184,7 @@ class TrainingConfig:
         huber_delta: Where the loss of normalised scalars turns from square to linear.
         smooth_l1_beta: The same for normalised trajectories.
         heading_weight: Weight of the deviation of (sin, cos) from unit norm.
+        decision: Training for decisions, ``None`` for outcomes alone.
     """
 
     __pydantic_config__ = _NOTHING_ELSE
@@ -155,6 +198,7 @@ class TrainingConfig:
     huber_delta: Positive
     smooth_l1_beta: NotNegative
     heading_weight: NotNegative
+    decision: DecisionConfig | None = None
 
     def learning_rate_at(self, epoch: int) -> float:
         """Rate of the epoch ``e = 1, 2, ...``, with ``w`` epochs of warm-up and ``E`` at most.

@@ -34,6 +34,7 @@ from branchdrive_reference.learning.checkpoint import (
     write_checkpoint,
 )
 from branchdrive_reference.learning.configuration import Configuration, TrainingConfig
+from branchdrive_reference.learning.decision import DecisionLoss
 from branchdrive_reference.learning.execution import deterministic, open_device
 from branchdrive_reference.learning.groups import BranchGroupDataset
 from branchdrive_reference.learning.loss import loss_terms
@@ -191,10 +192,11 @@ def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], job:
     state = TrainingState(network, optimizer, {}, Curve())
     if state_path(job.path).exists():
         read_state(state_path(job.path), state, job.provenance, job.environment)
+    loss = _Loss.of(config, data["train"])
     while not _is_over(state.curve, config):
-        train_loss = _epoch(state, data["train"], config, seed=seed)
+        train_loss = _epoch(state, data["train"], config, loss, seed=seed)
         with torch.no_grad():
-            val_loss = float(_loss(network, data["val"], config))
+            val_loss = float(loss(network, data["val"]))
         if not (math.isfinite(train_loss) and math.isfinite(val_loss)):
             raise UsageError(
                 f"{job.provenance.model}, seed {seed}: the loss of epoch {state.epoch + 1} is not a number; "
@@ -218,7 +220,9 @@ def _is_over(curve: Curve, config: TrainingConfig) -> bool:
     return epoch >= config.max_epochs or epoch - curve.best_epoch >= config.patience
 
 
-def _epoch(state: TrainingState, data: Mapping[str, Tensor], config: TrainingConfig, *, seed: int) -> float:
+def _epoch(
+    state: TrainingState, data: Mapping[str, Tensor], config: TrainingConfig, loss: _Loss, *, seed: int
+) -> float:
     """One pass over the training groups; the mean loss of a group."""
     epoch, num_groups = state.epoch + 1, len(data["scalars"])
     learning_rate = config.learning_rate_at(epoch)
@@ -226,13 +230,26 @@ def _epoch(state: TrainingState, data: Mapping[str, Tensor], config: TrainingCon
     total = 0.0
     for rows in order.split(config.batch_groups):
         batch = {name: values if name in _SHARED else values[rows] for name, values in data.items()}
-        loss = _loss(state.network, batch, config)
-        state.optimizer.descend(loss, learning_rate)
-        total += float(loss.detach()) * len(rows)
+        found = loss(state.network, batch)
+        state.optimizer.descend(found, learning_rate)
+        total += float(found.detach()) * len(rows)
     return total / num_groups
 
 
-def _loss(network: nn.Module, batch: Mapping[str, Tensor], config: TrainingConfig) -> Tensor:
-    num_groups, num_candidates, _ = batch["scalars"].shape
-    outcome = network(batch, num_groups=num_groups, num_candidates=num_candidates)
-    return loss_terms(outcome, batch["scalars"], batch["mask"], batch["trajectory"], config).total
+class _Loss(NamedTuple):
+    """Loss of a network on a batch: of outcomes, and of decisions where the training has any."""
+
+    config: TrainingConfig
+    decision: DecisionLoss | None
+
+    @classmethod
+    def of(cls, config: TrainingConfig, train: Mapping[str, Tensor]) -> _Loss:
+        """The loss of a training on the groups of `train`."""
+        decision = None if config.decision is None else DecisionLoss(config.decision, train["scalars"], train["mask"])
+        return cls(config, decision)
+
+    def __call__(self, network: nn.Module, batch: Mapping[str, Tensor]) -> Tensor:
+        scalars, mask = batch["scalars"], batch["mask"]
+        outcome = network(batch, num_groups=scalars.shape[0], num_candidates=scalars.shape[1])
+        found = loss_terms(outcome, scalars, mask, batch["trajectory"], self.config).total
+        return found if self.decision is None else found + self.decision(outcome.scalars, scalars, mask)
