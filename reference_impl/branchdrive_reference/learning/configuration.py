@@ -30,6 +30,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from branchdrive.benchmark.protocol import DeclaredModel
@@ -137,18 +139,26 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class PreferenceConfig:
-    """What a decision weighs, as a profile of the protocol does."""
+    """What a decision weighs, as a profile of the protocol does.
+
+    Attributes:
+        separation: Weight of separation.
+        displacement: Weight of displacement.
+        comfort: Weight of comfort, split evenly over its three targets.
+        near_m: Range of separation that is scored, metres; ``None`` for that between its quantiles.
+    """
 
     __pydantic_config__ = _NOTHING_ELSE
 
     separation: Share
     displacement: Share
     comfort: Share
+    near_m: Positive | None = None
 
     @property
-    def profile(self) -> Profile:
-        """The same for utilities."""
-        return Profile(self.separation, self.displacement, self.comfort)
+    def weights(self) -> NDArray[np.float64]:
+        """Weights of the targets that utility weighs, ``[5]``."""
+        return Profile(self.separation, self.displacement, self.comfort).weights
 
 
 @dataclass(frozen=True)
@@ -268,4 +278,8 @@ _ADAPTER = TypeAdapter(Configuration)
 
 
 def _present(record: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in record.items() if value is not None}
+    return {
+        name: _present(value) if isinstance(value, dict) else value
+        for name, value in record.items()
+        if value is not None
+    }

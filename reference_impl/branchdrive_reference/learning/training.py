@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
+from branchdrive.model.normalisation import Scaling
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.checkpoint import (
@@ -141,7 +142,8 @@ def train_model(
             on_device = {
                 name: {key: values.to(place) for key, values in tensors.items()} for name, tensors in data.items()
             }
-            state = _fit(network.to(place), on_device, job)
+            loss = _Loss.of(configuration.training, on_device["train"], layer.scalings().scalars)
+            state = _fit(network.to(place), on_device, loss, job)
             weights, curve = state.best, state.curve
     write_checkpoint(
         path,
@@ -185,16 +187,15 @@ def _unseen(report: EpochReport) -> None:
     """Nobody watches."""
 
 
-def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], job: _Job) -> TrainingState:
+def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], loss: _Loss, job: _Job) -> TrainingState:
     """Train from the start, or from the state on disk, to the end."""
     config, seed = job.configuration.training, job.provenance.seed
     optimizer = AdamW(network.parameters(), weight_decay=config.weight_decay, fused=True)
     state = TrainingState(network, optimizer, {}, Curve())
     if state_path(job.path).exists():
         read_state(state_path(job.path), state, job.provenance, job.environment)
-    loss = _Loss.of(config, data["train"])
     while not _is_over(state.curve, config):
-        train_loss = _epoch(state, data["train"], config, loss, seed=seed)
+        train_loss = _epoch(state, data["train"], loss, seed=seed)
         with torch.no_grad():
             val_loss = float(loss(network, data["val"]))
         if not (math.isfinite(train_loss) and math.isfinite(val_loss)):
@@ -220,11 +221,9 @@ def _is_over(curve: Curve, config: TrainingConfig) -> bool:
     return epoch >= config.max_epochs or epoch - curve.best_epoch >= config.patience
 
 
-def _epoch(
-    state: TrainingState, data: Mapping[str, Tensor], config: TrainingConfig, loss: _Loss, *, seed: int
-) -> float:
+def _epoch(state: TrainingState, data: Mapping[str, Tensor], loss: _Loss, *, seed: int) -> float:
     """One pass over the training groups; the mean loss of a group."""
-    epoch, num_groups = state.epoch + 1, len(data["scalars"])
+    config, epoch, num_groups = loss.config, state.epoch + 1, len(data["scalars"])
     learning_rate = config.learning_rate_at(epoch)
     order = torch.from_numpy(stream(seed, BATCHES, epoch).permutation(num_groups)).to(data["scalars"].device)
     total = 0.0
@@ -243,10 +242,11 @@ class _Loss(NamedTuple):
     decision: DecisionLoss | None
 
     @classmethod
-    def of(cls, config: TrainingConfig, train: Mapping[str, Tensor]) -> _Loss:
-        """The loss of a training on the groups of `train`."""
-        decision = None if config.decision is None else DecisionLoss(config.decision, train["scalars"], train["mask"])
-        return cls(config, decision)
+    def of(cls, config: TrainingConfig, train: Mapping[str, Tensor], scaling: Scaling) -> _Loss:
+        """The loss of a training on the groups of `train`, whose targets are normalised by `scaling`."""
+        if config.decision is None:
+            return cls(config, None)
+        return cls(config, DecisionLoss(config.decision, train["scalars"], train["mask"], scaling))
 
     def __call__(self, network: nn.Module, batch: Mapping[str, Tensor]) -> Tensor:
         scalars, mask = batch["scalars"], batch["mask"]
