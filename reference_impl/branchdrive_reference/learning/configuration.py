@@ -15,7 +15,10 @@ M0        nothing              0           0
 M1        actions              202,424     0.202
 M2        histories            399,800     0.398
 M3        histories, actions   553,784     0.553
+M3r       histories, actions   553,784
 ========  ===================  ==========  =============
+
+M3r is M3, trained for decisions as well; it is no model of the paper.
 
 Source: paper IV-B (optimiser, schedule, loss, batch size, seeds); widths, learning rate and weight decay are this
 project's choice, widths so that the numbers of parameters are near the paper's.
@@ -68,6 +71,7 @@ Width = Annotated[int, Field(ge=1, le=MAX_WIDTH)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1000)]
 NotNegative = Annotated[float, Field(ge=0, le=1000)]
+Name = Annotated[str, Field(pattern=PATTERNS["model"])]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 _MAX_PLACE = 200
@@ -125,7 +129,7 @@ class ModelConfig:
 
     __pydantic_config__ = _NOTHING_ELSE
 
-    name: Annotated[str, Field(pattern=PATTERNS["model"])]
+    name: Name
     contract: Annotated[str, AfterValidator(lambda value: InputContract(value).value)]
     fusion_width: Width
     history: HistoryConfig | None = None
@@ -177,7 +181,7 @@ class DecisionConfig:
     contrast_weight: NotNegative
     regret_weight: NotNegative
     temperature: Annotated[float, Field(ge=1e-3, le=1000)]
-    preferences: Annotated[dict[str, PreferenceConfig], Field(min_length=1, max_length=MAX_PREFERENCES)]
+    preferences: Annotated[dict[Name, PreferenceConfig], Field(min_length=1, max_length=MAX_PREFERENCES)]
 
 
 @dataclass(frozen=True)

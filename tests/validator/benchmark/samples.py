@@ -22,11 +22,20 @@ from branchdrive.tables.frame import Frame
 SIZES = {"train": 24, "val": 20, "calibration": 96, "test": 20}
 BANK = load_action_bank()
 SEEDS = (11, 23, 37)
+PAPER_MODELS = ("M0", "M1", "M2", "M3")
+
+
+def paper_document() -> dict[str, Any]:
+    """The default protocol with the models of the paper alone, under a name of its own."""
+    document = default_protocol().document | {"name": "small", "version": "0.1.0"}
+    document["models"] = [model for model in document["models"] if model["id"] in PAPER_MODELS]
+    document["families"] = [family for family in document["families"] if family["name"] != "ranking_decision"]
+    return document
 
 
 def small_protocol(**changes: Any) -> BenchmarkProtocol:
-    """The default protocol with few resamples."""
-    document = default_protocol().document | {"name": "small"}
+    """The same with few resamples."""
+    document = paper_document()
     document["statistics"] = {"seed": 0, "resamples": 200, "level": 0.95, "flips": 500}
     document["shuffles"] = {"kinds": ["action", "history", "joint"], "seeds": [0, 1]}
     return BenchmarkProtocol.model_validate({**document, **changes})

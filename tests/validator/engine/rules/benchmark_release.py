@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from tests.content_cache import kept, remembered
-from tests.validator.benchmark.samples import noise, paths_of, risk_fit
+from tests.validator.benchmark.samples import noise, paper_document, paths_of, risk_fit
 from tests.validator.engine.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts
@@ -21,7 +21,7 @@ from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_documen
 from branchdrive.benchmark.metric.outcome import Predictions
 from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
 from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, read_protocol
+from branchdrive.benchmark.protocol import BenchmarkProtocol, read_protocol
 from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.benchmark.results import noise_of, results_document
 from branchdrive.benchmark.tables import render_tables
@@ -193,7 +193,7 @@ def _made() -> _Made:
 
 
 def _protocol() -> BenchmarkProtocol:
-    document = default_protocol().document | {"name": "small"}
+    document = paper_document()
     document["statistics"] = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
     document["shuffles"]["seeds"] = [0]
     return read_protocol(document)
