@@ -112,7 +112,7 @@ class Preset:
     scenario_types: tuple[str, ...] = ()
 
 
-_BENCHMARK_FAULTS = {
+_BENCHMARK_FAULTS: Mapping[str, float] = {
     Fault.PARTIAL: 0.008,
     Fault.QUARANTINED: 0.002,
     Fault.EARLY_BRANCH: 0.001,
