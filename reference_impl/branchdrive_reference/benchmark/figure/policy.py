@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
+from branchdrive_reference.drawing.palette import Rgb
 
 __all__ = ["colour_of", "draw_policy", "label_of"]
 
@@ -17,9 +18,9 @@ _NAMES = {"random": "Random", "nominal": "Nominal", "action_prior": "ActionPrior
 _NAMES |= {"oracle": "Oracle of the bank"}
 
 
-def colour_of(selector: str) -> str:
+def colour_of(selector: str) -> str | Rgb:
     """Colour of a selector's marks: learned ones, the oracle, and others."""
-    return HUES[1] if selector.startswith((LEARNED, ENSEMBLE)) else str(INK) if selector == "oracle" else HUES[0]
+    return HUES[1] if selector.startswith((LEARNED, ENSEMBLE)) else INK if selector == "oracle" else HUES[0]
 
 
 def draw_policy(results: Mapping[str, Any]) -> Figure | None:
