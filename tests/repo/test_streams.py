@@ -8,7 +8,7 @@ from collections import Counter
 
 from tests.repo.checkout import ROOT
 
-NAME = re.compile(r"(fidelity|leakage|metric|guard)(/[a-z-]+)+/?")
+NAME = re.compile(r"(fidelity|leakage|metric|guard|split)(/[a-z-]+)+/?")
 NOT_DRAWN_AGAIN = {"leakage/training"}
 """Seeds of recurrent tests, which no validator repeats."""
 

@@ -1,6 +1,6 @@
 """Documents of a benchmark at work: the one that waits in the working area, else the published one.
 
-The learned risk of the guard waits there too, until the ranking lock holds it.
+Learned risks of guards wait there too, until the ranking lock holds them.
 """
 
 from __future__ import annotations
@@ -8,9 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.guard.risk import Risks
+from branchdrive.benchmark.lock import further_risks_of
 from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, protocol_digest, read_protocol
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import PROTOCOL_FILE
@@ -24,15 +23,15 @@ from branchdrive_reference.learning.configuration import Configuration
 __all__ = [
     "RISK",
     "choose_protocol",
-    "keep_risk",
+    "keep_risks",
     "published_protocol",
     "read_protocol_file",
     "stored_document",
-    "waiting_risk",
+    "waiting_risks",
 ]
 
 RISK = "benchmark/risk.json"
-"""Where the risk waits until the ranking lock holds it; it is no file of the release."""
+"""Where risks wait until the ranking lock holds them; it is no file of the release."""
 
 
 def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> BenchmarkProtocol:
@@ -107,18 +106,23 @@ def stored_document(workspace: Workspace, path: str) -> Any | None:
     return workspace.release.parsed(path, content, "delete it and lock again")
 
 
-def keep_risk(workspace: Workspace, protocol: BenchmarkProtocol, risk: RiskFit) -> None:
-    """Let a risk that was fitted under this protocol wait."""
-    record = {"protocol_digest": protocol_digest(protocol), "risk_fit": risk.model_dump(mode="json")}
-    workspace.keep(RISK, dump_json(record))
+def keep_risks(workspace: Workspace, protocol: BenchmarkProtocol, risks: Risks) -> None:
+    """Let risks that were fitted under this protocol wait."""
+    fits = [
+        {"model": model, "tolerance_m": tolerance_m, "risk_fit": risk.model_dump(mode="json")}
+        for (model, tolerance_m), risk in risks.items()
+    ]
+    workspace.keep(RISK, dump_json({"protocol_digest": protocol_digest(protocol), "further_risk_fits": fits}))
 
 
-def waiting_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> RiskFit | None:
-    """The risk that waits for a ranking lock under this protocol; ``None`` if there is none."""
+def waiting_risks(workspace: Workspace, protocol: BenchmarkProtocol) -> Risks:
+    """The risks that wait for a ranking lock under this protocol; none where one that it declares is missing."""
     record = stored_document(workspace, RISK)
     if not isinstance(record, dict) or record.get("protocol_digest") != protocol_digest(protocol):
-        return None
+        return {}
     try:
-        return RiskFit.model_validate(record.get("risk_fit"))
-    except ValidationError:
-        return None  # it is fitted again
+        found = further_risks_of(record)
+    except (DatasetError, LookupError, TypeError, ValueError):
+        return {}  # they are fitted again
+    guard = protocol.guard
+    return found if {*found} == {(guard.model, guard.tolerance_m), *guard.further} else {}

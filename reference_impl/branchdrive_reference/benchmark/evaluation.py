@@ -17,9 +17,10 @@ from branchdrive.benchmark.checkpoint import num_parameters
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.description import describe, described_checkpoints
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
-from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import (
     changed_checkpoints,
+    further_risks_of,
     lock_digest,
     ranking_lock_document,
     risk_fit_of,
@@ -45,7 +46,7 @@ from branchdrive.contract.layout import (
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
 from branchdrive.tables.arrow import from_arrow
-from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risk
+from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risks
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
 from branchdrive_reference.benchmark.release import Release, baseline_contexts, benchmark_data, published_predictions
@@ -100,7 +101,7 @@ def evaluate_published(
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
     results = results_document(
         protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
-        description=_description(release, data, lock),
+        further_risks=further_risks_of(ranking_lock), description=_description(release, data, lock),
     )  # fmt: skip
     show(2, 4, "figures")
     rendered = render_files(release, protocol, results, with_figures=with_figures)
@@ -131,17 +132,19 @@ def evaluate_foreign(
     ledger: Any = release.document(BENCHMARK_LEDGER_FILE) or {"entries": []}
     lock, ranking_lock = release.document(LOCK_FILE), release.document(RANKING_LOCK_FILE)
     predictions, changed, risk, noise = found, tuple[str, ...](), None, None
+    further: Risks = {}
     unevaluated = _unevaluated(ledger, protocol, lock, ranking_lock)
     if unevaluated is None:
         predictions = published_predictions(release, protocol, data).joined(found)
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
+        further = further_risks_of(ranking_lock)
     published = () if lock is None or unevaluated is not None else unlocked_models(lock, predictions)
     unlocked = sorted({*found.models, *published})
     notes = _warnings(release, ledger, data, protocol, unlocked, changed)
     notes += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
     results = results_document(
         protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
-        description=_description(release, data, lock if unevaluated is None else None),
+        further_risks=further, description=_description(release, data, lock if unevaluated is None else None),
     )  # fmt: skip
     return Evaluation(results, render_files(release, protocol, results, with_figures=with_figures))
 
@@ -213,14 +216,21 @@ def _ranking_lock(
     published = workspace.release.document(RANKING_LOCK_FILE)
     if published is not None and published["prediction_lock_digest"] != lock:
         published = None
-    risk: RiskFit | None = waiting_risk(workspace, protocol) or risk_fit_of(published)
-    noise = _stored_noise(published) or noise_of(workspace.release, data, tolerance_m=protocol.guard.tolerance_m)
+    guard, first = protocol.guard, risk_fit_of(published)
+    risks: Risks = waiting_risks(workspace, protocol) or {
+        **({} if first is None else {(guard.model, guard.tolerance_m): first}),
+        **further_risks_of(published),
+    }
+    noise = _stored_noise(published) or noise_of(
+        workspace.release, data, tolerance_m=guard.tolerance_m, further_m=guard.tolerances_m[1:]
+    )
     return ranking_lock_document(
         prediction_lock_digest=lock,
         predictions_digest=predictions.digest(data),
         scale=utility_scale(protocol, data),
-        risk_fit=risk,
+        risk_fit=risks.get((guard.model, guard.tolerance_m)),
         noise=noise,
+        further_risks={guarded: risks[guarded] for guarded in guard.further if guarded in risks},
     )
 
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking_result import utility_scale
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
-from branchdrive_reference.benchmark.document import keep_risk
+from branchdrive_reference.benchmark.document import keep_risks
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.training import model_tasks
 from branchdrive_reference.benchmark.workspace import Workspace
@@ -30,7 +30,7 @@ FOLD_SEED = 0
 
 
 def fold_tasks(release: Release, protocol: BenchmarkProtocol) -> list[Task]:
-    """The guard's model with each of its seeds, without each fold of the training groups.
+    """The guarded models with each of their seeds, without each fold of the training groups.
 
     A fold holds whole route clusters out, so that no neighbour of a group trains the model that predicts it.
 
@@ -49,11 +49,11 @@ def fold_tasks(release: Release, protocol: BenchmarkProtocol) -> list[Task]:
         Fold(fold, tuple(group for group, home in zip(groups, number.tolist(), strict=True) if home == fold))
         for fold in range(NUM_FOLDS)
     ]
-    return [task._replace(fold=fold) for fold in folds for task in model_tasks(protocol, [protocol.guard.model])]
+    return [task._replace(fold=fold) for fold in folds for task in model_tasks(protocol, protocol.guard.models)]
 
 
-def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: BenchmarkData, *, device: str) -> RiskFit:
-    """Fit the risk on predictions of the trained folds, and let it wait for the ranking lock.
+def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: BenchmarkData, *, device: str) -> Risks:
+    """Fit the risks on predictions of the trained folds, and let them wait for the ranking lock.
 
     Raises:
         PlatformError: The extra is not installed.
@@ -65,22 +65,27 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
         from branchdrive_reference.guard.fit import fit_risk
         from branchdrive_reference.guard.program import ProgramError
     release, guard = workspace.release, protocol.guard
-    scalars = _out_of_fold(release, workspace.folds, fold_tasks(release, protocol), device=device)
+    tasks, scale = fold_tasks(release, protocol), utility_scale(protocol, data)
+    found: dict[tuple[str, float], RiskFit] = {}
     try:
-        found = fit_risk(
-            scalars,
-            data.part(protocol.partitions.fit).targets,
-            nominal=data.nominal,
-            scale=utility_scale(protocol, data),
-            profiles=protocol.preferences,
-            tolerance_m=guard.tolerance_m,
-            alpha=guard.alpha,
-        )
+        for model in guard.models:
+            own = [task for task in tasks if task.configuration.model.name == model]
+            scalars = _out_of_fold(release, workspace.folds, own, device=device)
+            for tolerance_m in guard.tolerances_m:
+                found[model, tolerance_m] = fit_risk(
+                    scalars,
+                    data.part(protocol.partitions.fit).targets,
+                    nominal=data.nominal,
+                    scale=scale,
+                    profiles=protocol.preferences,
+                    tolerance_m=tolerance_m,
+                    alpha=guard.alpha,
+                )
     except UsageError as error:
         raise UsageError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
     except ProgramError as error:
         raise ProgramError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
-    keep_risk(workspace, protocol, found)
+    keep_risks(workspace, protocol, found)
     return found
 
 

@@ -8,6 +8,8 @@ Source: this project's choice, see `branchdrive.benchmark.guard.outcome_noise`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from branchdrive.benchmark.data import BenchmarkData
@@ -26,7 +28,9 @@ __all__ = ["noise_of"]
 _TABLES = ("rollouts", "observations", "evidence")
 
 
-def noise_of(release: Release, data: BenchmarkData, *, tolerance_m: float) -> OutcomeNoise | None:
+def noise_of(
+    release: Release, data: BenchmarkData, *, tolerance_m: float, further_m: Sequence[float] = ()
+) -> OutcomeNoise | None:
     """Noise from nominal replays of training groups; ``None`` where there are none to read.
 
     A group without a replay of its own takes no part, whatever others have.
@@ -35,6 +39,7 @@ def noise_of(release: Release, data: BenchmarkData, *, tolerance_m: float) -> Ou
         release: With its raw layer.
         data: Its model layer.
         tolerance_m: Of a violation of the guard, metres.
+        further_m: Further tolerances.
 
     Raises:
         DatasetError: A file cannot be read.
@@ -63,6 +68,7 @@ def noise_of(release: Release, data: BenchmarkData, *, tolerance_m: float) -> Ou
         Targets(np.concatenate(values), np.concatenate(available)),
         np.array(group_of, np.intp),
         tolerance_m=tolerance_m,
+        further_m=further_m,
     )
 
 

@@ -18,7 +18,7 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
-from branchdrive_reference.benchmark.document import waiting_risk
+from branchdrive_reference.benchmark.document import waiting_risks
 from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, lock_facts
 from branchdrive_reference.benchmark.prediction import predict_all
@@ -84,7 +84,7 @@ def train_step(
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
     models_s, begin, folds = time.monotonic() - begin, time.monotonic(), []
-    is_wanted = with_guard and (models is None or protocol.guard.model in models)
+    is_wanted = with_guard and (models is None or set(protocol.guard.models) <= set(models))
     if is_wanted and not _has_risk(workspace, protocol):
         folds = fold_tasks(release, protocol)
         num_anew += drop_stale(workspace.folds, folds)
@@ -97,7 +97,7 @@ def train_step(
 
 def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
     """Whether a risk waits, or the published one is of this protocol and of the checkpoints that are there."""
-    if waiting_risk(workspace, protocol) is not None:
+    if waiting_risks(workspace, protocol):
         return True
     lock, published = (workspace.release.document(path) for path in (LOCK_FILE, RANKING_LOCK_FILE))
     if lock is None or published is None or published["risk_fit"] is None:

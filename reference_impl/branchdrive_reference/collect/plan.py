@@ -157,10 +157,10 @@ PRESETS: Mapping[str, Preset] = {
         faults=_BENCHMARK_FAULTS,
     ),
     "context": Preset(
-        num_groups=1_000,
+        num_groups=1_800,
         replay_noise=1.0,
         faults=_BENCHMARK_FAULTS,
-        branches={BranchKind.EARLY: 0.1, BranchKind.QUIET: 0.3},
+        branches={BranchKind.EARLY: 0.1, BranchKind.QUIET: 0.6},
         scenario_types=CONSEQUENTIAL,
     ),
     "paper": Preset(

@@ -14,6 +14,7 @@ from tests.validator.benchmark.samples import data, noise, prediction_set, risk_
 
 from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
 from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.table.redraw import guard_documents
 from branchdrive.benchmark.warning import CALIBRATION_READ
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive_reference.benchmark.text import render_results
@@ -39,7 +40,7 @@ def test_a_refused_guard_promises_nothing(results: Any) -> None:
 
 def test_a_judged_guard_promises_word_for_word_and_says_what_takes_from_it(results: Any) -> None:
     judged = copy.deepcopy(results)
-    for profile in judged["guard"]["profiles"]:
+    for profile in (profile for guard in guard_documents(judged) for profile in guard["profiles"]):
         for method in ("conformal", "learn_then_test"):
             profile[method]["refusal"] = None
     judged["guard"]["guarantee"] |= {"conformal": GUARANTEE, "learn_then_test": LEARN_THEN_TEST}

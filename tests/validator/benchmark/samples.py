@@ -23,13 +23,18 @@ from branchdrive.tables.frame import Frame
 SIZES = {"train": 24, "val": 20, "calibration": 96, "test": 20}
 BANK = load_action_bank()
 SEEDS = (11, 23, 37)
+PAPER_MODELS = ("M0", "M1", "M2", "M3")
+GUARD = ("model", "alpha", "delta", "tolerance_m", "min_groups", "min_clusters", "coverage")
+"""What a protocol must say of its guard."""
 
 
 def paper_protocol() -> dict[str, Any]:
-    """The default protocol without what it ranks beside the selectors of the paper."""
+    """The default protocol with the models of the paper alone, without what it ranks beside their selectors."""
     document = {name: value for name, value in default_protocol().document.items() if name != "selection"}
-    families = [family for family in document["families"] if family["name"] != "ranking_baselines"]
-    return document | {"name": "small", "version": "0.1.0", "families": families}
+    models = [model for model in document["models"] if model["id"] in PAPER_MODELS]
+    added = ("ranking_baselines", "ranking_decision")
+    families = [family for family in document["families"] if family["name"] not in added]
+    return document | {"name": "small", "version": "0.1.0", "models": models, "families": families}
 
 
 def whole_protocol() -> BenchmarkProtocol:
@@ -65,6 +70,7 @@ def small_protocol(**changes: Any) -> BenchmarkProtocol:
     document = paper_protocol()
     document["statistics"] = {"seed": 0, "resamples": 200, "level": 0.95, "flips": 500}
     document["shuffles"] = {"kinds": ["action", "history", "joint"], "seeds": [0, 1]}
+    document["guard"] = {name: document["guard"][name] for name in GUARD}
     return BenchmarkProtocol.model_validate({**document, **changes})
 
 
@@ -139,6 +145,23 @@ def prediction_set() -> PredictionSet:
                 parts = by_model.setdefault(model, {}).setdefault(seed, {})
                 parts[partition] = Predictions.of(known + off, paths_of(known + off))
     return PredictionSet(by_model)
+
+
+FURTHER = {"further_tolerances_m": [0.5], "further_models": ["M1"], "redraws": 1000}
+"""What a protocol may say of its guard."""
+
+
+def guarded_protocol() -> BenchmarkProtocol:
+    """The small protocol with everything that it may declare of its guard."""
+    return small_protocol(guard=small_protocol().document["guard"] | FURTHER)
+
+
+def further_risks() -> dict[tuple[str, float], RiskFit]:
+    """Risks of the further guards."""
+    return {
+        guarded: risk_fit().model_copy(update={"tolerance_m": guarded[1]})
+        for guarded in guarded_protocol().guard.further
+    }
 
 
 def risk_fit() -> RiskFit:

@@ -6,12 +6,14 @@ from typing import Any
 
 import pytest
 from tests.mismatch import pointers
-from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
+from tests.validator.benchmark.samples import data, further_risks, noise, prediction_set, risk_fit, small_protocol
 
+from branchdrive.benchmark.guard.outcome_noise import RepeatLosses
 from branchdrive.benchmark.lock import (
     LockedCheckpoint,
     LockFacts,
     checkpoint_mismatches,
+    further_risks_of,
     lock_digest,
     lock_document,
     lock_mismatches,
@@ -21,6 +23,7 @@ from branchdrive.benchmark.lock import (
 )
 from branchdrive.benchmark.protocol import protocol_digest
 from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.results import noise_of
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.errors import DatasetError
 
@@ -107,6 +110,29 @@ def test_learned_risk_comes_back_and_a_wrong_sign_is_refused() -> None:
         risk_fit_of(document)
     assert risk_fit_of(None) is None
     assert risk_fit_of({"risk_fit": None}) is None
+
+
+def test_risks_of_further_guards_come_back_each_once() -> None:
+    risks = further_risks()
+    document = ranking_lock_document(
+        prediction_lock_digest="1" * 64,
+        predictions_digest="2" * 64,
+        scale=utility_scale(PROTOCOL, data()),
+        risk_fit=risk_fit(),
+        noise=noise()._replace(further_losses={0.5: RepeatLosses(24, 1, 48, 1)}),
+        further_risks=risks,
+    )
+    assert schema_mismatches(document, "lock.schema.json") == []
+    stored = parse_json(dump_json(document))
+    assert further_risks_of(stored) == risks
+    assert noise_of(stored["outcome_noise"]).further_losses == {0.5: RepeatLosses(24, 1, 48, 1)}
+    assert further_risks_of(ranking_lock()) == further_risks_of(None) == {}
+    stored["further_risk_fits"][1]["risk_fit"]["logistic"][0] = 1.0
+    with pytest.raises(DatasetError, match=r"^/further_risk_fits/1/risk_fit: .*risk would rise with separation"):
+        further_risks_of(stored)
+    stored["further_risk_fits"] = [stored["further_risk_fits"][0]] * 2
+    with pytest.raises(DatasetError, match=r"/further_risk_fits/1: another risk of M3 at 0\.5 m"):
+        further_risks_of(stored)
 
 
 @pytest.mark.parametrize(("tolerance", "conforms"), [(0.0, True), (-0.0, True), (None, True), (-1e-9, False)])

@@ -19,6 +19,7 @@ from branchdrive.benchmark.protocol import (
     MAX_DRAWS,
     MAX_MEMBERS,
     MAX_OWNERS,
+    MAX_REDRAWS,
     MAX_SHUFFLED,
     default_protocol,
     protocol_digest,
@@ -51,6 +52,12 @@ def large_family(size: int) -> dict[str, Any]:
     return family("large", *((f"A{i}", "B") for i in range(size)))
 
 
+def of_four_models(name: str) -> dict[str, Any]:
+    found = document() | {"name": name}
+    del found["selection"]
+    return found | {"models": found["models"][:4]}
+
+
 def more_seeds(found: dict[str, Any]) -> dict[str, Any]:
     """A fifth model, of one seed."""
     return {**found["models"][0], "id": "M9", "seeds": [0], "configuration": {}}
@@ -78,7 +85,7 @@ def test_families_have_the_sizes_of_the_paper() -> None:
     sizes = {family.name: len(family.members) for family in default_protocol().families}
     assert sizes == {
         "structured": 4, "full": 9, "ranking_structured": 8, "ranking_full": 24, "ranking_near_range": 2,
-        "ranking_baselines": 16,
+        "ranking_baselines": 16, "ranking_decision": 16,
     }  # fmt: skip
 
 
@@ -110,9 +117,9 @@ def test_a_near_range_is_a_length(near_m: object) -> None:
 
 def test_members_of_families_have_names() -> None:
     names = [family.family.members[0] for family in default_protocol().families]
-    assert names[:2] == ["M3-M1.macro_nmae"] * 2
-    assert names[2:4] == ["O-M3-action_prior.value.balanced"] * 2
-    assert names[4:] == ["O-M3-action_prior.value.near_range", "O-M3-type_prior.value.balanced"]
+    ranked = [f"{left}.value.balanced" for left in ("O-M3-action_prior", "O-M3r-action_prior", "O-M3-action_prior")]
+    further = ["O-M3-action_prior.value.near_range", "O-M3-type_prior.value.balanced"]
+    assert names == ["M3-M1.macro_nmae", "M3-M1.macro_nmae", *ranked, *further]
 
 
 @each(
@@ -124,6 +131,9 @@ def test_members_of_families_have_names() -> None:
         (lambda d: d["profiles"].append(d["profiles"][0]), "profiles share a name"),
         (lambda d: d["profiles"].pop(1), "families name the profiles"),
         (lambda d: d["guard"].update(model="M9"), "the guard's model 'M9' is not declared"),
+        (lambda d: d["guard"].update(further_models=["M1", "M9"]), "the guard's model 'M9' is not declared"),
+        (lambda d: d["guard"].update(further_models=["M3"]), "guarded models share a name: 'M3'"),
+        (lambda d: d["guard"].update(further_tolerances_m=[1.0]), "/guard/further_tolerances_m"),
         (lambda d: d["guard"].update(alpha=0.2), "/guard/alpha"),
         (lambda d: d["families"][0]["members"][0].update(metric="rmse.min_ttc_s"), "/families/0"),
         (lambda d: d["partitions"].update(report="val"), "/partitions/report"),
@@ -141,9 +151,9 @@ def test_members_of_families_have_names() -> None:
             lambda d: d["families"].extend([family("one", ("A-B", "C")), family("other", ("A", "B-C"))]),
             "different members of families share a name",
         ),
-        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 62)), "have 257 members together; the limit is 256"),
+        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 78)), "have 257 members together; the limit is 256"),
         (
-            lambda d: [one.update(seeds=list(range(64))) for one in d["models"]] and d["models"].append(more_seeds(d)),
+            lambda d: d.update(models=[*(one | {"seeds": [*range(64)]} for one in d["models"][:4]), more_seeds(d)]),
             "models have 257 seeds together; the limit is 256",
         ),
         (lambda d: d["statistics"].update(flips=20001), "/statistics/flips"),
@@ -171,8 +181,8 @@ def test_contradictions_are_refused(change: Any, words: str) -> None:
 
 
 def test_bounds_are_reached_but_not_passed() -> None:
-    large = document() | {"name": "large"}
-    large["families"].append(large_family(MAX_MEMBERS - 63))
+    large = of_four_models("large")
+    large["families"].append(large_family(MAX_MEMBERS - 79))
     for one in large["models"]:
         one["seeds"] = list(range(64))
     large["statistics"] |= {"flips": 20000, "resamples": 2000}
@@ -197,8 +207,7 @@ def test_draws_of_a_protocol_are_bounded(
     resamples: int, seeds: int, profiles: int, shuffles: int, words: str | None
 ) -> None:
     """Within its schema alone, a protocol could ask for hours and gigabytes."""
-    large = document() | {"name": "large"}
-    del large["selection"]
+    large = of_four_models("large")
     for one in large["models"]:
         one["seeds"] = list(range(seeds))
     large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(profiles - 5)]
@@ -207,12 +216,29 @@ def test_draws_of_a_protocol_are_bounded(
     assert problem == words if words is None else words in str(problem)
 
 
+def test_redraws_of_guards_are_bounded() -> None:
+    large = of_four_models("large")
+    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(59)]
+    assert protocol_problem(large) is None
+    large["guard"]["further_models"] = ["M1"]
+    assert "guards have 256000 redraws together; the limit is 131072" in str(protocol_problem(large))
+    del large["guard"]["redraws"]
+    assert protocol_problem(large) is None
+
+
+def test_every_guarded_model_is_judged_at_every_tolerance() -> None:
+    guard = document()["guard"] | {"further_models": ["M1", "M2"]}
+    found = read_protocol(document() | {"name": "other", "guard": guard}).guard
+    assert found.further == (("M3", 0.5), ("M1", 0.25), ("M1", 0.5), ("M2", 0.25), ("M2", 0.5))
+    assert default_protocol().guard.further == (("M3", 0.5),)
+
+
 def test_models_that_predict_are_bounded_as_those_that_are_declared() -> None:
     found = default_protocol()
     assert found.draws_problem(4, 262) is None
     assert "263 pairs" in str(found.draws_problem(4, 263))
-    assert found.draws_problem(23, 58) is None
-    assert "54 models have under all profiles" in str(found.draws_problem(24, 60))  # 6 are baselines, 24 ensembles
+    assert found.draws_problem(23, 46) is None
+    assert "54 models have under all profiles" in str(found.draws_problem(24, 48))  # 6 are baselines, 24 ensembles
 
 
 def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -> None:
@@ -233,6 +259,7 @@ def test_bounds_are_those_of_the_specification() -> None:
     assert f"MUST NOT be more than {MAX_OWNERS} pairs of a model and a seed" in chapter
     assert f"MUST each be at most {MAX_DRAWS}, and" in chapter
     assert f"seeds of shuffles at most {MAX_SHUFFLED}, for" in chapter
+    assert f"`redraws` MUST be at most {MAX_REDRAWS}." in chapter
     assert f"at most {MAX_MEMBERS} members together" in chapter
     assert f"at most {MAX_OWNERS} seeds together" in chapter
     assert f"at most {MAX_MEMBERS} members together" in load_resource("protocol.schema.json")["description"]

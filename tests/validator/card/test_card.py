@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from tests.each import each
+from tests.validator.contract.layer_documents import EXAMPLES
 from tests.validator.quality.release import (
     DIGEST,
     ONES,
@@ -29,6 +30,7 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.quality.fidelity import with_passes
 from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import PARTITIONS
+from branchdrive.quality.text import filtering_sentences
 from branchdrive.quality.variants import declared_variants, variants_document
 
 DISPOSITIONS = next(c.values for c in LAYER_TABLES["attempts"].columns if c.name == "disposition")
@@ -93,6 +95,16 @@ def test_a_calibration_partition_has_its_column() -> None:
     assert "The largest loss" not in text
 
 
+def test_the_card_says_whether_calibration_was_a_uniform_draw() -> None:
+    parts = [reaching(name, 6, 3, name) for name in ("train", "val", "test", "calibration")]
+    found = documents(groups := numbered(concat(parts)), with_passes(pairs_of(groups), ONES))
+    assumed = "drawn by `clustered-1`: that its clusters and those of test are exchangeable is assumed."
+    assert assumed in card(found)
+    divided = card(found._replace(split={**found.split, "algorithm": "clustered-2"}))
+    assert "are exchangeable by construction" in divided
+    assert assumed not in divided
+
+
 def test_every_disposition_is_counted_and_explained(release: Release) -> None:
     text = card(release)
     for name in DISPOSITIONS:
@@ -119,6 +131,15 @@ def test_thresholds_are_listed_and_an_unjudged_one_says_so(release: Release) -> 
     variables = [{**v, "value": None} if v["name"] == "vehicle_gap_m" else v for v in release.thresholds["variables"]]
     unbounded = release._replace(thresholds={**release.thresholds, "variables": variables})
     assert row(card(unbounded), "`vehicle_gap_m`") == ["extended", "any finite value"]
+
+
+def test_thresholds_that_filter_nothing_are_named_where_that_is_known(release: Release) -> None:
+    described = make_descriptor().model_copy(update={"layers": ("raw", *LAYERS)})
+    filtering = EXAMPLES["filtering"]
+    text = render_card(described, SOURCE, *release, filtering=filtering)
+    assert all(sentence in text for sentence in filtering_sentences(filtering))
+    assert row(text, "`matched_vehicle_gap_m`") == ["0.25", "0.5", "50.00%", "100.00%", "12", "-", "decides nothing"]
+    assert "filters nothing" not in card(release)
 
 
 def test_a_retention_without_units_is_no_pass(release: Release) -> None:

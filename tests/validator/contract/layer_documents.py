@@ -9,6 +9,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.driving.discrepancy import CORE
 from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.quality.replay_frames import MATCHED
 from branchdrive.quality.threshold import VARIABLES
 
 __all__ = ["EXAMPLES"]
@@ -63,6 +64,32 @@ def _thresholds() -> dict[str, Any]:
                 "value": None if variable.name == "pedestrian_gap_m" else 0.25,
             }
             for variable in VARIABLES
+        ],
+    }
+
+
+def _filtering() -> dict[str, Any]:
+    names = [variable.name for variable in VARIABLES]
+    return {
+        "split_digest": SHA,
+        "num_groups": 442,
+        "num_pairs": 7608,
+        "variables": [
+            {
+                "name": name,
+                "unit": LAYER_TABLES["pairs"][name.removeprefix("matched_")].unit,
+                "decides": name in names,
+                "threshold": 0.25,
+                "mean_share_above": 0.5,
+                "share_above": 1.0,
+                "variation": 0.5,
+                "over_variation": 0.5,
+                "num_failing": 12,
+                "num_failing_alone": 0 if name in names else None,
+                "filters": False if name in names else None,
+                "num_unmatched": None if name in names else 3,
+            }
+            for name in (*names, *MATCHED)
         ],
     }
 
@@ -210,6 +237,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "split": _split(),
     "thresholds": _thresholds(),
     "retention": _retention(),
+    "filtering": _filtering(),
     "population": _population(),
     "variants": _variants(),
     "ledger": _ledger(),

@@ -127,7 +127,8 @@ def test_number_that_is_none_is_refused_by_the_parser(stem: str) -> None:
 def test_null_is_refused_where_a_value_is_always_known(stem: str) -> None:
     nullable = {
         "calibration", "unit", "value", "share", "low", "high", "met", "groups", "trajectories", "encoding", "frame",
-        "limit",
+        "limit", "threshold", "mean_share_above", "share_above", "variation", "over_variation", "num_failing_alone",
+        "num_unmatched", "filters",
     }  # fmt: skip
     for path, _ in nodes(EXAMPLES[stem]):
         if not path or path[-1] in nullable or (path[0], path[-1]) in (("scalars", "offset"), ("scalars", "scale")):

@@ -130,8 +130,12 @@ class ChangedRelease:
     """
 
     def __init__(self) -> None:
+        draft = BenchmarkDraft()
+        draft.add_filtering()
+        draft.reseal("card")
+        draft.follow("lock")
         with tempfile.TemporaryDirectory() as folder:
-            view = release_view(BenchmarkDraft().write(Path(folder) / "dataset"))
+            view = release_view(draft.write(Path(folder) / "dataset"))
         self.view = WatchedView(view)
         self.documents = dict(view.documents)
         self.reads: dict[str, set[str]] = {}

@@ -14,7 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.statistics.split import CALIBRATION, SHARES, Calibration, assign_split, split_digest
+from branchdrive.statistics.split import (
+    CALIBRATION,
+    DIVIDED,
+    SHARES,
+    STRATIFIED,
+    Calibration,
+    assign_split,
+    split_digest,
+)
+from branchdrive.statistics.stream import orders, words
 
 
 class Groups(NamedTuple):
@@ -100,11 +109,11 @@ def test_no_cluster_lies_in_two_partitions_and_shares_stay_in_their_bounds(
         assert -4 / 3 * max(sizes) - 1e-9 <= excess <= 2 / 3 * max(sizes) + 1e-9
 
 
-@given(SIZES, st.integers(0, 1000), st.booleans())
-def test_order_labels_and_type_names_decide_nothing(sizes: list[int], seed: int, calibrated: bool) -> None:
-    these = groups([*sizes, 1, 1], seed=seed)
-    calibration = Calibration(2, 1) if calibrated and len(sizes) > 4 else None
-    expected = assign_split(*these, seed=7, calibration=calibration)
+@given(SIZES, st.integers(0, 1000), st.sampled_from([None, STRATIFIED, DIVIDED]))
+def test_order_labels_and_type_names_decide_nothing(sizes: list[int], seed: int, calibrated: str | None) -> None:
+    these = groups([*(min(size, 2) for size in sizes), *[1] * 9] if calibrated else sizes, seed=seed)
+    calibration, algorithm = (Calibration(2, 1) if calibrated else None), calibrated or STRATIFIED
+    expected = assign_split(*these, seed=7, calibration=calibration, algorithm=algorithm)
     rows = list(zip(*these, strict=True))
     random.Random(seed).shuffle(rows)
     ids, clusters, types = zip(*rows, strict=True)
@@ -112,7 +121,7 @@ def test_order_labels_and_type_names_decide_nothing(sizes: list[int], seed: int,
         [("cluster", -int(str(cluster))) for cluster in clusters],
         [f"type {9 - int(str(kind))}" for kind in types],
     )
-    found = assign_split(ids, *renamed, seed=7, calibration=calibration)
+    found = assign_split(ids, *renamed, seed=7, calibration=calibration, algorithm=algorithm)
     assert found == expected
     assert list(found) == sorted(found)
 
@@ -186,7 +195,7 @@ def test_a_calibration_partition_holds_at_least_what_it_must(
     calibration = Calibration(min_groups, min_clusters)
     if min_groups > len(these.ids) // 2:
         return
-    assignment = assign_split(*these, seed=seed, calibration=calibration)
+    assignment = assign_split(*these, seed=seed, calibration=calibration, algorithm=STRATIFIED)
     assert sorted(assignment) == sorted(these.ids)
     assert is_disjoint(these, assignment)
     assert sizes_of(assignment)[CALIBRATION] >= max(1, min_groups)
@@ -198,7 +207,7 @@ def test_a_calibration_partition_holds_at_least_what_it_must(
 @pytest.mark.parametrize("least", [Calibration(96, 1), Calibration(1, 48)])
 def test_calibration_is_stratified_and_the_rest_keeps_its_shares(least: Calibration) -> None:
     these = groups([1 + row % 4 for row in range(300)], num_types=5, seed=2)
-    assignment = assign_split(*these, seed=4, calibration=least)
+    assignment = assign_split(*these, seed=4, calibration=least, algorithm=STRATIFIED)
     found = sizes_of(assignment)
     assert 96 <= found[CALIBRATION] <= 140
     rest = len(these.ids) - found[CALIBRATION]
@@ -239,3 +248,65 @@ def test_inputs_must_match() -> None:
         assign_split(["a", "b"], [0], [0, 0], seed=0)
     with pytest.raises(ValueError, match="3 scenario types do not match 2 groups"):
         assign_split(["a", "b"], [0, 1], [0, 0, 0], seed=0)
+
+
+MIXED = groups([1 + row % 4 for row in range(160)], num_types=5, seed=2)
+CLUSTER_OF = dict(zip(MIXED.ids, MIXED.clusters, strict=True))
+
+
+def clusters_in(assignment: dict[str, str], *names: str) -> set[Hashable]:
+    return {CLUSTER_OF[group_id] for group_id, name in assignment.items() if name in names}
+
+
+LEAST = Calibration(88, 48)
+
+
+def divided(seed: int, least: Calibration = LEAST) -> dict[str, str]:
+    return assign_split(*MIXED, seed=seed, calibration=least)
+
+
+def test_calibration_and_test_are_a_permutation_of_one_pool() -> None:
+    """The clusters of the pool by their first group, in the order of one row of words: the first calibrate."""
+    assignment = divided(4)
+    first = {cluster: min(g for g in MIXED.ids if CLUSTER_OF[g] == cluster) for cluster in set(MIXED.clusters)}
+    pool = sorted(clusters_in(assignment, CALIBRATION, "test"), key=first.__getitem__)
+    order = orders(words(4, "split/calibration", 1, len(pool)))[0].tolist()
+    drawn = clusters_in(assignment, CALIBRATION)
+    assert {pool[place] for place in order[: len(drawn)]} == drawn
+    assert is_disjoint(MIXED, assignment)
+
+
+def test_a_calibration_cluster_is_one_of_the_pool_like_any_other() -> None:
+    """Over seeds large and small clusters of the pool calibrate equally often; strata and sizes decide nothing."""
+    share: dict[int, list[float]] = defaultdict(list)
+    size_of = Counter(CLUSTER_OF.values())
+    for seed in range(40):
+        assignment = divided(seed)
+        drawn = clusters_in(assignment, CALIBRATION)
+        pool = clusters_in(assignment, CALIBRATION, "test")
+        for cluster in pool:
+            share[size_of[cluster]].append((cluster in drawn) - len(drawn) / len(pool))
+    for found in share.values():
+        assert abs(sum(found) / len(found)) < 4 * 0.5 / len(found) ** 0.5
+
+
+def test_a_divided_pool_holds_what_was_asked_and_the_rest_keeps_its_shares() -> None:
+    assignment = divided(7)
+    found = sizes_of(assignment)
+    assert found[CALIBRATION] >= 88
+    assert len(clusters_in(assignment, CALIBRATION)) >= 48
+    rest = len(MIXED.ids) - found[CALIBRATION]
+    for name, share in SHARES.items():
+        assert found[name] / rest == pytest.approx(share / 100, abs=0.06)
+
+
+def test_how_many_clusters_calibrate_does_not_hang_on_the_draw() -> None:
+    for least in (Calibration(88, 1), Calibration(1, 48)):
+        sizes = {seed: len(clusters_in(divided(seed, least), CALIBRATION)) for seed in range(5)}
+        assert all(abs(size - sizes[0]) <= 3 for size in sizes.values())  # pools differ, their divisions do not
+    singles = groups([1] * 200)
+    assert sizes_of(assign_split(*singles, seed=3, calibration=Calibration(88, 48)))[CALIBRATION] == 88
+
+
+def test_without_calibration_the_algorithms_are_the_same() -> None:
+    assert assign_split(*MIXED, seed=3, algorithm=STRATIFIED) == assign_split(*MIXED, seed=3, algorithm=DIVIDED)

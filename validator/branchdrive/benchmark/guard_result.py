@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.assessment import Assessment, GuardData, Limits, assess
-from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST, Calibration
+from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, LEARN_THEN_TEST, Calibration, guarantee
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, selected_differences
 from branchdrive.benchmark.guard.path import MarginReport
-from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.guard.redraw import Redraws
+from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking_result import action_prior
 from branchdrive.driving.utility import Scale
 from branchdrive.statistics.rounding import number, numbers
 
-__all__ = ["guard_results"]
+__all__ = ["further_guard_results", "guard_results"]
 
 
 def guard_results(
@@ -35,20 +36,49 @@ def guard_results(
     noise: OutcomeNoise | None,
 ) -> dict[str, Any]:
     """The section ``guard``: empty of profiles, with the reason, where something that it needs is missing."""
-    reason = _reason(protocol, data, predictions, risk_fit)
+    guard = protocol.guard
+    return _section(protocol, data, predictions, scale, risk_fit, noise, (guard.model, guard.tolerance_m))
+
+
+def further_guard_results(
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    predictions: PredictionSet,
+    scale: Scale,
+    risks: Risks,
+    noise: OutcomeNoise | None,
+) -> list[dict[str, Any]]:
+    """Sections of the same form for the other guarded models and tolerances, in the order of `Guard.further`."""
+    return [
+        _section(protocol, data, predictions, scale, risks.get(guarded), noise, guarded)
+        for guarded in protocol.guard.further
+    ]
+
+
+def _section(
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    predictions: PredictionSet,
+    scale: Scale,
+    risk_fit: RiskFit | None,
+    noise: OutcomeNoise | None,
+    guarded: tuple[str, float],
+) -> dict[str, Any]:
+    model, tolerance_m = guarded
+    reason = _reason(protocol, data, predictions, risk_fit, model)
     profiles: list[dict[str, Any]] = []
     if reason is None and risk_fit is not None:
         try:
             for name in protocol.preferences:
-                profiles.append(_profile(protocol, data, predictions, scale, risk_fit, noise, name))  # noqa: PERF401
+                profiles.append(_profile(protocol, data, predictions, scale, risk_fit, noise, guarded, name))  # noqa: PERF401
         except ValueError as error:
             reason, profiles = str(error), []
     return {
-        "model": protocol.guard.model,
-        "tolerance_m": protocol.guard.tolerance_m,
+        "model": model,
+        "tolerance_m": tolerance_m,
         "reason": reason,
         "guarantee": {
-            "conformal": _claimed(GUARANTEE, "conformal", profiles),
+            "conformal": _claimed(guarantee(tolerance_m), "conformal", profiles),
             "learn_then_test": _claimed(LEARN_THEN_TEST, "learn_then_test", profiles),
             "global_margin": GLOBAL_MARGIN if profiles else None,
         },
@@ -62,15 +92,15 @@ def _claimed(text: str, method: str, profiles: Sequence[Mapping[str, Any]]) -> s
 
 
 def _reason(
-    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, risk_fit: RiskFit | None
+    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, risk_fit: RiskFit | None, model: str
 ) -> str | None:
     if risk_fit is None:
         return "No risk was fitted."
     for partition in protocol.predicted:
         if partition not in data.parts:
             return f"The release has no partition {partition!r}."
-        if not predictions.covers(protocol.guard.model, partition):
-            return f"{protocol.guard.model} does not predict the partition {partition!r}."
+        if not predictions.covers(model, partition):
+            return f"{model} does not predict the partition {partition!r}."
     lacking = [name for name in protocol.preferences if name not in risk_fit.grids]
     return f"The fitted risk has no multipliers for the profile {lacking[0]!r}." if lacking else None
 
@@ -82,13 +112,15 @@ def _profile(
     scale: Scale,
     risk_fit: RiskFit,
     noise: OutcomeNoise | None,
+    guarded: tuple[str, float],
     name: str,
 ) -> dict[str, Any]:
     partitions, guard = protocol.partitions, protocol.guard
+    model, tolerance_m = guarded
 
     def given(partition: str) -> GuardData:
         part = data.part(partition)
-        return GuardData(predictions.scalars(guard.model, partition), part.targets, part.groups, part.clusters)
+        return GuardData(predictions.scalars(model, partition), part.targets, part.groups, part.clusters)
 
     found = assess(
         risk_fit,
@@ -105,11 +137,12 @@ def _profile(
         limits=Limits(
             alpha=guard.alpha,
             delta=guard.delta,
-            tolerance_m=guard.tolerance_m,
+            tolerance_m=tolerance_m,
             min_groups=int(guard.min_groups),
             min_clusters=int(guard.min_clusters),
             coverage=guard.coverage,
         ),
+        num_redraws=None if guard.redraws is None else int(guard.redraws),
     )
     return {
         "profile": name,
@@ -129,7 +162,16 @@ def _profile(
             for selection, chosen in found.selections.items()
         ],
         "trade_off": {key: numbers(values.tolist()) for key, values in found.trade_off._asdict().items()},
+        **_redraw_records(found.redraws, guard.redraws),
     }
+
+
+def _redraw_records(found: Mapping[str, Redraws | None] | None, num_redraws: int | None) -> dict[str, Any]:
+    """The member ``redraws`` of a profile; nothing where none are declared."""
+    if found is None:
+        return {}
+    guards = {name: None if redraws is None else redraws._asdict() for name, redraws in found.items()}
+    return {"redraws": {"num_redraws": num_redraws, **guards}}
 
 
 def _report_record(found: MarginReport) -> dict[str, Any]:

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
-from branchdrive.benchmark.guard.risk import RiskFit
+from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.benchmark.ranking_result import scale_record
@@ -28,7 +29,8 @@ from branchdrive.driving.utility import WEIGHED, Scale
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "LockFacts", "LockedCheckpoint", "changed_checkpoints", "checkpoint_mismatches", "lock_digest", "lock_document",
+    "LockFacts", "LockedCheckpoint", "changed_checkpoints", "checkpoint_mismatches", "further_risks_of",
+    "lock_digest", "lock_document",
     "lock_mismatches", "ranking_lock_document", "ranking_lock_mismatches", "risk_fit_of", "scale_document",
     "unlocked_models",
 ]  # fmt: skip
@@ -161,6 +163,7 @@ def ranking_lock_document(
     scale: Scale,
     risk_fit: RiskFit | None,
     noise: OutcomeNoise | None,
+    further_risks: Risks = MappingProxyType({}),
 ) -> dict[str, Any]:
     """The document ``ranking_lock.json``.
 
@@ -170,8 +173,14 @@ def ranking_lock_document(
         scale: Of utility, from training.
         risk_fit: Learned risk, from out-of-fold predictions of training; None for a benchmark without a guard.
         noise: How far outcomes move between nominal replays of training groups; None where there are none.
+        further_risks: Learned risks of further guards.
     """
+    further = [
+        {"model": model, "tolerance_m": tolerance_m, "risk_fit": fit.model_dump(mode="json")}
+        for (model, tolerance_m), fit in further_risks.items()
+    ]
     return {
+        **({"further_risk_fits": further} if further else {}),
         "kind": "ranking",
         "prediction_lock_digest": prediction_lock_digest,
         "predictions_digest": predictions_digest,
@@ -206,9 +215,28 @@ def risk_fit_of(document: Mapping[str, Any] | None) -> RiskFit | None:
     """
     if document is None or document["risk_fit"] is None:
         return None
+    return _fit_of(document["risk_fit"], "/risk_fit")
+
+
+def further_risks_of(document: Mapping[str, Any] | None) -> dict[tuple[str, float], RiskFit]:
+    """The learned risks of further guards in a ranking lock.
+
+    Raises:
+        DatasetError: One is no risk, or two are of the same model and tolerance.
+    """
+    found: dict[tuple[str, float], RiskFit] = {}
+    for i, entry in enumerate(() if document is None else document.get("further_risk_fits", ())):
+        guarded, at = (entry["model"], float(entry["tolerance_m"])), f"/further_risk_fits/{i}"
+        if guarded in found:
+            raise DatasetError(f"{at}: another risk of {guarded[0]} at {guarded[1]:g} m")
+        found[guarded] = _fit_of(entry["risk_fit"], f"{at}/risk_fit")
+    return found
+
+
+def _fit_of(record: Any, at: str) -> RiskFit:
     try:
-        return RiskFit.model_validate(document["risk_fit"])
+        return RiskFit.model_validate(record)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         place = "".join(f"/{part}" for part in first["loc"])
-        raise DatasetError(f"/risk_fit{place}: {first['msg']}") from error
+        raise DatasetError(f"{at}{place}: {first['msg']}") from error

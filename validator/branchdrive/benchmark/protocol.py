@@ -31,8 +31,8 @@ from branchdrive.driving.utility import Profile
 from branchdrive.errors import DatasetError
 
 __all__ = [
-    "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily", "DeclaredModel",
-    "Guard", "Member", "Partitions", "ProfileWeights", "SelectedOutcomes", "Shuffles", "Statistics",
+    "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_REDRAWS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily",
+    "DeclaredModel", "Guard", "Member", "Partitions", "ProfileWeights", "SelectedOutcomes", "Shuffles", "Statistics",
     "default_protocol", "protocol_digest", "protocol_problem", "read_protocol",
 ]  # fmt: skip
 
@@ -52,6 +52,9 @@ MAX_DRAWS = 2**19
 
 MAX_SHUFFLED = 2**14
 """Shuffled predictions: pairs of a model and a seed, kinds of shuffles and their seeds."""
+
+MAX_REDRAWS = 2**17
+"""Redraws of guards: pairs of a guarded model and a tolerance, profiles and redraws."""
 
 _SUM_TOLERANCE = 1e-9
 
@@ -167,7 +170,20 @@ class SelectedOutcomes(ProtocolPart):
 
 
 class Guard(ProtocolPart):
-    """Whose selections are guarded, and at which rates."""
+    """Whose selections are guarded, and at which rates.
+
+    Attributes:
+        model: The model whose selections are guarded first.
+        alpha: Largest rate of violations.
+        delta: Of learn then test.
+        tolerance_m: Of a violation, metres: the first one.
+        min_groups: Fewest calibration groups.
+        min_clusters: Fewest calibration clusters.
+        coverage: Of the global margin.
+        further_tolerances_m: Tolerances at which everything is judged again.
+        further_models: Other models whose selections are guarded, at every tolerance.
+        redraws: Further divisions of calibrating and test clusters over which violations are counted.
+    """
 
     model: str
     alpha: float
@@ -176,6 +192,24 @@ class Guard(ProtocolPart):
     min_groups: Integer
     min_clusters: Integer
     coverage: float
+    further_tolerances_m: Annotated[tuple[float, ...], Field(strict=False)] | None = None
+    further_models: Annotated[tuple[str, ...], Field(strict=False)] | None = None
+    redraws: Integer | None = None
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Guarded models, the first one first."""
+        return (self.model, *(self.further_models or ()))
+
+    @property
+    def tolerances_m(self) -> tuple[float, ...]:
+        """Tolerances, the first one first."""
+        return (self.tolerance_m, *(self.further_tolerances_m or ()))
+
+    @property
+    def further(self) -> tuple[tuple[str, float], ...]:
+        """Pairs of a guarded model and a tolerance, but for the first."""
+        return tuple((model, tolerance_m) for model in self.models for tolerance_m in self.tolerances_m)[1:]
 
 
 class BenchmarkProtocol(ProtocolPart):
@@ -220,8 +254,14 @@ class BenchmarkProtocol(ProtocolPart):
         used = {member.profile for member in members if member.profile is not None}
         if unknown := sorted(used - set(self.preferences)):
             raise ValueError(f"families name the profiles {unknown}; there are {list(self.preferences)}")
-        if self.guard.model not in [model.id for model in self.models]:
-            raise ValueError(f"the guard's model {self.guard.model!r} is not declared")
+        declared = [model.id for model in self.models]
+        for guarded in self.guard.models:
+            if guarded not in declared:
+                raise ValueError(f"the guard's model {guarded!r} is not declared")
+        _check_distinct("guarded models", self.guard.models)
+        num_redrawn = (1 + len(self.guard.further)) * len(self.profiles) * int(self.guard.redraws or 0)
+        if num_redrawn > MAX_REDRAWS:
+            raise ValueError(f"guards have {num_redrawn} redraws together; the limit is {MAX_REDRAWS}")
         return self
 
     @property

@@ -11,6 +11,7 @@ Numbers of results as JSON data: what is unknown is null, and what is infinite t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,8 @@ from branchdrive.benchmark.baseline.context import Contexts
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.diagnostic_result import diagnostic_results
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
-from branchdrive.benchmark.guard.risk import RiskFit
-from branchdrive.benchmark.guard_result import guard_results
+from branchdrive.benchmark.guard.risk import RiskFit, Risks
+from branchdrive.benchmark.guard_result import further_guard_results, guard_results
 from branchdrive.benchmark.prediction_result import prediction_results, training_scale
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
@@ -39,6 +40,7 @@ def results_document(
     *,
     contexts: Contexts | None = None,
     warnings: Sequence[str] = (),
+    further_risks: Risks = MappingProxyType({}),
     description: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The document.
@@ -51,6 +53,7 @@ def results_document(
         noise: How far outcomes move between nominal replays, from training.
         contexts: What baselines see, see `contexts_of`; needed where the protocol declares baselines.
         warnings: Sentences that every table carries, see `warning.warnings`.
+        further_risks: Learned risks of further guards, see `Guard.further`.
         description: What is counted of population and models, see `description.describe`; ``None`` to go without.
 
     Raises:
@@ -60,6 +63,7 @@ def results_document(
     scale = training_scale(protocol, data)
     quantiles = utility_scale(protocol, data)
     judged = predictions.of(protocol.partitions.report)
+    further = further_guard_results(protocol, data, predictions, quantiles, further_risks, noise)
     return {
         "protocol": {"name": protocol.name, "version": protocol.version, "digest": protocol_digest(protocol)},
         "warnings": list(warnings),
@@ -75,6 +79,7 @@ def results_document(
         "diagnostics": diagnostic_results(protocol, data, predictions, scale),
         "ranking": ranking_results(protocol, data, predictions, quantiles, contexts, noise),
         "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
+        **({"further_guards": further} if further else {}),
         "noise": None if noise is None else noise_record(noise),
     }
 
@@ -93,6 +98,16 @@ def noise_record(noise: OutcomeNoise) -> dict[str, Any]:
         "num_groups": noise.num_groups.tolist(),
         "num_one_sided": noise.num_one_sided.tolist(),
         "losses": noise.losses._asdict(),
+        **(
+            {
+                "further_losses": [
+                    {"tolerance_m": tolerance_m, **losses._asdict()}
+                    for tolerance_m, losses in noise.further_losses.items()
+                ]
+            }
+            if noise.further_losses
+            else {}
+        ),
     }
 
 
@@ -102,5 +117,9 @@ def noise_of(record: Mapping[str, Any]) -> OutcomeNoise:
         np.array([np.nan if value is None else float(value) for value in record[name]]) for name in ("tolerance", "rms")
     )
     num_groups, num_one_sided = (np.array(record[name], np.int64) for name in ("num_groups", "num_one_sided"))
-    losses = RepeatLosses(**{name: int(count) for name, count in record["losses"].items()})
-    return OutcomeNoise(tolerance, rms, num_groups, num_one_sided, losses)
+    further = {each["tolerance_m"]: _losses_of(each) for each in record.get("further_losses", ())}
+    return OutcomeNoise(tolerance, rms, num_groups, num_one_sided, _losses_of(record["losses"]), further)
+
+
+def _losses_of(record: Mapping[str, Any]) -> RepeatLosses:
+    return RepeatLosses(*(int(record[name]) for name in RepeatLosses._fields))

@@ -16,6 +16,7 @@ from branchdrive.benchmark.lock import (
     LockFacts,
     changed_checkpoints,
     checkpoint_mismatches,
+    further_risks_of,
     lock_mismatches,
     ranking_lock_mismatches,
     risk_fit_of,
@@ -238,17 +239,26 @@ def ranking_lock_follows(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-BMK-010")
 def learned_risk_is_sound(view: ReleaseView) -> Iterator[Check]:
     """Weights of the learned risk are in range, and none lets risk rise with predicted separation."""
+    lock, guard = ranking_lock_of(view), view.cached(protocol_of).guard
     try:
-        risk_fit = risk_fit_of(ranking_lock_of(view))
+        risk_fit, further = risk_fit_of(lock), further_risks_of(lock)
     except DatasetError as error:
         yield document_check(RANKING_LOCK_FILE, 1, [Mismatch({"pointer": "/risk_fit"}, "a learned risk", str(error))])
         return
-    if risk_fit is None:
-        return
-    wanted, found = view.cached(protocol_of).guard.tolerance_m, risk_fit.tolerance_m
-    at: Location = {"pointer": "/risk_fit/tolerance_m"}
-    other = Mismatch(at, f"{wanted:g}, as the protocol has it", f"{found:g}")
-    yield document_check(RANKING_LOCK_FILE, 1, [other] if found != wanted else [])
+    fits = [] if risk_fit is None else [("/risk_fit", guard.tolerance_m, risk_fit)]
+    fits += [(f"/further_risk_fits/{i}/risk_fit", key[1], fit) for i, (key, fit) in enumerate(further.items())]
+    for pointer, wanted, fit in fits:
+        at: Location = {"pointer": f"{pointer}/tolerance_m"}
+        other = Mismatch(at, f"{wanted:g}, as the protocol has it", f"{fit.tolerance_m:g}")
+        yield document_check(RANKING_LOCK_FILE, 1, [other] if fit.tolerance_m != wanted else [])
+    for i, (model, tolerance_m) in enumerate(further):
+        if (model, tolerance_m) not in guard.further:
+            undeclared = Mismatch(
+                {"pointer": f"/further_risk_fits/{i}"},
+                "a guard that the protocol declares",
+                f"{model}, {tolerance_m:g} m",
+            )
+            yield document_check(RANKING_LOCK_FILE, 1, [undeclared])
 
 
 @rule("BD-BMK-012")
@@ -258,7 +268,7 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
         return
     found, ranking = view.document(RESULTS_FILE), ranking_lock_of(view)
     try:
-        risk_fit = risk_fit_of(ranking)
+        risk_fit, further = risk_fit_of(ranking), further_risks_of(ranking)
     except DatasetError as error:
         raise PreconditionError(str(error)) from error
     noise = None if ranking is None or ranking["outcome_noise"] is None else noise_of(ranking["outcome_noise"])
@@ -266,7 +276,7 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
     contexts, notes = seen_of(view), _warnings(view)
     try:
         expected = results_document(
-            protocol, data, predictions, risk_fit, noise, contexts=contexts, warnings=notes,
+            protocol, data, predictions, risk_fit, noise, contexts=contexts, warnings=notes, further_risks=further,
             description=_description(view) if "description" in found else None,
         )  # fmt: skip
     except (DatasetError, ValueError) as error:

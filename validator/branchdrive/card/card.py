@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Any
 
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
+from branchdrive.card.filtering import filtering_lines
 from branchdrive.card.front_matter import front_matter
 from branchdrive.card.selected import selected_section
 from branchdrive.contract.columns import Table
@@ -28,6 +29,7 @@ from branchdrive.quality.text import (
     UNITS,
     access_sentence,
     benchmark_sentences,
+    calibration_sentences,
     population_sentences,
     target_sentences,
 )
@@ -61,11 +63,13 @@ def render_card(
     ledger: Document,
     variants: Document,
     leakage: Document | None = None,
+    filtering: Document | None = None,
     results: Document | None = None,
 ) -> str:
     """The card as Markdown, of a release's descriptor and documents.
 
-    `leakage` is None where it was not audited, `results` where no benchmark is published.
+    `leakage` is None where it was not audited, `filtering` where it was not recorded, `results` where no benchmark is
+    published.
     """
     sections = [
         front_matter(descriptor, population),
@@ -74,7 +78,7 @@ def render_card(
         _population(population),
         _attempts(source),
         _split(split),
-        _fidelity(thresholds, retention, ledger),
+        _fidelity(thresholds, retention, ledger, filtering),
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
         *([section] if (section := selected_section(results)) else []),
@@ -233,6 +237,7 @@ def _split(split: Document) -> list[str]:
         f"Integrity-complete groups were divided with seed {split['seed']}, before any threshold was fitted.",
         f"Groups on the same route geometry form one of {split['num_clusters']:,} clusters and stay together, and "
         "scenario types are balanced.",
+        *calibration_sentences(split),
         "Keep this split, or draw one that keeps whole groups and clusters together.",
         "",
         *grid([*_texts("Partition"), Column("Groups"), Column("Route clusters")], rows),
@@ -241,7 +246,7 @@ def _split(split: Document) -> list[str]:
     ]
 
 
-def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> list[str]:
+def _fidelity(thresholds: Document, retention: Document, ledger: Document, filtering: Document | None) -> list[str]:
     return [
         "## Replay fidelity",
         "",
@@ -254,6 +259,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document) -> li
             [[f"`{v['name']}`", v["criterion"], _threshold(v, thresholds)] for v in thresholds["variables"]],
         ),
         "",
+        *([] if filtering is None else filtering_lines(filtering)),
         f"Retention over all integrity-complete groups, with {percent(retention['level'], 0)} intervals over "
         f"{retention['num_resamples']:,} resamples of whole groups:",
         "",

@@ -7,7 +7,7 @@ from typing import Any
 
 from branchdrive.card.card import render_card
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layout import LEAKAGE_FILE, RESULTS_FILE, SOURCE_FILE
+from branchdrive.contract.layout import FILTERING_FILE, LEAKAGE_FILE, RESULTS_FILE, SOURCE_FILE
 
 __all__ = ["ADDED", "REQUIRED", "release_card"]
 
@@ -16,7 +16,7 @@ _QUALITY = ("population", "split", "thresholds", "retention", "ledger", "variant
 REQUIRED = {"source": SOURCE_FILE, **{name: f"quality/{name}.json" for name in _QUALITY}}
 """Documents that every card is made of: paths by the argument of `render_card`."""
 
-ADDED = {"leakage": LEAKAGE_FILE, "results": RESULTS_FILE}
+ADDED = {"leakage": LEAKAGE_FILE, "filtering": FILTERING_FILE, "results": RESULTS_FILE}
 """Those that a release may do without."""
 
 

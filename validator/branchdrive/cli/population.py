@@ -15,11 +15,17 @@ from rich.text import Text
 from branchdrive.contract.text import NONE, count_text, percent, printable
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
-from branchdrive.quality.text import UNITS, access_sentence, benchmark_sentences, population_sentences
+from branchdrive.quality.text import (
+    UNITS,
+    access_sentence,
+    benchmark_sentences,
+    filtering_sentences,
+    population_sentences,
+)
 from branchdrive.text.table import Column, Table
 from branchdrive.text.terminal import print_section
 
-__all__ = ["print_accesses", "print_leakage", "print_population", "print_retention"]
+__all__ = ["print_accesses", "print_filtering", "print_leakage", "print_population", "print_retention"]
 
 Document = Mapping[str, Any]
 
@@ -59,6 +65,12 @@ def print_retention(console: Console, retention: Document) -> None:
         if row["criterion"] == "core" and row["partition"] == "test" and row["met"] is False:
             missed = f"Missed on test: {percent(row['share'])} of {UNITS[row['unit']]} pass the core criteria, "
             console.print(Text(f"{missed}target {percent(row['target'], 0)}", style="yellow"))
+
+
+def print_filtering(console: Console, filtering: Document) -> None:
+    """Which thresholds of replay fidelity filter nothing, and what matching by actor changes."""
+    for sentence in filtering_sentences(filtering):
+        console.print(Padding(Text(printable(sentence)), (0, 0, 0, 2)))
 
 
 def print_leakage(console: Console, leakage: Document | None) -> None:

@@ -14,8 +14,15 @@ from rich.text import Text
 
 from branchdrive.cli.formats.outcome import headline, refusals
 from branchdrive.cli.funnel import funnel_table
-from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
+from branchdrive.cli.population import (
+    print_accesses,
+    print_filtering,
+    print_leakage,
+    print_population,
+    print_retention,
+)
 from branchdrive.cli.response import print_response
+from branchdrive.contract.layout import FILTERING_FILE
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import location_text
@@ -98,6 +105,8 @@ def _print_build(console: Console, report: BuildReport) -> None:
         print_population(console, documents["quality/population.json"])
         console.print()
         print_retention(console, documents["quality/retention.json"])
+        if FILTERING_FILE in documents:
+            print_filtering(console, documents[FILTERING_FILE])
         console.print()
         print_accesses(console, documents["quality/ledger.json"])
         print_leakage(console, documents.get("quality/leakage.json"))

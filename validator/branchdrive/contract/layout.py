@@ -18,6 +18,7 @@ __all__ = [
     "BENCHMARK_LEDGER_FILE",
     "CARD_FILE",
     "DESCRIPTOR_FILE",
+    "FILTERING_FILE",
     "IDENTITY_LAYERS",
     "LAYERS",
     "LEAKAGE_FILE",
@@ -67,6 +68,7 @@ TABLES_FILE = f"{BENCHMARK}/TABLES.md"
 SOURCE_FILE = "canonical/source.json"
 """The raw layer that the derived layers come from."""
 
+FILTERING_FILE = "quality/filtering.json"
 LEAKAGE_FILE = "quality/leakage.json"
 """Results of the leakage audit, where one was run."""
 

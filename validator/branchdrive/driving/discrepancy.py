@@ -33,8 +33,12 @@ __all__ = [
     "History",
     "HistoryEvidence",
     "Variable",
+    "core_differences",
     "core_discrepancy",
+    "difference",
     "extended_discrepancy",
+    "nearest_differences",
+    "nearest_values",
 ]
 
 Array = NDArray[np.float64]
@@ -124,18 +128,22 @@ def core_discrepancy(replay: History, nominal: History) -> Array:
         ValueError: A field has another shape than `History` says.
     """
     replay, nominal = (History(*_checked(side, _HISTORY_FRAMES)) for side in (replay, nominal))
-    x, y = (_difference(getattr(replay, name), getattr(nominal, name)) for name in ("x_m", "y_m"))
+    columns = [values.max(axis=1) for values in core_differences(replay, nominal).values()]
+    return np.stack([*columns, np.abs(replay.branch_tick - nominal.branch_tick)], axis=1)
+
+
+def core_differences(replay: History, nominal: History) -> dict[str, Array]:
+    """Differences of paired drives frame by frame, each ``[drives, 16]`` or ``[drives, 80]``: `CORE` but its last."""
+    x, y = (difference(getattr(replay, name), getattr(nominal, name)) for name in ("x_m", "y_m"))
     heading = np.degrees(np.abs(wrap_rad(_without_infinity(replay.yaw_rad) - _without_infinity(nominal.yaw_rad))))
-    columns = [
-        np.sqrt(x * x + y * y).max(axis=1),
-        _with_missing(heading, replay.yaw_rad, nominal.yaw_rad).max(axis=1),
-        *(
-            _difference(getattr(replay, name), getattr(nominal, name)).max(axis=1)
+    return {
+        "position_m": np.sqrt(x * x + y * y),
+        "heading_deg": _with_missing(heading, replay.yaw_rad, nominal.yaw_rad),
+        **{
+            name: difference(getattr(replay, name), getattr(nominal, name))
             for name in ("speed_mps", "steer", "throttle", "brake")
-        ),
-        np.abs(replay.branch_tick - nominal.branch_tick),
-    ]
-    return np.stack(columns, axis=1)
+        },
+    }
 
 
 def extended_discrepancy(replay: HistoryEvidence, nominal: HistoryEvidence) -> Array:
@@ -145,26 +153,35 @@ def extended_discrepancy(replay: HistoryEvidence, nominal: HistoryEvidence) -> A
         ValueError: A field has another shape than ``[drives, 16]``.
     """
     replay, nominal = (HistoryEvidence(*_checked(side, _EVIDENCE_FRAMES)) for side in (replay, nominal))
-    vehicles, pedestrians = (
-        [getattr(side, name).astype(bool) for side in (replay, nominal)]
-        for name in ("vehicle_available", "pedestrian_available")
-    )
-
-    def gap_or_missing(available: list[NDArray[np.bool_]], name: str) -> Array:
-        sides = (
-            np.where(there, getattr(side, name), np.nan)
-            for there, side in zip(available, (replay, nominal), strict=True)
-        )
-        return np.asarray(_difference(*sides).max(axis=1))
-
+    nearest = nearest_differences(replay, nominal)
     columns = [
-        gap_or_missing(vehicles, "vehicle_gap_m"),
-        gap_or_missing(vehicles, "vehicle_rel_speed_mps"),
+        nearest["vehicle_gap_m"].max(axis=1),
+        nearest["vehicle_rel_speed_mps"].max(axis=1),
         (replay.num_actors != nominal.num_actors).mean(axis=1),
         (replay.traffic_light != nominal.traffic_light).mean(axis=1),
-        gap_or_missing(pedestrians, "pedestrian_gap_m"),
+        nearest["pedestrian_gap_m"].max(axis=1),
     ]
     return np.stack(columns, axis=1)
+
+
+def nearest_differences(replay: HistoryEvidence, nominal: HistoryEvidence) -> dict[str, Array]:
+    """Differences of what is nearest, frame by frame ``[drives, 16]``: the `EXTENDED` variables that are no shares."""
+    return {
+        name: difference(*(nearest_values(side)[name] for side in (replay, nominal)))
+        for name in ("vehicle_gap_m", "vehicle_rel_speed_mps", "pedestrian_gap_m")
+    }
+
+
+def nearest_values(evidence: HistoryEvidence) -> dict[str, Array]:
+    """Gaps and closing speed of what is nearest ``[drives, 16]``, NaN where nothing is in range."""
+    vehicle, pedestrian = (
+        np.asarray(there).astype(bool) for there in (evidence.vehicle_available, evidence.pedestrian_available)
+    )
+    return {
+        "vehicle_gap_m": np.where(vehicle, evidence.vehicle_gap_m, np.nan),
+        "vehicle_rel_speed_mps": np.where(vehicle, evidence.vehicle_rel_speed_mps, np.nan),
+        "pedestrian_gap_m": np.where(pedestrian, evidence.pedestrian_gap_m, np.nan),
+    }
 
 
 _HISTORY_FRAMES = (*[HISTORY_OBSERVATIONS] * 4, *[CONTROL_HISTORY_TICKS] * 3, None)
@@ -193,7 +210,7 @@ def _with_missing(difference: Array, a: Array, b: Array) -> Array:
     return np.where(there_a & there_b, difference, np.where(there_a == there_b, 0.0, np.inf))
 
 
-def _difference(a: ArrayLike, b: ArrayLike) -> Array:
+def difference(a: ArrayLike, b: ArrayLike) -> Array:
     """``|a - b|`` under the rule of what is missing."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     return _with_missing(np.abs(_without_infinity(a) - _without_infinity(b)), a, b)

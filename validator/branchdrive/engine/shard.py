@@ -37,6 +37,7 @@ from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
+from branchdrive.quality.replay_frames import frame_columns
 from branchdrive.raw.calibration import calibration
 from branchdrive.raw.content import attempt_content
 from branchdrive.raw.extent import vehicle_widths
@@ -53,9 +54,19 @@ if TYPE_CHECKING:
 
     from branchdrive.raw.examination import Examination
 
-__all__ = ["REPLAYS", "ROUTES", "ShardResult", "ShardTask", "audit_shard", "raw_rows_of", "spooled_name"]
+__all__ = [
+    "REPLAYS",
+    "REPLAY_FRAMES",
+    "ROUTES",
+    "ShardResult",
+    "ShardTask",
+    "audit_shard",
+    "raw_rows_of",
+    "spooled_name",
+]
 
 REPLAYS = "replays"
+REPLAY_FRAMES = "replay_frames"
 ROUTES = "routes"
 
 
@@ -231,9 +242,10 @@ def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
         examination: What the rules found on it.
 
     Returns:
-        Frames by name. Those of the model layer hold every integrity-complete group, and so do two that are no
+        Frames by name. Those of the model layer hold every integrity-complete group, and so do three that are no
         tables: `ROUTES` with the resampled route of each group (`points`, ``[groups, 32, 2]``, metres in the frame
-        of the town), and `REPLAYS` with what a leakage audit may see of it.
+        of the town), `REPLAY_FRAMES` with what `quality.replay_frames` says of each pair, and `REPLAYS` with what a
+        leakage audit may see of it.
     """
     selection = examination.selection
     complete = examination.complete_groups
@@ -263,5 +275,6 @@ def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
             "town": view.rollouts["town"][nominals],
             "points": np.array(points).reshape(len(points), CLUSTER_POINTS, 2),
         },
+        REPLAY_FRAMES: frame_columns(view, pairs),
         REPLAYS: replay_facts(view, complete, candidates, replays.replay, pairs, paired),
     }

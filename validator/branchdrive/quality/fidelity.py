@@ -27,7 +27,7 @@ from branchdrive.statistics.split import TRAINING, split_digest
 from branchdrive.tables.frame import Frame, Values
 
 __all__ = [
-    "CRITERIA", "LEVEL", "bank_rows", "near_thresholds", "retention_document", "threshold_document",
+    "CRITERIA", "LEVEL", "bank_rows", "discrepancies_of", "near_thresholds", "retention_document", "threshold_document",
     "thresholds_of", "with_passes", "with_validity",
 ]  # fmt: skip
 
@@ -57,7 +57,7 @@ def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
         raise ValueError("no training group is structurally eligible, so no threshold can be fitted")
     rows = bank_rows(pairs, fitted_on)
     there = np.asarray(pairs["has_pedestrian"], np.bool_)[rows].any(axis=1)
-    fitted = fit_thresholds(_discrepancies(pairs)[rows], has_pedestrian=there)
+    fitted = fit_thresholds(discrepancies_of(pairs)[rows], has_pedestrian=there)
     return {
         "split_digest": split_digest(assignment),
         "quantile": QUANTILE,
@@ -104,7 +104,7 @@ def with_passes(pairs: Frame, thresholds: Thresholds) -> dict[str, Values]:
     Raises:
         ValueError: A discrepancy is negative or NaN.
     """
-    passed = passes(_discrepancies(pairs)[:, None, :], thresholds)
+    passed = passes(discrepancies_of(pairs)[:, None, :], thresholds)
     return {**pairs, "core_pass": passed.core[:, 0], "extended_pass": passed.extended[:, 0]}
 
 
@@ -116,7 +116,7 @@ def near_thresholds(pairs: Frame, thresholds: Thresholds, tolerance: float) -> N
         thresholds: Of the training groups.
         tolerance: Largest distance that is near, in units of ``1 + threshold``.
     """
-    values, limits = _discrepancies(pairs), thresholds.values
+    values, limits = discrepancies_of(pairs), thresholds.values
     with np.errstate(invalid="ignore"):
         return np.asarray((values != limits) & (np.abs(values - limits) <= tolerance * (1 + limits)))
 
@@ -204,7 +204,7 @@ def bank_rows(pairs: Frame, group_ids: list[str]) -> Index:
     return rows.reshape(len(banks), len(actions))
 
 
-def _discrepancies(pairs: Frame) -> NDArray[np.float64]:
+def discrepancies_of(pairs: Frame) -> NDArray[np.float64]:
     """Discrepancies ``[pairs, 12]``, infinite where a column is masked."""
     columns = []
     for variable in VARIABLES:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
-from branchdrive.contract.layout import LEDGER_FILE
+from branchdrive.contract.layout import FILTERING_FILE, LEDGER_FILE
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import percent
@@ -36,6 +36,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
+from branchdrive.quality.filtering import filtering_document
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses, release_mismatches
 from branchdrive.quality.split_rules import SPLIT
 from branchdrive.quality.threshold import VARIABLES, Thresholds
@@ -172,6 +173,22 @@ def retention_recomputes(view: ReleaseView) -> Iterator[Check]:
         raise PreconditionError(f"quality/pairs.parquet: {error}") from error
     mismatches = document_mismatches(expected, document, tolerance=TOLERANCE)
     yield document_check(RETENTION, max(1, len(document["rows"])), mismatches)
+
+
+@rule("BD-FID-013")
+def figures_beside_thresholds_recompute(view: ReleaseView) -> Iterator[Check]:
+    """Shares of frames, variations, matched vehicles and counts of failing pairs, and which thresholds filter."""
+    if FILTERING_FILE not in view.files:
+        return
+    document, frames = view.document(FILTERING_FILE), view.raw_rows["replay_frames"]
+    try:
+        expected = filtering_document(
+            view.frame("pairs"), view.frame("group_quality"), frames, view.document(THRESHOLDS)
+        )
+    except ValueError as error:
+        raise PreconditionError(f"{FILTERING_FILE}: {error}") from error
+    mismatches = document_mismatches(expected, document, tolerance=TOLERANCE)
+    yield document_check(FILTERING_FILE, len(document["variables"]), mismatches)
 
 
 @rule("BD-FID-010")

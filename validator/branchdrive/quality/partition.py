@@ -15,16 +15,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from branchdrive.driving.route_cluster import route_clusters
-from branchdrive.statistics.split import CALIBRATION, SHARES, Calibration, assign_split, split_digest
+from branchdrive.statistics.split import (
+    CALIBRATION,
+    DIVIDED,
+    SHARES,
+    STRATIFIED,
+    Calibration,
+    assign_split,
+    split_digest,
+)
 from branchdrive.tables.frame import Frame, Values
 
 __all__ = [
-    "ALGORITHM", "PARTITIONS", "assignment_of", "calibration_of", "cluster_of_groups", "clusters_of",
+    "ALGORITHMS", "PARTITIONS", "algorithm_for", "assignment_of", "calibration_of", "cluster_of_groups", "clusters_of",
     "draw_partitions", "partition_sizes", "split_document", "with_partitions",
 ]  # fmt: skip
 
-ALGORITHM = "clustered-1"
-"""Name of the algorithm that `assign_split` describes."""
+ALGORITHMS = (STRATIFIED, DIVIDED)
+"""Names of the algorithms that `assign_split` describes."""
 
 PARTITIONS = (*SHARES, CALIBRATION)
 """Partitions in the order in which documents and texts name them."""
@@ -54,7 +62,12 @@ def cluster_of_groups(group_ids: Sequence[str], towns: Sequence[str], routes: Ar
 
 
 def draw_partitions(
-    groups: Frame, clusters: Mapping[str, int], *, seed: int, calibration: Calibration | None = None
+    groups: Frame,
+    clusters: Mapping[str, int],
+    *,
+    seed: int,
+    calibration: Calibration | None = None,
+    algorithm: str | None = None,
 ) -> dict[str, str]:
     """Partition of every integrity-complete group, by group id in sorted order.
 
@@ -63,6 +76,7 @@ def draw_partitions(
         clusters: Route cluster of every integrity-complete group.
         seed: Part of the key of the draw.
         calibration: The least that a calibration partition must hold; without it there is none.
+        algorithm: One of `ALGORITHMS`; `algorithm_for` by default.
 
     Raises:
         ValueError: A group has no cluster, or there are too few groups or clusters to fill every partition.
@@ -72,7 +86,12 @@ def draw_partitions(
     _check_same("integrity-complete groups", group_ids, "a route cluster", clusters)
     labels = [clusters[group_id] for group_id in group_ids]
     assignment = assign_split(
-        group_ids, labels, groups["scenario_type"][complete].tolist(), seed=seed, calibration=calibration
+        group_ids,
+        labels,
+        groups["scenario_type"][complete].tolist(),
+        seed=seed,
+        calibration=calibration,
+        algorithm=algorithm or algorithm_for(calibration),
     )
     empty = [name for name in SHARES if name not in assignment.values()]
     if empty:
@@ -81,6 +100,11 @@ def draw_partitions(
             f"{empty} without a group; a cluster is never divided"
         )
     return assignment
+
+
+def algorithm_for(calibration: Calibration | None) -> str:
+    """Algorithm of a new split; without calibration both are the same, and the first one is named."""
+    return STRATIFIED if calibration is None else DIVIDED
 
 
 def with_partitions(groups: Frame, clusters: Mapping[str, int], assignment: Mapping[str, str]) -> dict[str, Values]:
@@ -128,7 +152,7 @@ def split_document(
         calibration: The least that was asked of the calibration partition, if there is one.
     """
     return {
-        "algorithm": ALGORITHM,
+        "algorithm": algorithm_for(calibration),
         "seed": seed,
         "shares": dict(SHARES),
         "calibration": None if calibration is None else calibration._asdict(),

@@ -28,7 +28,7 @@ from branchdrive.tables.frame import Values
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
 
-__all__ = ["Pairs", "canonical_pairs", "discrepancies", "history_of", "pair_columns"]
+__all__ = ["Pairs", "canonical_pairs", "discrepancies", "evidence_of", "history_of", "pair_columns"]
 
 Index = NDArray[np.int64]
 
@@ -62,7 +62,8 @@ def history_of(view: ShardView, rollouts: Index) -> History:
     return History(*columns)
 
 
-def _evidence_of(view: ShardView, rollouts: Index) -> HistoryEvidence:
+def evidence_of(view: ShardView, rollouts: Index) -> HistoryEvidence:
+    """What surrounded rollouts with whole windows before their branch."""
     evidence = view.stream("evidence")
     rows = window_rows(view, evidence, rollouts, HISTORY_OFFSETS)
     light, _ = evidence.categories("traffic_light")
@@ -84,7 +85,7 @@ def discrepancies(view: ShardView, pairs: Pairs) -> NDArray[np.float64]:
     """
     core = core_discrepancy(history_of(view, pairs.replay), history_of(view, pairs.nominal))
     if "evidence" in view:
-        extended = extended_discrepancy(_evidence_of(view, pairs.replay), _evidence_of(view, pairs.nominal))
+        extended = extended_discrepancy(evidence_of(view, pairs.replay), evidence_of(view, pairs.nominal))
     else:
         extended = np.zeros((len(pairs.replay), len(EXTENDED)))
     return np.concatenate([core, extended], axis=1)

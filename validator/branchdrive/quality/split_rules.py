@@ -18,7 +18,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.layers.compare import document_check
 from branchdrive.layers.view import ReleaseView
 from branchdrive.quality.partition import (
-    ALGORITHM,
+    ALGORITHMS,
     PARTITIONS,
     assignment_of,
     calibration_of,
@@ -101,10 +101,13 @@ def split_counts_recompute(view: ReleaseView) -> Iterator[Check]:
 def split_is_the_drawn_one(view: ReleaseView) -> Iterator[Check]:
     """Drawing again from stored clusters and scenario types, by the stored seed, gives the stored partitions."""
     document, groups = view.document(SPLIT), view.frame("group_quality")
-    if document["algorithm"] != ALGORITHM:
-        raise PreconditionError(f"the split was drawn by {document['algorithm']!r}; only {ALGORITHM!r} recomputes")
+    algorithm = document["algorithm"]
+    if algorithm not in ALGORITHMS:
+        known = " and ".join(repr(name) for name in ALGORITHMS)
+        raise PreconditionError(f"the split was drawn by {algorithm!r}; only {known} recompute")
     try:
-        moved = list(draw_mismatches(groups, seed=int(document["seed"]), calibration=calibration_of(document)))
+        least = calibration_of(document)
+        moved = list(draw_mismatches(groups, seed=int(document["seed"]), calibration=least, algorithm=algorithm))
     except ValueError as error:
         raise PreconditionError(f"the split cannot be drawn again: {error}") from error
     yield _of_groups(len(assignment_of(groups)), moved)
@@ -186,13 +189,15 @@ def count_mismatches(document: Mapping[str, Any], groups: Frame) -> Iterator[Mis
             yield Mismatch({"pointer": pointer}, str(count), "nothing" if it is None else str(it))
 
 
-def draw_mismatches(groups: Frame, *, seed: int, calibration: Calibration | None = None) -> Iterator[Mismatch]:
+def draw_mismatches(
+    groups: Frame, *, seed: int, calibration: Calibration | None = None, algorithm: str | None = None
+) -> Iterator[Mismatch]:
     """Every group that has a partition is where the algorithm draws it, from the stored clusters and scenario types.
 
     Raises:
         ValueError: There is nothing to draw from: a group lacks its cluster, or there are too few groups.
     """
-    drawn = draw_partitions(groups, clusters_of(groups), seed=seed, calibration=calibration)
+    drawn = draw_partitions(groups, clusters_of(groups), seed=seed, calibration=calibration, algorithm=algorithm)
     for group_id, name in sorted(assignment_of(groups).items()):
         if drawn.get(group_id) != name:
             wanted = f"partition {drawn.get(group_id, 'none')}"

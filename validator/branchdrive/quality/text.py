@@ -11,12 +11,15 @@ from typing import Any
 
 from branchdrive.contract.text import percent
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, RELEASE_ACCESS, Ledger, accesses
+from branchdrive.statistics.split import DIVIDED
 
 __all__ = [
     "PARTITION_TITLES",
     "UNITS",
     "access_sentence",
     "benchmark_sentences",
+    "calibration_sentences",
+    "filtering_sentences",
     "population_sentences",
     "target_sentences",
 ]
@@ -28,6 +31,57 @@ PARTITION_TITLES: Mapping[str, str] = MappingProxyType(
 
 UNITS: Mapping[str, str] = MappingProxyType({"pair": "pairs", "bank": "complete banks"})
 """How texts name the units of retention."""
+
+
+def calibration_sentences(split: Mapping[str, Any]) -> list[str]:
+    """How the calibration partition was drawn, and what that means for a guard; nothing where there is none."""
+    if "calibration" not in split["partitions"]:
+        return []
+    if split["algorithm"] == DIVIDED:
+        return [
+            "Calibration and test are a uniform division of one pool of clusters, so that a calibration cluster and a "
+            "test cluster are exchangeable by construction, but for near duplicates, which are left out afterwards."
+        ]
+    return [
+        f"The calibration partition was drawn by `{split['algorithm']}`: that its clusters and those of test are "
+        "exchangeable is assumed."
+    ]
+
+
+def filtering_sentences(filtering: Mapping[str, Any]) -> list[str]:
+    """Which thresholds filter nothing, and how the nearest vehicle differs where it is matched by actor."""
+    variables = {variable["name"]: variable for variable in filtering["variables"]}
+    sentences = [
+        f"The threshold of `{name}`, {_amount(variable)}, filters nothing: {_why(variable)}."
+        for name, variable in variables.items()
+        if variable["filters"] is False
+    ]
+    for name in ("vehicle_gap_m", "vehicle_rel_speed_mps"):
+        nearest, matched = variables.get(name), variables.get(f"matched_{name}")
+        if nearest is None or matched is None:  # a document of a stranger may name one variable twice
+            continue
+        unmatched = f"{matched['num_unmatched'] or 0:,} of {filtering['num_pairs']:,} pairs"
+        sentences.append(
+            f"`{name}` compares the nearest vehicle of each drive, whichever it is, at {_amount(nearest)}; of the same "
+            f"vehicle, matched by actor, the threshold would be {_amount(matched)}, with {unmatched} in which the "
+            "replay lacks it at a frame."
+        )
+    return sentences
+
+
+def _amount(variable: Mapping[str, Any]) -> str:
+    if variable["threshold"] is None:
+        return "any finite value"
+    return f"{variable['threshold']:.4g} {variable['unit'] or ''}".rstrip()
+
+
+def _why(variable: Mapping[str, Any]) -> str:
+    reasons = []
+    if variable["num_failing_alone"] == 0:
+        reasons.append("no pair fails by it alone")
+    if variable["over_variation"] is not None and variable["over_variation"] >= 1:
+        reasons.append(f"it is {variable['over_variation']:.2g} times what nominals move in the window")
+    return " and ".join(reasons)
 
 
 def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> list[str]:

@@ -23,7 +23,7 @@ from branchdrive.driving.box import Boxes, pair_bounds
 from branchdrive.driving.risk import RANGE_M, PairRisk, corridor_excess_m, pair_risk
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["deciding_pairs", "pairs_of_frame"]
+__all__ = ["deciding_pairs", "pairs_of_frame", "pairs_of_rows"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -188,7 +188,11 @@ def deciding_pairs(view: ShardView) -> PairRisk:
 
 def pairs_of_frame(view: ShardView, frame: int) -> PairRisk:
     """All pairs of one observation, which becomes frame 0."""
-    stream = view.stream("actors")
-    rows = np.flatnonzero(view.observations.rows_of(stream) == frame)
-    pairs = _pairs(view, _actors(rows, [stream[name][rows] for name in _ACTOR_COLUMNS]))
+    pairs = pairs_of_rows(view, np.flatnonzero(view.observations.rows_of(view.stream("actors")) == frame))
     return replace(pairs, frame=np.zeros(len(pairs.frame), np.int64))
+
+
+def pairs_of_rows(view: ShardView, rows: Index) -> PairRisk:
+    """Pairs of the actors in rows of the actors table, in their order; `PairRisk.frame` indexes observations."""
+    stream = view.stream("actors")
+    return _pairs(view, _actors(rows, [stream[name][rows] for name in _ACTOR_COLUMNS]))

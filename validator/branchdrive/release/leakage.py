@@ -62,7 +62,7 @@ def build_leakage(
     Raises:
         ToolError: The audit's process died.
     """
-    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor.action_bank)
+    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor)
     classifier = classifier or sequence_classifier()
     key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
     task = AuditTask(inputs, seed, protocol, classifier)

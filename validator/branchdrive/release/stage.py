@@ -14,7 +14,7 @@ from branchdrive.canonical.record import source_counts
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME
 from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.layout import LEDGER_FILE, SOURCE_FILE
+from branchdrive.contract.layout import FILTERING_FILE, LEDGER_FILE, SOURCE_FILE
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import pack_arrays
@@ -29,6 +29,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
+from branchdrive.quality.filtering import filtering_document
 from branchdrive.quality.ledger import Ledger, with_round
 from branchdrive.quality.partition import (
     assignment_of,
@@ -117,6 +118,8 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
     # From the tables as they are stored, as a validator recomputes it.
     pairs, groups = layers.frames["pairs"], layers.frames["group_quality"]
     layers.put_document("quality/retention.json", retention_document(pairs, groups, seed=options.seed, **digests))
+    filtering = filtering_document(pairs, groups, rows["replay_frames"], thresholds)
+    layers.put_document(FILTERING_FILE, filtering)
     num_policies = len(scan.descriptor.action_bank.policies)
     layers.put_document("quality/population.json", population_document(groups, num_policies=num_policies))
     layers.put_document("quality/variants.json", variants_document(groups, options.variants))

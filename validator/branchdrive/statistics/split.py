@@ -16,11 +16,19 @@ of the clusters and the names of the types decide nothing; group ids are the ide
 renaming them draws again. Clusters are not taken by size: partitions would differ in the size of their
 clusters, and a calibration partition must look like the test partition.
 
-A calibration partition is drawn first, against everything else, by the same three steps with the share
-that its groups and clusters need on average; then further clusters follow in the order of their keys
-until both numbers are reached. The shares of the others refer to what is left.
+A calibration partition is drawn in one of two ways, by the name of the algorithm.
 
-Source: paper, "Evaluation Population" (70/15/15, no shared route geometry, stratified); the algorithm is this
+``clustered-2``: the three steps fill train, val and a pool, whose share is that of test and what calibration needs;
+then a uniform permutation of the clusters of the pool gives the first of them to calibration and the others to test.
+How many are the first is a symmetric function of the sizes in the pool. So whatever the pool is, a calibration cluster
+and a test cluster are exchangeable, which is what a guard that is calibrated on the one and judged on the other needs.
+
+``clustered-1``: the partition is drawn first, against everything else, by the same three steps with the share
+that its groups and clusters need on average; then further clusters follow in the order of their keys
+until both numbers are reached. The shares of the others refer to what is left. Strata and sizes of clusters decide
+which clusters calibrate, so that exchangeability is assumed. Without calibration both are the same.
+
+Source: paper, "Evaluation Population" (70/15/15, no shared route geometry, stratified); the algorithms are this
 project's choice.
 """
 
@@ -33,14 +41,24 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
 
+from branchdrive.statistics.stream import orders, words
+
 __all__ = [
     "CALIBRATION",
+    "DIVIDED",
     "SHARES",
+    "STRATIFIED",
     "TRAINING",
     "Calibration",
     "assign_split",
     "split_digest",
 ]
+
+STRATIFIED = "clustered-1"
+"""Name of the algorithm whose calibration partition is stratified."""
+
+DIVIDED = "clustered-2"
+"""Name of the algorithm whose calibration and test partitions are a uniform division of one pool."""
 
 TRAINING = "train"
 """Name of the partition on which everything is fitted."""
@@ -59,6 +77,9 @@ class Calibration(NamedTuple):
     min_clusters: int
 
 
+_DEVIATIONS = 3
+_STREAM = "split/calibration"
+
 _Types = Counter[Hashable]
 
 
@@ -76,6 +97,7 @@ def assign_split(
     *,
     seed: int,
     calibration: Calibration | None = None,
+    algorithm: str = DIVIDED,
 ) -> dict[str, str]:
     """Partition of every group, by group id in sorted order.
 
@@ -85,10 +107,11 @@ def assign_split(
         scenario_types: Stratum of each group ``[groups]``, of any kind.
         seed: Part of the key.
         calibration: The least that the partition `CALIBRATION` must hold; without it there is none.
+        algorithm: `STRATIFIED` or `DIVIDED`.
 
     Raises:
-        ValueError: The inputs differ in length, an id is not usable, or there are too few groups or
-            clusters for the calibration partition and one other cluster.
+        ValueError: The inputs differ in length, an id is not usable, there are too few groups or
+            clusters for the calibration partition and one other cluster, or the division of the pool falls short.
     """
     if len(scenario_types) != len(group_ids):
         raise ValueError(f"{len(scenario_types)} scenario types do not match {len(group_ids)} groups")
@@ -101,9 +124,16 @@ def assign_split(
     ]
     found.sort(key=lambda cluster: _digest([str(seed), *cluster.group_ids]))
     drawn: list[_Cluster] = []
-    if calibration is not None:
+    if calibration is None:
+        filled = _fill(found, list(SHARES.values()))
+    elif algorithm == STRATIFIED:
         drawn, found = _draw(found, calibration)
-    partitions = [(CALIBRATION, drawn), *zip(SHARES, _fill(found, list(SHARES.values())), strict=True)]
+        filled = _fill(found, list(SHARES.values()))
+    else:
+        *filled, pool = _fill(found, _shares_with_pool(found, calibration))
+        drawn, rest = _divided(pool, calibration, seed)
+        filled.append(rest)
+    partitions = [(CALIBRATION, drawn), *zip(SHARES, filled, strict=True)]
     assignment = {
         group_id: name for name, members in partitions for cluster in members for group_id in cluster.group_ids
     }
@@ -165,8 +195,54 @@ def _draw(clusters: list[_Cluster], least: Calibration) -> tuple[list[_Cluster],
             break
         drawn.append(rest.pop(0))
     if not rest:
-        raise ValueError(
-            f"{num_groups} groups in {len(clusters)} clusters leave no cluster beside a calibration partition "
-            f"of {least.min_groups} groups and {least.min_clusters} clusters"
-        )
+        raise _too_few(num_groups, len(clusters), least)
     return drawn, rest
+
+
+def _shares_with_pool(clusters: Sequence[_Cluster], least: Calibration) -> list[int]:
+    """Shares of the partitions, the last of them a pool of test and calibration."""
+    num_groups = sum(len(cluster.group_ids) for cluster in clusters)
+    num_drawn = _num_drawn(clusters, least)
+    need = -(-num_drawn * num_groups // max(1, len(clusters)))
+    if need >= num_groups:
+        raise _too_few(num_groups, len(clusters), least)
+    *others, last = (share * (num_groups - need) for share in SHARES.values())
+    return [*others, last + sum(SHARES.values()) * need]
+
+
+def _divided(pool: Sequence[_Cluster], least: Calibration, seed: int) -> tuple[list[_Cluster], list[_Cluster]]:
+    """Calibration and the rest of a pool, by a uniform permutation of its clusters."""
+    by_name = sorted(pool, key=lambda cluster: cluster.group_ids[0])
+    num_drawn = _num_drawn(by_name, least)
+    num_groups = sum(len(cluster.group_ids) for cluster in by_name)
+    if num_drawn >= len(by_name):
+        raise _too_few(num_groups, len(by_name), least)
+    order = orders(words(seed, _STREAM, 1, len(by_name)))[0].tolist()
+    drawn, rest = ([by_name[place] for place in part] for part in (order[:num_drawn], order[num_drawn:]))
+    if (held := sum(len(cluster.group_ids) for cluster in drawn)) < least.min_groups:
+        raise ValueError(f"the {num_drawn} drawn calibration clusters hold {held} of {least.min_groups} groups")
+    return drawn, rest
+
+
+def _num_drawn(clusters: Sequence[_Cluster], least: Calibration) -> int:
+    """How many clusters calibrate: the fewest that hold enough groups, surely or by three standard deviations.
+
+    Of ``n`` clusters that are drawn without replacement from ``K`` with ``G`` groups, ``Q`` the sum of squared sizes,
+    groups have the mean ``n G / K`` and the variance ``n (K - n) (K Q - G^2) / (K^2 (K - 1))``.
+    """
+    sizes = sorted(len(cluster.group_ids) for cluster in clusters)
+    count, total = len(sizes), sum(sizes)
+    spread = count * sum(size**2 for size in sizes) - total**2
+    for num in range(max(1, least.min_clusters), count):
+        above = num * total - least.min_groups * count
+        is_far = above >= 0 and above**2 * (count - 1) >= _DEVIATIONS**2 * num * (count - num) * spread
+        if is_far or sum(sizes[:num]) >= least.min_groups:
+            return num
+    return count
+
+
+def _too_few(num_groups: int, num_clusters: int, least: Calibration) -> ValueError:
+    return ValueError(
+        f"{num_groups} groups in {num_clusters} clusters leave no cluster beside a calibration partition "
+        f"of {least.min_groups} groups and {least.min_clusters} clusters"
+    )

@@ -11,6 +11,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from branchdrive.benchmark.baseline.context import Contexts, standardised, summaries
 from branchdrive.benchmark.baseline.declaration import Neighbours, Prior
 from branchdrive.benchmark.baseline.estimate import estimate, neighbour_means, prior_means, ridge_regression
+from branchdrive.benchmark.ranking.measure import choose
 
 RNG = np.random.default_rng(5)
 KNOWN, ASKED, UTILITIES = RNG.normal(size=(40, 7)), RNG.normal(size=(9, 7)), RNG.random((40, 3))
@@ -58,6 +59,25 @@ def _estimates(rows: NDArray[np.int64]) -> list[NDArray[np.float64]]:
 def test_order_of_training_groups_decides_nothing() -> None:
     for one, other in zip(_estimates(np.arange(40)), _estimates(RNG.permutation(40)), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-13)
+
+
+def test_last_bits_choose_nothing() -> None:
+    """Utilities, distances and cells of which many tie."""
+    rng = np.random.default_rng(2)
+    known, asked = rng.integers(0, 2, (60, 4)) * 1.0, rng.integers(0, 2, (20, 4)) * 1.0
+    utilities = rng.integers(0, 3, (60, 5)) / 3
+
+    def choices(*, noise: float) -> list[list[int]]:
+        x, z, u = (values * (1 + noise * rng.normal(size=values.shape)) for values in (known, asked, utilities))
+        found = (
+            prior_means(known[:, 0].tolist(), asked[:, 0].tolist(), u, strength=3.0),
+            neighbour_means(x, z, u, count=4),
+            ridge_regression(x, z, u, strength=0.1),
+        )
+        return [choose(scores).tolist() for scores in found]
+
+    expected = choices(noise=0.0)
+    assert all(choices(noise=1e-15) == expected for _ in range(5))
 
 
 def test_summary_takes_what_is_available() -> None:

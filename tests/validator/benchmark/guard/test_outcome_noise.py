@@ -80,6 +80,8 @@ def test_repeats_that_lose_more_than_the_tolerance_are_counted() -> None:
     repeats[2, :, 1] = [np.nan, 2.5]
     assert noise_of(nominal, repeats, tolerance_m=0.25).losses == RepeatLosses(3, 2, 5, 3)
     assert noise_of(nominal, repeats, tolerance_m=0.5).losses == RepeatLosses(3, 1, 5, 1)
+    both = noise_of(nominal, repeats, tolerance_m=0.25, further_m=[0.5])
+    assert (both.losses, both.further_losses) == (RepeatLosses(3, 2, 5, 3), {0.5: RepeatLosses(3, 1, 5, 1)})
 
 
 def test_a_difference_is_beyond_noise_above_the_tolerance_alone() -> None:

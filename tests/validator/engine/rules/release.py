@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tests import synthetic, synthetic_release
 from tests.content_cache import kept, remembered
@@ -26,7 +27,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.layout import CARD_FILE, LEAKAGE_FILE, LICENCE_FILE
+from branchdrive.contract.layout import CARD_FILE, FILTERING_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
 from branchdrive.engine.worker import in_process
@@ -39,6 +40,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
+from branchdrive.quality.filtering import filtering_document
 from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.quality.population import population_document
@@ -93,10 +95,11 @@ def _made() -> Built:
 
 
 def _built_layers(scan: RawScan, options: BuildOptions) -> BuiltLayers:
-    """Canonical and quality layer."""
+    """Canonical and quality layer, but for figures beside the thresholds; see `ReleaseDraft.add_filtering`."""
     layers = BuiltLayers(scan.descriptor.action_bank.keys)
     build_canonical(scan, layers)
     build_quality(scan, layers, options, None)
+    layers.drop(FILTERING_FILE)
     return layers
 
 
@@ -162,6 +165,13 @@ class ReleaseDraft(Draft):
         self.tables.update(_arrow(layers))
         self.documents = layers.documents
         self.reseal("card")
+
+    def add_filtering(self) -> dict[str, Any]:
+        """Add the figures beside the thresholds, of the raw tables as they were built; the card follows later."""
+        rows, thresholds = built().scan.rows["replay_frames"], self.documents[THRESHOLDS]
+        found = filtering_document(self.frame("pairs"), self.frame("group_quality"), rows, thresholds)
+        self.documents[FILTERING_FILE] = found
+        return found
 
     def raw_root(self, root: Path) -> Path | None:
         """Where the raw dataset of the release at `root` is, if it has one beside it."""

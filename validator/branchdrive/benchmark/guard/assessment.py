@@ -37,8 +37,19 @@ from branchdrive.benchmark.guard.path import (
     margin_report,
     margin_selection,
     violations,
+    worst_overprediction,
+)
+from branchdrive.benchmark.guard.redraw import (
+    Executed,
+    Redraws,
+    conformal_places,
+    judged,
+    learn_then_test_places,
+    margin_places,
+    pool_of,
 )
 from branchdrive.benchmark.guard.risk import RiskFit, guarded_path
+from branchdrive.benchmark.ranking.measure import choose
 from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import Profile, Scale, predicted_utility, utility
@@ -124,6 +135,8 @@ class Assessment(NamedTuple):
         selections: Chosen candidate of every test group that takes part, by the names `SELECTIONS`.
         figures: Figures of every selection, by selection and name.
         trade_off: The path on the test partition.
+        redraws: Guards over redraws, by the last names of `SELECTIONS`, `None` for a guard that was not judged; `None`
+            where no redraws are asked for.
     """
 
     kept: NDArray[np.bool_]
@@ -136,6 +149,7 @@ class Assessment(NamedTuple):
     selections: Mapping[str, Indices]
     figures: Mapping[str, Mapping[str, Figure]]
     trade_off: TradeOff
+    redraws: Mapping[str, Redraws | None] | None
 
 
 class _CompleteGroups(NamedTuple):
@@ -149,6 +163,11 @@ class _CompleteGroups(NamedTuple):
     clusters: list[str]
     predicted_m: Array
     predicted_utilities: Array
+
+    @property
+    def members(self) -> tuple[tuple[str, str], ...]:
+        """Identifier and cluster of every group."""
+        return tuple(zip(self.groups, self.clusters, strict=True))
 
 
 def assess(
@@ -165,6 +184,7 @@ def assess(
     seed: int,
     num_resamples: int = NUM_RESAMPLES,
     limits: Limits = _LIMITS,
+    num_redraws: int | None = None,
 ) -> Assessment:
     """Fit the margin, calibrate the path, and look both up in the test partition.
 
@@ -181,6 +201,7 @@ def assess(
         seed: Of the draw of learn then test and of intervals.
         num_resamples: Of intervals.
         limits: What guards are held to.
+        num_redraws: Further divisions of calibrating and test clusters; none by default.
 
     Raises:
         ValueError: The risk was fitted for another tolerance, a prediction is not finite, shapes do not match, or a
@@ -198,7 +219,8 @@ def assess(
     def lost(path: SelectionPath, found: _CompleteGroups) -> NDArray[np.bool_]:
         return violations(path.selections, found.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
 
-    losses = lost(path_of(cal), cal)
+    calibration_path = path_of(cal)
+    losses = lost(calibration_path, cal)
     least = {"min_groups": limits.min_groups, "min_clusters": limits.min_clusters}
     exact = conformal(losses, cal.clusters, alpha=limits.alpha, **least)
     tail = learn_then_test(losses, cal.clusters, cal.groups, seed=seed, alpha=limits.alpha, delta=limits.delta, **least)
@@ -260,7 +282,76 @@ def assess(
             (path.selections != nominal).mean(axis=1),
             gains.mean(axis=1),
         ),
+        redraws=None
+        if num_redraws is None
+        else {
+            "global_margin": _redrawn_margin(val, tested, nominal, limits, seed, num_redraws),
+            **_redrawn_path(
+                cal,
+                tested,
+                np.concatenate([calibration_path.selections, path.selections], axis=1),
+                {found.method: found.refusal is None for found in (exact, tail)},
+                nominal,
+                limits,
+                seed,
+                num_redraws,
+            ),
+        },
     )
+
+
+def _redrawn_margin(
+    val: _CompleteGroups, tested: _CompleteGroups, nominal: int, limits: Limits, seed: int, num_redraws: int
+) -> Redraws:
+    """The global margin over redraws of validation and test clusters."""
+    pool = pool_of(val.members, tested.members, seed=seed, num_redraws=num_redraws)
+    predicted_m, utilities = (
+        np.concatenate([getattr(part, name) for part in (val, tested)])
+        for name in ("predicted_m", "predicted_utilities")
+    )
+    executed = _executed(val, tested, nominal, limits)
+    worst = worst_overprediction(predicted_m, executed.separation_m, nominal=nominal)
+    margins, places = margin_places(worst, pool, coverage=limits.coverage)
+    selections = np.stack(
+        [
+            margin_selection(predicted_m, utilities, GlobalMargin(margin_m, 0, 0), nominal=nominal)
+            for margin_m in margins.tolist()
+        ]
+    )
+    return judged(selections, choose(utilities), executed, pool, places)
+
+
+def _redrawn_path(
+    cal: _CompleteGroups,
+    tested: _CompleteGroups,
+    selections: Indices,
+    is_judged: Mapping[str, bool],
+    nominal: int,
+    limits: Limits,
+    seed: int,
+    num_redraws: int,
+) -> dict[str, Redraws | None]:
+    """The selection path over redraws of calibration and test clusters; `None` where it was not judged."""
+    if not any(is_judged.values()):
+        return dict.fromkeys(is_judged)
+    pool = pool_of(cal.members, tested.members, seed=seed, num_redraws=num_redraws)
+    executed = _executed(cal, tested, nominal, limits)
+    losses = violations(selections, executed.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
+    places = {
+        "conformal": conformal_places(losses, pool, alpha=limits.alpha),
+        "learn_then_test": learn_then_test_places(losses, pool, alpha=limits.alpha, delta=limits.delta),
+    }
+    return {
+        name: judged(selections, selections[-1], executed, pool, places[name]) if holds else None
+        for name, holds in is_judged.items()
+    }
+
+
+def _executed(one: _CompleteGroups, other: _CompleteGroups, nominal: int, limits: Limits) -> Executed:
+    utilities, separation_m = (
+        np.concatenate([getattr(part, name) for part in (one, other)]) for name in ("utilities", "separation_m")
+    )
+    return Executed(utilities, separation_m, nominal, limits.tolerance_m, limits.alpha)
 
 
 def _settled(exact: Calibration, tail: Calibration, *, always_nominal: bool) -> dict[str, Sequence[str]]:

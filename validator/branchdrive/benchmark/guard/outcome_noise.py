@@ -21,6 +21,8 @@ Boundary") and leaves materiality open.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +74,7 @@ class OutcomeNoise(NamedTuple):
         num_groups: Groups with a repeated value.
         num_one_sided: Groups in which only one of nominal and a repeat has the target.
         losses: Of separation.
+        further_losses: The same at further tolerances, by the tolerance in metres.
     """
 
     tolerance: Array
@@ -79,6 +82,7 @@ class OutcomeNoise(NamedTuple):
     num_groups: Counts
     num_one_sided: Counts
     losses: RepeatLosses
+    further_losses: Mapping[float, RepeatLosses] = MappingProxyType({})
 
 
 class SelectedDifferences(NamedTuple):
@@ -109,6 +113,7 @@ def outcome_noise(
     *,
     quantile: float = QUANTILE,
     tolerance_m: float = TOLERANCE_M,
+    further_m: Sequence[float] = (),
 ) -> OutcomeNoise:
     """Noise from training groups.
 
@@ -118,6 +123,7 @@ def outcome_noise(
         group_of: Group of every replay ``[repeats]``.
         quantile: In ``(0, 1]``.
         tolerance_m: Of a violation, metres.
+        further_m: Further tolerances.
 
     Raises:
         ValueError: Shapes do not match.
@@ -143,14 +149,19 @@ def outcome_noise(
         of_target = has[:, target]
         tolerance[target] = np.quantile(most[of_target, target], quantile, method="higher")
         rms[target] = np.sqrt(np.sort(squares[of_target, target] / num_of[of_target, target]).mean())
-    losing = both[:, SEPARATION] & (moved[:, SEPARATION] < -tolerance_m - TIE)
-    losses = RepeatLosses(
-        int(has[:, SEPARATION].sum()),
-        len(np.unique(group_of[losing])),
-        int(both[:, SEPARATION].sum()),
-        int(losing.sum()),
-    )
-    return OutcomeNoise(tolerance, rms, has.sum(axis=0), (num_one_sided > 0).sum(axis=0), losses)
+
+    def losses(tolerance_m: float) -> RepeatLosses:
+        losing = both[:, SEPARATION] & (moved[:, SEPARATION] < -tolerance_m - TIE)
+        return RepeatLosses(
+            int(has[:, SEPARATION].sum()),
+            len(np.unique(group_of[losing])),
+            int(both[:, SEPARATION].sum()),
+            int(losing.sum()),
+        )
+
+    further = {further: losses(further) for further in further_m}
+    num_sided = (num_one_sided > 0).sum(axis=0)
+    return OutcomeNoise(tolerance, rms, has.sum(axis=0), num_sided, losses(tolerance_m), further)
 
 
 def _sums(values: NDArray[np.generic], group_of: NDArray[np.intp], nominal: Targets) -> Array:

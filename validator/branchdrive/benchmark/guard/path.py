@@ -54,6 +54,7 @@ __all__ = [
     "multiplier_grid",
     "selection_path",
     "violations",
+    "worst_overprediction",
 ]
 
 Array = NDArray[np.float64]
@@ -194,11 +195,16 @@ def fit_margin(predicted_m: Array, separation_m: Array, *, nominal: int, coverag
     Raises:
         ValueError: Shapes differ, there is no group, or a value is not finite; leave such groups out.
     """
-    worst = np.sort(_overprediction(predicted_m, separation_m, nominal).max(axis=1))
+    worst = np.sort(worst_overprediction(predicted_m, separation_m, nominal=nominal))
     rank = math.ceil(exact_fraction(coverage) * len(worst))
     if not 1 <= rank <= len(worst):
         raise ValueError(f"a coverage of {coverage!r} has no rank among {len(worst)} groups")
     return GlobalMargin(float(worst[rank - 1]), rank, len(worst))
+
+
+def worst_overprediction(predicted_m: Array, separation_m: Array, *, nominal: int) -> Array:
+    """Largest overprediction of an intervention ``[groups]``, metres; arguments as of `fit_margin`."""
+    return np.asarray(_overprediction(predicted_m, separation_m, nominal).max(axis=1))
 
 
 def accepted(predicted_m: Array, margin: GlobalMargin, *, nominal: int) -> Mask:

@@ -24,7 +24,7 @@ Source: this project's choice.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, NamedTuple, Self
 
@@ -43,6 +43,7 @@ __all__ = [
     "MultiplierGrid",
     "RiskFeature",
     "RiskFit",
+    "Risks",
     "guarded_path",
     "probability",
     "risk",
@@ -243,6 +244,10 @@ class RiskFit(BaseModel):
                 if weight * feature.sign < 0:
                     raise ValueError(f"`{name}` weighs {feature.name!r} by {weight!r}: risk would rise with separation")
         return self
+
+
+Risks = Mapping[tuple[str, float], RiskFit]
+"""Learned risks by the guarded model and the tolerance in metres."""
 
 
 def standardised(features: Array, centre: Array, spread: Array) -> Array:

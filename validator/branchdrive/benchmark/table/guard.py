@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.benchmark.guard.calibration import CONDITIONAL
+from branchdrive.benchmark.guard.calibration import CONDITIONAL, DEVELOPMENT
 from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive.benchmark.table.cell import Document, number, with_ends
+from branchdrive.benchmark.table.redraw import guard_documents, redraw_sections
 from branchdrive.benchmark.warning import CALIBRATION_READ
 from branchdrive.driving.target import TARGETS
 from branchdrive.text.table import Column, Passage, Table
@@ -45,7 +46,7 @@ def guard_sections(results: Document) -> list[Table | Passage]:
     if not guard["profiles"]:
         return [Passage("Guard", [f"Not judged: {guard['reason']}"])]
     tables = [_profile_table(profile, results) for profile in guard["profiles"]]
-    return [*tables, Passage("What the guards promise", promises(results))]
+    return [*tables, *redraw_sections(results), Passage("What the guards promise", promises(results))]
 
 
 def _profile_table(profile: Document, results: Document) -> Table:
@@ -70,6 +71,8 @@ def _profile_table(profile: Document, results: Document) -> Table:
         size = f"{found['num_groups']} groups in {found['num_clusters']} clusters"
         notes.append(f"{title}: {multiplier}, calibrated on {size}.{refused}")
     notes.append(UNGUARDED)
+    if "redraws" in profile:
+        notes.append(DEVELOPMENT)
     if (floor := noise_floor(results)) is not None:
         notes.append(floor)
     columns = [Column.name("Selection"), *_FIGURES.values(), Column("Actions", is_detail=True)]
@@ -129,30 +132,40 @@ def promises(results: Mapping[str, Any]) -> list[str]:
     Args:
         results: Document ``results.json``, which conforms to its schema.
     """
-    guard = results["guard"]
-    found = []
-    for method, title in _METHODS.items():
-        refused = [profile["profile"] for profile in guard["profiles"] if profile[method]["refusal"] is not None]
-        if refused:
-            found.append(f"{title} was not judged under {', '.join(refused)}: it promises nothing there.")
-    texts = guard["guarantee"]
-    if CALIBRATION_READ in results["warnings"] and any(texts[method] is not None for method in _METHODS):
+    documents, found = guard_documents(results), []
+    for i, guard in enumerate(documents):
+        of = f" of {guard['model']} at {guard['tolerance_m']:g} m" if i else ""
+        for method, title in _METHODS.items():
+            refused = [profile["profile"] for profile in guard["profiles"] if profile[method]["refusal"] is not None]
+            if refused:
+                found.append(f"{title}{of} was not judged under {', '.join(refused)}: it promises nothing there.")
+    texts = [guard["guarantee"] for guard in documents]
+    if CALIBRATION_READ in results["warnings"] and any(each[method] for each in texts for method in _METHODS):
         found.append(CALIBRATION_READ)
-    conditional = None if texts["conformal"] is None else CONDITIONAL
-    claimed = (texts["conformal"], conditional, texts["learn_then_test"], texts["global_margin"])
-    return [*found, *(text for text in claimed if text is not None)]
+    claimed = [
+        (each["conformal"], None if each["conformal"] is None else CONDITIONAL, each["learn_then_test"])
+        for each in texts
+    ]
+    margins = [each["global_margin"] for each in texts]
+    said = [text for each in claimed for text in each] + margins
+    return [*found, *dict.fromkeys(text for text in said if text is not None)]
 
 
 def noise_floor(results: Mapping[str, Any]) -> str | None:
-    """A sentence on how often a repeated nominal would be a violation; ``None`` where the noise is unknown.
+    """Sentences on how often a repeated nominal would be a violation; ``None`` where the noise is unknown.
 
     Args:
         results: As above.
     """
-    noise, tolerance_m = results["noise"], results["guard"]["tolerance_m"]
+    noise = results["noise"]
     if noise is None or not (noise["losses"]["num_groups"] and noise["losses"]["num_repeats"]):
         return None
-    losses, noisy = noise["losses"], noise["tolerance"][SEPARATION]
+    known = [(results["guard"]["tolerance_m"], noise["losses"])]
+    known += [(losses["tolerance_m"], losses) for losses in noise.get("further_losses", ())]
+    return " ".join(_floor(tolerance_m, losses, noise["tolerance"][SEPARATION]) for tolerance_m, losses in known)
+
+
+def _floor(tolerance_m: float, losses: Document, noisy: float | None) -> str:
     groups, repeats = losses["num_groups"], losses["num_repeats"]
     losing, repeats_losing = losses["num_groups_losing"], losses["num_repeats_losing"]
     found = (

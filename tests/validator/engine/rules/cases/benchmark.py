@@ -279,6 +279,13 @@ def risk_of_another_tolerance(d: BenchmarkDraft) -> None:
     d.follow("accesses")
 
 
+@mutant("BD-BMK-010", at={"file": RANKING_LOCK, "pointer": "/further_risk_fits/0"})
+def risk_of_a_guard_that_nobody_declared(d: BenchmarkDraft) -> None:
+    lock = d.documents[RANKING_LOCK]
+    lock["further_risk_fits"] = [{"model": "M1", "tolerance_m": 0.25, "risk_fit": lock["risk_fit"]}]
+    d.follow("accesses")
+
+
 # BD-BMK-011
 
 

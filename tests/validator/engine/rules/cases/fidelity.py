@@ -7,6 +7,7 @@ from tests.synthetic_release import LOST, MOVED, SEED
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import LEDGER, RETENTION, SPLIT, THRESHOLDS, ReleaseDraft
 
+from branchdrive.contract.layout import FILTERING_FILE
 from branchdrive.quality.fidelity import retention_document, threshold_document
 from branchdrive.quality.ledger import with_round
 from branchdrive.tables.frame import Frame, take
@@ -353,4 +354,35 @@ def test_accessed_under_other_thresholds_before(d: ReleaseDraft) -> None:
 def thresholds_fixed_twice_before_test_was_accessed(d: ReleaseDraft) -> None:
     before = with_round(None, **{**_digests(d), "thresholds_digest": "0" * 64})["entries"][:2]
     d.documents[LEDGER] = with_round({"entries": before}, **_digests(d))
+    d.reseal("card")
+
+
+# BD-FID-013
+
+
+@boundary("BD-FID-013", "BD-REL-003")
+def figures_beside_thresholds_with_other_last_bits(d: ReleaseDraft) -> None:
+    for variable in d.add_filtering()["variables"]:
+        if variable["variation"]:
+            variable["variation"] *= 1 + 1e-12
+    d.reseal("card")
+
+
+@mutant("BD-FID-013", at={"file": FILTERING_FILE, "pointer": "/variables/4/num_failing_alone"})
+def pair_that_fails_by_one_variable_alone_and_is_not_counted(d: ReleaseDraft) -> None:
+    d.add_filtering()["variables"][4]["num_failing_alone"] += 1
+    d.reseal("card")
+
+
+@mutant("BD-FID-013", at={"file": FILTERING_FILE, "pointer": "/variables/12/threshold"})
+def nearest_vehicle_in_the_place_of_the_matched_one(d: ReleaseDraft) -> None:
+    variables = d.add_filtering()["variables"]
+    variables[12]["threshold"] = variables[7]["threshold"] + 0.5
+    d.reseal("card")
+
+
+@mutant("BD-FID-013", at={"file": FILTERING_FILE, "pointer": "/variables/0/filters"})
+def threshold_that_is_said_to_filter(d: ReleaseDraft) -> None:
+    position = d.add_filtering()["variables"][0]
+    position["filters"] = not position["filters"]
     d.reseal("card")
