@@ -46,6 +46,7 @@ _SETTINGS: dict[Any, Any] = {
 _METADATA: dict[str, dict[str, str | None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 _DPI = 150
 _LINE_IN = 0.18
+_BOTTOM_IN = 0.08
 _LETTERS_PER_IN = 14.5
 """Of small letters, with some room: the font is not monospaced."""
 
@@ -56,10 +57,12 @@ def new_figure(width_in: float, height_in: float, heading: str, remarks: str, wa
     The figure grows by the lines of the warnings.
     """
     lines = [line for warning in warnings for line in textwrap.wrap(warning, round(_LETTERS_PER_IN * width_in))]
-    top_in = 0.82 + _LINE_IN * len(lines)
+    top_in = 0.72 + _LINE_IN * len(lines)
     height_in += _LINE_IN * len(lines)
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
-    figure.get_layout_engine().set(rect=(0.01, 0.02, 0.98, 1 - top_in / height_in), wspace=0.06, hspace=0.08)  # type: ignore[union-attr, call-arg]
+    bottom = _BOTTOM_IN / height_in
+    inner = (0.01, bottom, 0.98, 1 - bottom - top_in / height_in)
+    figure.get_layout_engine().set(rect=inner, wspace=0.06, hspace=0.08)  # type: ignore[union-attr, call-arg]
     figure.text(0.015, 1 - 0.24 / height_in, heading, fontsize=13, fontweight="bold", color=INK, va="center")
     for row, (line, colour) in enumerate([(remarks, QUIET), *((line, WARNING) for line in lines)]):
         place = 1 - (0.5 + _LINE_IN * row) / height_in
