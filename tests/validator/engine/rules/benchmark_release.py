@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from tests.content_cache import kept, remembered
-from tests.validator.benchmark.samples import noise, paths_of, risk_fit
+from tests.validator.benchmark.samples import GUARD, noise, paths_of, risk_fit
 from tests.validator.engine.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts
@@ -196,6 +196,7 @@ def _protocol() -> BenchmarkProtocol:
     document = default_protocol().document | {"name": "small"}
     document["statistics"] = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
     document["shuffles"]["seeds"] = [0]
+    document["guard"] = {name: document["guard"][name] for name in GUARD}
     return read_protocol(document)
 
 
