@@ -140,6 +140,7 @@ def test_thresholds_that_filter_nothing_are_named_where_that_is_known(release: R
     assert all(sentence in text for sentence in filtering_sentences(filtering))
     assert row(text, "`matched_vehicle_gap_m`") == ["0.25", "0.5", "50.00%", "100.00%", "12", "-", "decides nothing"]
     assert "filters nothing" not in card(release)
+    assert "filtering.json" not in card(release)
 
 
 def test_a_retention_without_units_is_no_pass(release: Release) -> None:
@@ -190,7 +191,8 @@ def test_variants_stand_apart(release: Release) -> None:
 
 
 def test_the_files_of_every_layer_are_described(release: Release) -> None:
-    text = card(release, leakage())
+    described = make_descriptor().model_copy(update={"layers": ("raw", *LAYERS)})
+    text = render_card(described, SOURCE, *release, leakage=leakage(), filtering=EXAMPLES["filtering"])
     for layer in LAYERS.values():
         names = dict.fromkeys(
             re.sub(f"-({'|'.join(PARTITIONS)})[.]parquet", "-*.parquet", path) for path in layer.files

@@ -10,7 +10,7 @@ Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" and "Discuss
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -71,6 +71,7 @@ def render_card(
     `leakage` is None where it was not audited, `filtering` where it was not recorded, `results` where no benchmark is
     published.
     """
+    absent = {name for name, found in (("leakage.json", leakage), ("filtering.json", filtering)) if found is None}
     sections = [
         front_matter(descriptor, population),
         _head(descriptor, population, ledger, leakage),
@@ -82,7 +83,7 @@ def render_card(
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
         *([section] if (section := selected_section(results)) else []),
-        _structure(descriptor, source, has_leakage=leakage is not None),
+        _structure(descriptor, source, absent=absent),
         _use(),
         _validation(descriptor),
         _licence(descriptor),
@@ -315,7 +316,7 @@ def _where(where: Mapping[str, bool]) -> str:
     return ", ".join(f"`{name}`" if value else f"not `{name}`" for name, value in sorted(where.items()))
 
 
-def _structure(descriptor: Descriptor, source: Document, *, has_leakage: bool) -> list[str]:
+def _structure(descriptor: Descriptor, source: Document, *, absent: Collection[str]) -> list[str]:
     files = [["`branchdrive.json`", "Descriptor: what the dataset is and which streams and layers it claims."]]
     if "raw" in descriptor.layers:
         files.append(["`raw/`", "Every attempt as it was recorded, in shards of whole groups."])
@@ -327,7 +328,7 @@ def _structure(descriptor: Descriptor, source: Document, *, has_leakage: bool) -
         files += [
             [f"`{name}/{document.name}`", document.title]
             for document in layer.documents.values()
-            if document.name != "leakage.json" or has_leakage
+            if document.name not in absent
         ]
         files += [_table_row(name, table) for table in layer.tables.values()]
     files.append(["`MANIFEST.sha256`", "Digest of every file."])

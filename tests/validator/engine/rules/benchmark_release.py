@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from tests.content_cache import kept, remembered
-from tests.validator.benchmark.samples import noise, paper_protocol, paths_of, risk_fit
+from tests.validator.benchmark.samples import GUARD, noise, paper_protocol, paths_of, risk_fit
 from tests.validator.engine.rules.release import BUILT, SPLIT, STEPS, ReleaseDraft, release_draft
 
 from branchdrive.benchmark.baseline.context import Contexts, contexts_of
@@ -213,6 +213,7 @@ def _protocol() -> BenchmarkProtocol:
     document["families"] = [f for f in document["families"] if near.isdisjoint(m.get("profile") for m in f["members"])]
     document["statistics"] = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
     document["shuffles"]["seeds"] = [0]
+    document["guard"] = {name: document["guard"][name] for name in GUARD}
     return read_protocol(document)
 
 
