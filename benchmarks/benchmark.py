@@ -39,7 +39,8 @@ def rows(root: Path, *, jobs: int, protocol_file: Path | None = None) -> Iterato
     num_groups = len(data.part("train").groups)
     options = (str(root), "--jobs", str(jobs), *(() if protocol_file is None else ("--protocol", str(protocol_file))))
     trained = _run("train", *options, "--no-guard")
-    what = f"train M1, M2 and M3 with three seeds on {num_groups:,} groups, {jobs} process(es)"
+    names = ", ".join(model.id for model in protocol.models)
+    what = f"train {names} with all their seeds on {num_groups:,} groups, {jobs} process(es)"
     yield Row(what, _cost(trained), "<= 120 s")
     folds = len(fold_tasks(release, protocol))
     yield Row(f"train the {folds} folds of the guard, and its risk", _cost(_run("train", *options)))
