@@ -77,7 +77,7 @@ def test_the_columns_of_predictions_are_those_that_are_read() -> None:
 
 def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
     models = default_protocol().models
-    assert re.findall(r"^\| (M[0-9]) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [
+    assert re.findall(r"^\| (M[0-9]r?) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [
         model.id for model in models
     ]
     for model in models[1:]:

@@ -4,7 +4,7 @@ The prediction lock is there before outcomes of the test partition are looked at
 nothing that is not from training or predictions. Predictions of others come from no locked checkpoint: their results
 are printed with a warning and are not published.
 
-Source: paper IV-C; spec/14-benchmark.md.
+Source: paper, "Training and Test Locking"; spec/14-benchmark.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from branchdrive.benchmark.checkpoint import num_parameters
 from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.description import describe, described_checkpoints
 from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import (
@@ -41,7 +43,9 @@ from branchdrive.contract.layout import (
     RANKING_LOCK_FILE,
     RESULTS_FILE,
 )
+from branchdrive.formats.table_file import read_layer_table
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
+from branchdrive.tables.arrow import from_arrow
 from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risks
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
@@ -95,10 +99,10 @@ def evaluate_published(
     show(1, 4, "statistics")
     notes = _warnings(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
-    contexts, further = baseline_contexts(release, protocol, data), further_risks_of(ranking_lock)
     results = results_document(
-        protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes, further_risks=further
-    )
+        protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
+        further_risks=further_risks_of(ranking_lock), description=_description(release, data, lock),
+    )  # fmt: skip
     show(2, 4, "figures")
     rendered = render_files(release, protocol, results, with_figures=with_figures)
     show(3, 4, "publication")
@@ -138,11 +142,21 @@ def evaluate_foreign(
     unlocked = sorted({*found.models, *published})
     notes = _warnings(release, ledger, data, protocol, unlocked, changed)
     notes += [UNRECORDED, *([unevaluated] if unevaluated is not None and lock is not None else ())]
-    contexts = baseline_contexts(release, protocol, data)
     results = results_document(
-        protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes, further_risks=further
-    )
+        protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
+        further_risks=further, description=_description(release, data, lock if unevaluated is None else None),
+    )  # fmt: skip
     return Evaluation(results, render_files(release, protocol, results, with_figures=with_figures))
+
+
+def _description(release: Release, data: BenchmarkData, lock: Any | None) -> dict[str, Any]:
+    """What is counted of the population, and of the models that `lock` names."""
+    contents = {
+        model: release.content(f"{BENCHMARK}/{file}")
+        for model, file in ({} if lock is None else described_checkpoints(lock)).items()
+    }
+    parameters = {model: num_parameters(content, len(content)) for model, content in contents.items()}
+    return describe(from_arrow(read_layer_table(release.root, "contexts"), "contexts"), data, parameters)
 
 
 def _warnings(

@@ -4,7 +4,7 @@ Inputs are ``state [16, 21]`` and ``controls [80, 3]`` in physical units, float3
 the order of the bank and of the targets, in their units. Metadata name the bank, the targets, the checkpoints, and
 the scale and weights from which a profile's utility follows, so that nothing else is needed to choose.
 
-Source: paper V-D (latency of the structured selector).
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" (latency of the structured selector).
 """
 
 from __future__ import annotations
@@ -41,7 +41,10 @@ INPUTS, OUTPUT = ("state", "controls"), "targets"
 TOLERANCE = 1e-5
 """Largest difference to torch, in units of the larger of 1 and the value."""
 
-UTILITY = "sum over weighed of weight * d, d = clip((y - q05) / max(q95 - q05, 1e-6), 0, 1), and 1 - d where reversed"
+UTILITY = (
+    "sum over weighed of weight * d, d = clip((y - q05) / max(q95 - q05, 1e-6), 0, 1), and 1 - d where reversed; "
+    "under a profile in near_m, d = sqrt(clip(y / near_m, 0, 1)) for the first"
+)
 """How utility follows from targets ``y``, as the metadata say it."""
 
 Array = NDArray[np.float32]
@@ -184,5 +187,6 @@ def _about(
             "reversed": [name for name, is_reversed in zip(WEIGHED, REVERSED, strict=True) if is_reversed],
             **{name: [float(v) if np.isfinite(v) else None for v in getattr(scale, name)] for name in ("q05", "q95")},
             "profiles": {name: profile.weights.tolist() for name, profile in profiles.items()},
+            "near_m": {name: profile.near_m for name, profile in profiles.items() if profile.near_m is not None},
         },
     }

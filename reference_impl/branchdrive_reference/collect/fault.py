@@ -2,7 +2,8 @@
 
 They are the failures that the paper reports of its own collection, and what a validator must find.
 An attempt has one fault at most: the first of its own whose draw succeeds, in the order below.
-Source: paper V-A (population table) and V-B.
+Source: paper, "Research Questions and Experimental Protocol" (population table) and
+"Collection Integrity, Replay Fidelity, and Leakage".
 """
 
 from __future__ import annotations

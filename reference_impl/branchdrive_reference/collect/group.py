@@ -1,7 +1,7 @@
 """One branch group: the nominal pass, its branch, and the matched replays of every policy.
 
 Every rollout is executed from tick 0. Rollouts that an interrupted run has finished are reused,
-also the nominal one with its branch and its commands. Source: paper III-B.
+also the nominal one with its branch and its commands. Source: paper, "Two-Pass Collection".
 """
 
 from __future__ import annotations

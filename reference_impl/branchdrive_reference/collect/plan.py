@@ -3,7 +3,7 @@
 Presets of a collection: how many groups, how noisy, with which faults.
 
 `paper` leaves a funnel of the paper's shape; docs/decisions/0012-faults-as-declared-rates.md derives
-its rates. Source: paper V-A, table of the population.
+its rates. Source: paper, "Research Questions and Experimental Protocol", table of the population.
 """
 
 from __future__ import annotations
@@ -157,10 +157,10 @@ PRESETS: Mapping[str, Preset] = {
         faults=_BENCHMARK_FAULTS,
     ),
     "context": Preset(
-        num_groups=1_000,
+        num_groups=1_800,
         replay_noise=1.0,
         faults=_BENCHMARK_FAULTS,
-        branches={BranchKind.EARLY: 0.1, BranchKind.QUIET: 0.3},
+        branches={BranchKind.EARLY: 0.1, BranchKind.QUIET: 0.6},
         scenario_types=CONSEQUENTIAL,
     ),
     "paper": Preset(

@@ -5,7 +5,7 @@ actions. It is fitted by Adam on cross entropy in batches of whole groups; the w
 least validation loss score, in float64, so that equal rows have equal scores. One seed gives one result on
 one machine.
 
-Source: paper VI-A for the kind; sizes are this project's choice.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" for the kind; sizes are this project's choice.
 """
 
 from __future__ import annotations

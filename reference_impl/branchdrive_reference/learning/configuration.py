@@ -15,10 +15,14 @@ M0        nothing              0           0
 M1        actions              202,424     0.202
 M2        histories            399,800     0.398
 M3        histories, actions   553,784     0.553
+M3r       histories, actions   553,784
 ========  ===================  ==========  =============
 
-Source: paper IV-B (optimiser, schedule, loss, batch size, seeds); widths, learning rate and weight decay are this
-project's choice, widths so that the numbers of parameters are near the paper's.
+M3r is M3, trained for decisions as well; it is no model of the paper.
+
+Source: paper, "Research Questions and Experimental Protocol" (optimiser, schedule, loss, batch size, seeds); widths,
+learning rate and weight decay are this project's choice, widths so that the numbers of parameters are near the
+paper's.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from branchdrive.benchmark.protocol import DeclaredModel
@@ -37,6 +43,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
 from branchdrive.driving.feature import InputContract
+from branchdrive.driving.utility import Profile
 from branchdrive.errors import DatasetError
 
 __all__ = [
@@ -44,8 +51,10 @@ __all__ = [
     "MODEL_VERSION",
     "ActionConfig",
     "Configuration",
+    "DecisionConfig",
     "HistoryConfig",
     "ModelConfig",
+    "PreferenceConfig",
     "TrainingConfig",
     "TreesConfig",
     "is_model_name",
@@ -57,10 +66,15 @@ MODEL_VERSION = "0.1.0"
 MAX_WIDTH = 768
 """Widths up to which the state of a training stays below the size of the largest file that is read."""
 
+MAX_PREFERENCES = 16
+"""Preferences that one training may serve."""
+
 Width = Annotated[int, Field(ge=1, le=MAX_WIDTH)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1000)]
 NotNegative = Annotated[float, Field(ge=0, le=1000)]
+Name = Annotated[str, Field(pattern=PATTERNS["model"])]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 _MAX_PLACE = 200
 _NOTHING_ELSE = ConfigDict(extra="forbid")
@@ -137,7 +151,7 @@ class ModelConfig:
 
     __pydantic_config__ = _NOTHING_ELSE
 
-    name: Annotated[str, Field(pattern=PATTERNS["model"])]
+    name: Name
     contract: Annotated[str, AfterValidator(lambda value: InputContract(value).value)]
     fusion_width: Width
     history: HistoryConfig | None = None
@@ -156,6 +170,49 @@ class ModelConfig:
 
 
 @dataclass(frozen=True)
+class PreferenceConfig:
+    """What a decision weighs, as a profile of the protocol does.
+
+    Attributes:
+        separation: Weight of separation.
+        displacement: Weight of displacement.
+        comfort: Weight of comfort, split evenly over its three targets.
+        near_m: Range of separation that is scored, metres; ``None`` for that between its quantiles.
+    """
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    separation: Share
+    displacement: Share
+    comfort: Share
+    near_m: Positive | None = None
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weights of the targets that utility weighs, ``[5]``."""
+        return Profile(self.separation, self.displacement, self.comfort).weights
+
+
+@dataclass(frozen=True)
+class DecisionConfig:
+    """Training for the choice among the candidates of a context, beside the outcome of each.
+
+    Attributes:
+        contrast_weight: Weight of how wrong the desirabilities of candidates are beside one another.
+        regret_weight: Weight of the regret of a soft choice.
+        temperature: Difference of utility by which the soft choice tells two candidates apart.
+        preferences: By name, those whose choices are made; all weigh the same.
+    """
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    contrast_weight: NotNegative
+    regret_weight: NotNegative
+    temperature: Annotated[float, Field(ge=1e-3, le=1000)]
+    preferences: Annotated[dict[Name, PreferenceConfig], Field(min_length=1, max_length=MAX_PREFERENCES)]
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     """Training of a model.
 
@@ -169,6 +226,7 @@ class TrainingConfig:
         huber_delta: Where the loss of normalised scalars turns from square to linear.
         smooth_l1_beta: The same for normalised trajectories.
         heading_weight: Weight of the deviation of (sin, cos) from unit norm.
+        decision: Training for decisions, ``None`` for outcomes alone.
     """
 
     __pydantic_config__ = _NOTHING_ELSE
@@ -182,6 +240,7 @@ class TrainingConfig:
     huber_delta: Positive
     smooth_l1_beta: NotNegative
     heading_weight: NotNegative
+    decision: DecisionConfig | None = None
 
     def learning_rate_at(self, epoch: int) -> float:
         """Rate of the epoch ``e = 1, 2, ...``, with ``w`` epochs of warm-up and ``E`` at most.
@@ -251,4 +310,8 @@ _ADAPTER = TypeAdapter(Configuration)
 
 
 def _present(record: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in record.items() if value is not None}
+    return {
+        name: _present(value) if isinstance(value, dict) else value
+        for name, value in record.items()
+        if value is not None
+    }

@@ -12,7 +12,7 @@ Everything is normalised by the training scalings, except one-hots and flags, si
 surroundings, which are as they are. No NaN is in an item: where a mask is false stands 0, to be left out of a loss.
 No identifier is in an item; `BranchGroupDataset.groups` has the group of each.
 
-Source: paper III-E; spec/12-model.md#contracts.
+Source: paper, "Model Inputs and Targets"; spec/12-model.md#contracts.
 """
 
 from __future__ import annotations

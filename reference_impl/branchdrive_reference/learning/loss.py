@@ -9,7 +9,9 @@ With ``n_t`` the available values of target ``t`` in the batch and ``T`` the tar
 
 What is unavailable enters neither loss nor gradient.
 
-Source: paper IV-B; that targets weigh the same, and the mean over them, are this project's choice.
+Source: paper, "Research Questions and Experimental Protocol", which adds "target-wise masked Huber loss" to the other
+two and leaves open whether targets are added or averaged. The mean is the choice of this protocol: scalars and
+trajectories then weigh alike whatever the number of targets; the sum would weigh scalars six times as much.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ width, which is all that the fusion knows about it: another one, as of images, t
 The history encoder has one recurrence over the 16 observations and one over the 80 controls, which takes the five
 controls between two observations as one step: a fifth of the steps, and no loss in validation.
 
-Source: paper IV-B for what each model reads; the layers are this project's choice.
+Source: paper, "Compared Models" for what each model reads; the layers are this project's choice.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Weights are float32 and predictions are computed from them in float64, so that m
 target that is unavailable somewhere has a prediction there all the same; one without any training value is
 predicted as 0. Outcomes of the partition are not read.
 
-Source: paper IV-B.
+Source: paper, "Training and Test Locking".
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Where weights come from: configuration, seed, and the training data under their digests.
 
-Source: paper IV-B (locked configurations and normalisation); which digests they are is this project's choice.
+Source: paper, "Training and Test Locking" (locked configurations and normalisation); which digests they are is this
+project's choice.
 """
 
 from __future__ import annotations

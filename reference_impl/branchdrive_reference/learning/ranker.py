@@ -5,7 +5,8 @@ batched product; narrower ones are padded with zeros, which keep their part of t
 when the ranker is made. Scaling is part of the network: contexts go in and scalars come out in their units.
 The prediction is the mean over seeds, and only scalars are computed, which are all that utility needs.
 
-Source: paper V-D (outcome-derived selection, latency of the structured selector); stacking is this project's choice.
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" (outcome-derived selection, latency of the
+structured selector); stacking is this project's choice.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ training when it has not fallen for `patience` epochs. No other partition is rea
 The state is written every few epochs, and before an interruption is passed on: the same call goes on from there and
 comes to the same weights, bit for bit, on the same machine.
 
-Source: paper IV-B.
+Source: paper, "Research Questions and Experimental Protocol".
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
+from branchdrive.model.normalisation import Scaling
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.checkpoint import (
@@ -34,6 +35,7 @@ from branchdrive_reference.learning.checkpoint import (
     write_checkpoint,
 )
 from branchdrive_reference.learning.configuration import Configuration, TrainingConfig
+from branchdrive_reference.learning.decision import DecisionLoss
 from branchdrive_reference.learning.execution import deterministic, open_device
 from branchdrive_reference.learning.groups import BranchGroupDataset
 from branchdrive_reference.learning.loss import loss_terms
@@ -144,7 +146,8 @@ def train_model(
             on_device = {
                 name: {key: values.to(place) for key, values in tensors.items()} for name, tensors in data.items()
             }
-            state = _fit(network.to(place), on_device, job)
+            loss = _Loss.of(configuration.training, on_device["train"], layer.scalings().scalars)
+            state = _fit(network.to(place), on_device, loss, job)
             weights, curve = state.best, state.curve
     write_checkpoint(
         path,
@@ -188,7 +191,7 @@ def _unseen(report: EpochReport) -> None:
     """Nobody watches."""
 
 
-def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], job: _Job) -> TrainingState:
+def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], loss: _Loss, job: _Job) -> TrainingState:
     """Train from the start, or from the state on disk, to the end."""
     config, seed = job.configuration.training, job.provenance.seed
     optimizer = AdamW(network.parameters(), weight_decay=config.weight_decay, fused=True)
@@ -196,9 +199,9 @@ def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], job:
     if state_path(job.path).exists():
         read_state(state_path(job.path), state, job.provenance, job.environment)
     while not _is_over(state.curve, config):
-        train_loss = _epoch(state, data["train"], config, seed=seed)
+        train_loss = _epoch(state, data["train"], loss, seed=seed)
         with torch.no_grad():
-            val_loss = float(_loss(network, data["val"], config))
+            val_loss = float(loss(network, data["val"]))
         if not (math.isfinite(train_loss) and math.isfinite(val_loss)):
             raise UsageError(
                 f"{job.provenance.model}, seed {seed}: the loss of epoch {state.epoch + 1} is not a number; "
@@ -222,21 +225,35 @@ def _is_over(curve: Curve, config: TrainingConfig) -> bool:
     return epoch >= config.max_epochs or epoch - curve.best_epoch >= config.patience
 
 
-def _epoch(state: TrainingState, data: Mapping[str, Tensor], config: TrainingConfig, *, seed: int) -> float:
+def _epoch(state: TrainingState, data: Mapping[str, Tensor], loss: _Loss, *, seed: int) -> float:
     """One pass over the training groups; the mean loss of a group."""
-    epoch, num_groups = state.epoch + 1, len(data["scalars"])
+    config, epoch, num_groups = loss.config, state.epoch + 1, len(data["scalars"])
     learning_rate = config.learning_rate_at(epoch)
     order = torch.from_numpy(stream(seed, BATCHES, epoch).permutation(num_groups)).to(data["scalars"].device)
     total = 0.0
     for rows in order.split(config.batch_groups):
         batch = {name: values if name in _SHARED else values[rows] for name, values in data.items()}
-        loss = _loss(state.network, batch, config)
-        state.optimizer.descend(loss, learning_rate)
-        total += float(loss.detach()) * len(rows)
+        found = loss(state.network, batch)
+        state.optimizer.descend(found, learning_rate)
+        total += float(found.detach()) * len(rows)
     return total / num_groups
 
 
-def _loss(network: nn.Module, batch: Mapping[str, Tensor], config: TrainingConfig) -> Tensor:
-    num_groups, num_candidates, _ = batch["scalars"].shape
-    outcome = network(batch, num_groups=num_groups, num_candidates=num_candidates)
-    return loss_terms(outcome, batch["scalars"], batch["mask"], batch["trajectory"], config).total
+class _Loss(NamedTuple):
+    """Loss of a network on a batch: of outcomes, and of decisions where the training has any."""
+
+    config: TrainingConfig
+    decision: DecisionLoss | None
+
+    @classmethod
+    def of(cls, config: TrainingConfig, train: Mapping[str, Tensor], scaling: Scaling) -> _Loss:
+        """The loss of a training on the groups of `train`, whose targets are normalised by `scaling`."""
+        if config.decision is None:
+            return cls(config, None)
+        return cls(config, DecisionLoss(config.decision, train["scalars"], train["mask"], scaling))
+
+    def __call__(self, network: nn.Module, batch: Mapping[str, Tensor]) -> Tensor:
+        scalars, mask = batch["scalars"], batch["mask"]
+        outcome = network(batch, num_groups=scalars.shape[0], num_candidates=scalars.shape[1])
+        found = loss_terms(outcome, scalars, mask, batch["trajectory"], self.config).total
+        return found if self.decision is None else found + self.decision(outcome.scalars, scalars, mask)

@@ -29,7 +29,7 @@ DESCRIPTIONS: Mapping[BranchKind, str] = {
     BranchKind.ONSET: "the last observation before the expert's manoeuvre",
     BranchKind.EARLY: "an observation 0.5 to 1 s before the manoeuvre, drawn",
     BranchKind.QUIET: "a control: an observation from which the expert holds its commands for 2.5 s, drives straight "
-    "on, does not brake, and comes within 3 m of somebody, drawn",
+    "on, does not brake, and comes within 2 m of somebody, drawn",
 }
 """Where the branch lies."""
 

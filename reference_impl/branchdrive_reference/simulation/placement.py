@@ -45,17 +45,17 @@ MOST_EARLY_TICKS = 20
 
 QUIET_DEFINITION = "quiet 1"
 
-QUIET_CHANGE = 0.1
+QUIET_CHANGE = 0.05
 """Largest change of any command of the expert in the window of a quiet branch."""
 
-QUIET_STEER = 0.02
+QUIET_STEER = 0.01
 """Largest steering command there, in magnitude."""
 
 QUIET_SHIFT_M = 0.25
 """Largest offset from the route that it plans there: what shows a lane shift elsewhere."""
 
-QUIET_SEPARATION_M = 3.0
-"""Separation to which somebody comes near in that window."""
+QUIET_SEPARATION_M = 2.0
+"""Separation to which somebody comes near in that window: a little more than vehicles leave that pass each other."""
 
 
 def place_branch(nominal: Run, kind: BranchKind) -> Branch | None:

@@ -13,7 +13,7 @@ from tests.reference_impl.benchmark.small_release import contents, invoke
 from branchdrive_reference.benchmark.figure.gallery import figures
 from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
 
-NAMES = ("guard", "policy_value", "prediction")
+NAMES = ("guard", "policy_value", "prediction", "selected_outcomes")
 
 POPULATION = {
     "num_policies": 13,
@@ -79,7 +79,8 @@ def test_violations_are_drawn_as_the_guarantee_counts_them(results: Any) -> None
 
 def test_documents_of_the_release_have_figures() -> None:
     found = figures(EMPTY, alpha=0.05, population=POPULATION, leakage=LEAKAGE)
-    assert sorted(found) == ["attrition.png", "attrition.svg", "leakage.png", "leakage.svg"]
+    names = ("attrition", "construction", "leakage")
+    assert sorted(found) == [f"{name}.{kind}" for name in names for kind in ("png", "svg")]
 
 
 def test_a_bit_identical_release_has_a_gate_without_tests() -> None:

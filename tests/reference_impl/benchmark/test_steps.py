@@ -28,7 +28,9 @@ def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
     results = json.loads(after["benchmark/results.json"])
     assert results["warnings"] == []
     assert [model["id"] for model in results["models"]] == ["M0", "M1", "M2", "M3"]
-    assert len(results["guard"]["profiles"]) == 4
+    further = json.loads(after["benchmark/ranking_lock.json"])["further_risk_fits"]
+    assert [(fit["model"], fit["tolerance_m"], fit["risk_fit"]["tolerance_m"]) for fit in further] == [("M3", 0.5, 0.5)]
+    assert [len(guard["profiles"]) for guard in (results["guard"], *results["further_guards"])] == [5, 5]
     assert results["noise"] is None  # a detached release has no raw layer
 
 

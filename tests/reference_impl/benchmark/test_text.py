@@ -14,6 +14,7 @@ from tests.validator.benchmark.samples import data, noise, prediction_set, risk_
 
 from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
 from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.table.redraw import guard_documents
 from branchdrive.benchmark.warning import CALIBRATION_READ
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive_reference.benchmark.text import render_results
@@ -32,14 +33,14 @@ def text(results: Any) -> str:
 def test_a_refused_guard_promises_nothing(results: Any) -> None:
     """The calibration partition of the small release has four groups."""
     found = text(results)
-    assert "was not judged under balanced, safety, progress, comfort: it promises nothing there." in found
+    assert "was not judged under balanced, safety, progress, comfort, near_range: it promises nothing there." in found
     assert "Assume that" not in found
     assert GLOBAL_MARGIN in found
 
 
 def test_a_judged_guard_promises_word_for_word_and_says_what_takes_from_it(results: Any) -> None:
     judged = copy.deepcopy(results)
-    for profile in judged["guard"]["profiles"]:
+    for profile in (profile for guard in guard_documents(judged) for profile in guard["profiles"]):
         for method in ("conformal", "learn_then_test"):
             profile[method]["refusal"] = None
     judged["guard"]["guarantee"] |= {"conformal": GUARANTEE, "learn_then_test": LEARN_THEN_TEST}
@@ -102,12 +103,12 @@ def test_narrow_terminals_cut_no_number(
 
 
 def test_a_comparison_is_shown_by_clusters_and_by_groups(invented: dict, page: str) -> None:  # type: ignore[type-arg]
-    section = page.split("Comparisons of selectors")[1].split("\n\n")[0]
+    section = page.split("Comparisons of selectors")[1].split("Guard, profile")[0]
     assert "Claims are judged by route clusters" in section
     found = invented["ranking"]["comparisons"][0]
     lines = section.split("\n")
-    place = next(i for i, line in enumerate(lines) if line.startswith(f"{found['name']} "))
-    clusters, groups = lines[place], lines[place + 1]
+    places = [i for i, line in enumerate(lines) if line.startswith(f"{found['name']} ")]  # a wide table has parts
+    clusters, groups = (" ".join(lines[place + below] for place in places) for below in (0, 1))
     for line, unit, low, p, is_bound in (
         (clusters, "clusters", "cluster_low", "p_clusters", "is_bound_clusters"),
         (groups, "groups", "low", "p", "is_bound"),
@@ -118,4 +119,4 @@ def test_a_comparison_is_shown_by_clusters_and_by_groups(invented: dict, page: s
 
 
 def test_every_table_carries_the_warnings(page: str) -> None:
-    assert page.count("Warning: Look out.") == 12  # two of prediction, five of ranking, four of the guard, one of noise
+    assert page.count("Warning: Look out.") == 19  # two of prediction, eleven of ranking, five of the guard, one more

@@ -46,7 +46,7 @@ def test_a_descriptor_declares_what_is_switched_on(name: str) -> None:
 
 
 def test_context_alone_asks_for_other_kinds_of_branch() -> None:
-    assert BRANCH_PRESETS == {"context": {"early": 0.1, "quiet": 0.3}}
+    assert BRANCH_PRESETS == {"context": {"early": 0.1, "quiet": 0.6}}
     assert select_scenarios(PRESETS["context"].scenario_types) == PRESETS["context"].scenario_types
 
 

@@ -29,12 +29,13 @@ _MODELS: dict[str, dict[str, Any]] = {
     "M1": {"action": _ACTION},
     "M2": {"history": _HISTORY},
     "M3": {"history": _HISTORY, "action": _ACTION},
+    "M3r": {"history": _HISTORY, "action": _ACTION},
 }
 
 
 def small(name: str = "M3", **training: Any) -> Configuration:
     """A small model of a name; `training` replaces attributes of its training."""
-    about = replace(TRAINING, batch_groups=2, learning_rate=3e-3, max_epochs=8)
+    about = replace(DECLARED[name].training, batch_groups=2, learning_rate=3e-3, max_epochs=8)
     return Configuration(ModelConfig(name, "sensor", 9, **_MODELS[name]), replace(about, **training))
 
 

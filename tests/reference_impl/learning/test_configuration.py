@@ -17,9 +17,11 @@ from tests.validator.contract.mutation import mutated
 
 from branchdrive import DatasetError
 from branchdrive.benchmark.protocol import default_protocol
-from branchdrive_reference.learning.configuration import MAX_WIDTH, Configuration, is_model_name
+from branchdrive_reference.learning.configuration import MAX_PREFERENCES, MAX_WIDTH, Configuration, is_model_name
 
 M3 = DECLARED["M3"].record
+M3R = DECLARED["M3r"].record
+PREFERENCE = M3R["training"]["decision"]["preferences"]["safety"]
 
 
 @pytest.mark.parametrize("declared", default_protocol().models, ids=lambda declared: declared.id)
@@ -35,7 +37,19 @@ def test_the_protocol_declares_what_this_software_trains(declared: Any) -> None:
 def test_every_configuration_has_its_own_digest() -> None:
     one = DECLARED["M3"]
     changed = replace(one, training=replace(one.training, patience=19))
-    assert len({configuration.digest for configuration in (*DECLARED.values(), changed)}) == 5
+    assert len({configuration.digest for configuration in (*DECLARED.values(), changed)}) == 6
+
+
+def test_m3r_is_m3_but_for_its_training_for_decisions() -> None:
+    found = DECLARED["M3r"]
+    decision = found.training.decision
+    assert decision is not None
+    outcome_alone = replace(found.training, decision=None)
+    assert Configuration(replace(found.model, name="M3"), outcome_alone) == DECLARED["M3"]
+    served = {name: (one.separation, one.displacement, one.comfort) for name, one in decision.preferences.items()}
+    profiles = {name: tuple(profile[:3]) for name, profile in default_protocol().preferences.items()}
+    assert served == {**profiles, "near_range": profiles["safety"]}
+    assert {name: one.near_m for name, one in decision.preferences.items() if one.near_m} == {"near_range": 2.0}
 
 
 def test_what_is_left_out_is_in_no_record() -> None:
@@ -89,10 +103,16 @@ def test_other_records_are_refused(change: dict[str, Any], words: str) -> None:
         *(("training.weight_decay", decay) for decay in (-0.01, 1.5)),
         *(("training.huber_delta", delta) for delta in (-1.0, 0.0, 1e300)),
         *((f"training.{name}", value) for name in ("smooth_l1_beta", "heading_weight") for value in (-0.5, 1e300)),
+        *((f"training.decision.{name}_weight", value) for name in ("contrast", "regret") for value in (-0.5, 1e300)),
+        *(("training.decision.temperature", value) for value in (-0.05, 0.0, 1e300)),
+        ("training.decision.preferences", {}),
+        ("training.decision.preferences", {f"p{i}": PREFERENCE for i in range(MAX_PREFERENCES + 1)}),
+        *((f"training.decision.preferences.safety.{name}", 1.5) for name in ("separation", "displacement", "comfort")),
+        *(("training.decision.preferences.near_range.near_m", value) for value in (-2.0, 0.0, 1e300)),
     ],
 )  # fmt: skip
 def test_values_out_of_range_are_refused_where_they_stand(place: str, value: Any) -> None:
-    record = copy.deepcopy(M3)
+    record = copy.deepcopy(M3R)
     *folders, name = place.split(".")
     part = record
     for folder in folders:
@@ -131,7 +151,7 @@ def test_names_of_models_are_parts_of_names_of_files() -> None:
     assert not any(map(is_model_name, ("", ".", "..", ".hidden", "a/b", "a\\b", "M3\n", "é", "m" * 65)))
 
 
-@given(mutated(st.just(M3)))
+@given(mutated(st.sampled_from([M3, M3R])))
 def test_a_mutated_record_is_a_configuration_or_refused(record: Any) -> None:
     try:
         found = Configuration.from_record(record)

@@ -23,15 +23,18 @@ from branchdrive.tables.frame import Frame
 SIZES = {"train": 24, "val": 20, "calibration": 96, "test": 20}
 BANK = load_action_bank()
 SEEDS = (11, 23, 37)
+PAPER_MODELS = ("M0", "M1", "M2", "M3")
 GUARD = ("model", "alpha", "delta", "tolerance_m", "min_groups", "min_clusters", "coverage")
 """What a protocol must say of its guard."""
 
 
 def paper_protocol() -> dict[str, Any]:
-    """The default protocol without what it ranks beside the selectors of the paper."""
+    """The default protocol with the models of the paper alone, without what it ranks beside their selectors."""
     document = {name: value for name, value in default_protocol().document.items() if name != "selection"}
-    families = [family for family in document["families"] if family["name"] != "ranking_baselines"]
-    return document | {"name": "small", "version": "0.1.0", "families": families}
+    models = [model for model in document["models"] if model["id"] in PAPER_MODELS]
+    added = ("ranking_baselines", "ranking_decision")
+    families = [family for family in document["families"] if family["name"] not in added]
+    return document | {"name": "small", "version": "0.1.0", "models": models, "families": families}
 
 
 def whole_protocol() -> BenchmarkProtocol:

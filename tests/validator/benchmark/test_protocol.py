@@ -52,6 +52,12 @@ def large_family(size: int) -> dict[str, Any]:
     return family("large", *((f"A{i}", "B") for i in range(size)))
 
 
+def of_four_models(name: str) -> dict[str, Any]:
+    found = document() | {"name": name}
+    del found["selection"]
+    return found | {"models": found["models"][:4]}
+
+
 def more_seeds(found: dict[str, Any]) -> dict[str, Any]:
     """A fifth model, of one seed."""
     return {**found["models"][0], "id": "M9", "seeds": [0], "configuration": {}}
@@ -77,14 +83,43 @@ def test_default_names_what_the_formulas_compute() -> None:
 
 def test_families_have_the_sizes_of_the_paper() -> None:
     sizes = {family.name: len(family.members) for family in default_protocol().families}
-    assert sizes == {"structured": 4, "full": 9, "ranking_structured": 8, "ranking_full": 24, "ranking_baselines": 16}
+    assert sizes == {
+        "structured": 4, "full": 9, "ranking_structured": 8, "ranking_full": 24, "ranking_near_range": 2,
+        "ranking_baselines": 16, "ranking_decision": 16,
+    }  # fmt: skip
+
+
+def test_families_of_the_paper_are_over_its_profiles() -> None:
+    """A profile of another kind enlarges no family of the paper: it has one of its own."""
+    found = default_protocol()
+    near = {name for name, profile in found.preferences.items() if profile.near_m is not None}
+    profiles = {family.name: {m.profile for m in family.members} for family in found.of_kind("ranking")}
+    assert profiles.pop("ranking_near_range") == near == {"near_range"}
+    assert all(used == {"balanced", "safety", "progress", "comfort"} for used in profiles.values())
+
+
+def test_a_protocol_may_do_without_outcomes_and_near_ranges() -> None:
+    """As every protocol did before these parts were declared."""
+    before = document() | {"name": "before"}
+    del before["outcomes"], before["profiles"][-1]
+    before["families"] = [family for family in before["families"] if family["name"] != "ranking_near_range"]
+    found = read_protocol(before)
+    assert found.outcomes is None
+    assert found.document == before
+
+
+@pytest.mark.parametrize("near_m", [0.0, -1.0, 1001.0, "2"])
+def test_a_near_range_is_a_length(near_m: object) -> None:
+    wrong = document()
+    wrong["profiles"][-1]["near_m"] = near_m
+    assert "near_m" in str(protocol_problem(wrong))
 
 
 def test_members_of_families_have_names() -> None:
     names = [family.family.members[0] for family in default_protocol().families]
-    assert names[:2] == ["M3-M1.macro_nmae"] * 2
-    assert names[2:4] == ["O-M3-action_prior.value.balanced"] * 2
-    assert names[4:] == ["O-M3-type_prior.value.balanced"]
+    ranked = [f"{left}.value.balanced" for left in ("O-M3-action_prior", "O-M3r-action_prior", "O-M3-action_prior")]
+    further = ["O-M3-action_prior.value.near_range", "O-M3-type_prior.value.balanced"]
+    assert names == ["M3-M1.macro_nmae", "M3-M1.macro_nmae", *ranked, *further]
 
 
 @each(
@@ -116,9 +151,9 @@ def test_members_of_families_have_names() -> None:
             lambda d: d["families"].extend([family("one", ("A-B", "C")), family("other", ("A", "B-C"))]),
             "different members of families share a name",
         ),
-        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 60)), "have 257 members together; the limit is 256"),
+        (lambda d: d["families"].append(large_family(MAX_MEMBERS - 78)), "have 257 members together; the limit is 256"),
         (
-            lambda d: [one.update(seeds=list(range(64))) for one in d["models"]] and d["models"].append(more_seeds(d)),
+            lambda d: d.update(models=[*(one | {"seeds": [*range(64)]} for one in d["models"][:4]), more_seeds(d)]),
             "models have 257 seeds together; the limit is 256",
         ),
         (lambda d: d["statistics"].update(flips=20001), "/statistics/flips"),
@@ -146,8 +181,8 @@ def test_contradictions_are_refused(change: Any, words: str) -> None:
 
 
 def test_bounds_are_reached_but_not_passed() -> None:
-    large = document() | {"name": "large"}
-    large["families"].append(large_family(MAX_MEMBERS - 61))
+    large = of_four_models("large")
+    large["families"].append(large_family(MAX_MEMBERS - 79))
     for one in large["models"]:
         one["seeds"] = list(range(64))
     large["statistics"] |= {"flips": 20000, "resamples": 2000}
@@ -158,34 +193,32 @@ def test_bounds_are_reached_but_not_passed() -> None:
 @each(
     ("resamples", "seeds", "profiles", "shuffles", "words"),
     [
-        (2048, 64, 4, 20, None),
-        (2049, 64, 4, 20, "256 pairs of a model and a seed have 524544 resamples together; the limit is 524288"),
-        (5000, 26, 4, 20, None),
-        (5000, 27, 4, 20, "108 pairs of a model and a seed have 540000 resamples together"),
+        (2048, 64, 5, 20, None),
+        (2049, 64, 5, 20, "256 pairs of a model and a seed have 524544 resamples together; the limit is 524288"),
+        (5000, 26, 5, 20, None),
+        (5000, 27, 5, 20, "108 pairs of a model and a seed have 540000 resamples together"),
         (2048, 1, 64, 20, None),
         (5000, 1, 64, 20, "4 models have under all profiles 1280000 resamples together; the limit is 524288"),
-        (100, 64, 4, 21, None),
-        (100, 64, 4, 22, "16896 predictions are shuffled; the limit is 16384"),
+        (100, 64, 5, 21, None),
+        (100, 64, 5, 22, "16896 predictions are shuffled; the limit is 16384"),
     ],
 )
 def test_draws_of_a_protocol_are_bounded(
     resamples: int, seeds: int, profiles: int, shuffles: int, words: str | None
 ) -> None:
     """Within its schema alone, a protocol could ask for hours and gigabytes."""
-    large = document() | {"name": "large"}
-    del large["selection"]
+    large = of_four_models("large")
     for one in large["models"]:
         one["seeds"] = list(range(seeds))
-    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(profiles - 4)]
+    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(profiles - 5)]
     large["statistics"]["resamples"], large["shuffles"]["seeds"] = resamples, list(range(shuffles))
     problem = protocol_problem(large)
     assert problem == words if words is None else words in str(problem)
 
 
 def test_redraws_of_guards_are_bounded() -> None:
-    large = document() | {"name": "large"}
-    del large["selection"]
-    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(60)]
+    large = of_four_models("large")
+    large["profiles"] += [{**large["profiles"][0], "name": f"p{i}"} for i in range(59)]
     assert protocol_problem(large) is None
     large["guard"]["further_models"] = ["M1"]
     assert "guards have 256000 redraws together; the limit is 131072" in str(protocol_problem(large))
@@ -204,8 +237,8 @@ def test_models_that_predict_are_bounded_as_those_that_are_declared() -> None:
     found = default_protocol()
     assert found.draws_problem(4, 262) is None
     assert "263 pairs" in str(found.draws_problem(4, 263))
-    assert found.draws_problem(29, 58) is None
-    assert "66 models have under all profiles" in str(found.draws_problem(30, 60))  # 6 are baselines, 30 ensembles
+    assert found.draws_problem(23, 46) is None
+    assert "54 models have under all profiles" in str(found.draws_problem(24, 48))  # 6 are baselines, 24 ensembles
 
 
 def test_no_other_protocol_carries_the_name_and_version_of_the_normative_one() -> None:

@@ -91,7 +91,7 @@ def test_family_keeps_its_declared_size() -> None:
     expected = holm([*(c["p_clusters"] for c in found), *[1.0] * 5])[:4]
     assert [member["p_holm_clusters"] for member in full["members"]] == pytest.approx(expected.tolist())
     ranking = {f["name"]: (f["num_evaluated"], f["num_declared"]) for f in results()["ranking"]["families"]}
-    assert ranking == {"ranking_structured": (8, 8), "ranking_full": (8, 24)}
+    assert ranking == {"ranking_structured": (8, 8), "ranking_full": (8, 24), "ranking_near_range": (2, 2)}
 
 
 def test_model_that_knows_more_is_better() -> None:
@@ -146,7 +146,7 @@ def test_shuffles_hurt_what_is_read() -> None:
 
 def test_every_selector_is_ranked_under_every_profile() -> None:
     ranking = results()["ranking"]
-    assert [p["profile"] for p in ranking["profiles"]] == ["balanced", "safety", "progress", "comfort"]
+    assert [p["profile"] for p in ranking["profiles"]] == ["balanced", "safety", "progress", "comfort", "near_range"]
     for profile in ranking["profiles"]:
         entries = {entry["selector"]: entry for entry in profile["entries"]}
         assert list(entries) == [

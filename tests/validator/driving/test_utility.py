@@ -70,8 +70,10 @@ def test_weights_of_a_profile_add_up_to_one(profile: Profile) -> None:
     assert profile.weights[2:].tolist() == pytest.approx([profile.comfort / 3] * 3)
 
 
-def test_there_are_four_profiles() -> None:
-    assert list(PROFILES) == ["balanced", "safety", "progress", "comfort"]
+def test_there_are_four_profiles_and_one_of_the_near_range() -> None:
+    assert list(PROFILES) == ["balanced", "safety", "progress", "comfort", "near_range"]
+    assert [name for name, profile in PROFILES.items() if profile.near_m is not None] == ["near_range"]
+    assert PROFILES["near_range"].weights.tolist() == PROFILES["safety"].weights.tolist()
     assert PROFILES["balanced"].weights == pytest.approx([1 / 3, 1 / 3, 1 / 9, 1 / 9, 1 / 9])
 
 
@@ -81,6 +83,47 @@ def test_there_are_four_profiles() -> None:
 def test_utility_is_the_weighted_mean(profile: str, expected: float) -> None:
     # Separation halfway, no progress, perfect comfort.
     assert utility(targets([0, 5, 0, 0, 0, 0]), UNIT, PROFILES[profile]) == pytest.approx(expected)
+
+
+def speed_taken_off(gap_m: float, decel_mps2: float) -> float:
+    """Closing speed that braking takes off within a gap, by small steps of time."""
+    speed, travelled, dt_s = 0.0, 0.0, 1e-5
+    while travelled < gap_m:  # the motion run backwards, from standstill
+        travelled += speed * dt_s + decel_mps2 * dt_s**2 / 2
+        speed += decel_mps2 * dt_s
+    return speed
+
+
+@pytest.mark.parametrize("gap_m", [0.02, 0.5, 1.0, 1.9])
+def test_near_range_scores_a_gap_by_the_speed_that_braking_takes_off_in_it(gap_m: float) -> None:
+    for decel_mps2 in (3.0, 8.0):
+        share = speed_taken_off(gap_m, decel_mps2) / speed_taken_off(2.0, decel_mps2)
+        found = desirability(targets([0, gap_m, 0, 0, 0, 0]), UNIT, near_m=2.0)
+        assert found[0] == pytest.approx(share, abs=1e-3)
+    assert found[1:].tolist() == desirability(targets([0, gap_m, 0, 0, 0, 0]), UNIT)[1:].tolist()
+
+
+def test_near_range_knows_contact_and_nothing_beyond() -> None:
+    gaps = targets([[0, gap_m, 0, 0, 0, 0] for gap_m in (-1.0, 0.0, 0.5, 2.0, 40.0, math.nan)])
+    np.testing.assert_allclose(desirability(gaps, UNIT, near_m=2.0)[:, 0], [0, 0, 0.5, 1, 1, math.nan])
+
+
+def test_near_range_makes_the_last_metre_worth_more_than_quantiles_do() -> None:
+    touching, near, far = (
+        utility(targets([0, gap_m, 0, 0, 0, 0]), UNIT, PROFILES["near_range"]) for gap_m in (0, 1, 9)
+    )
+    assert near - touching > far - near > 0
+    ends = [utility(targets([0, gap_m, 0, 0, 0, 0]), UNIT, PROFILES["safety"]) for gap_m in (0, 1, 9)]
+    assert ends[1] - ends[0] < (near - touching) / 5
+
+
+@given(st.tuples(*[st.floats(0, 10)] * 4), st.tuples(*[st.floats(0, 10)] * 4), st.floats(2, 50))
+def test_contact_is_never_better_than_the_whole_near_range(
+    touching: tuple[float, ...], apart: tuple[float, ...], gap_m: float
+) -> None:
+    rows = targets([[0, 0, *touching], [0, gap_m, *apart]])
+    contact, clear = utility(rows, UNIT, PROFILES["near_range"])
+    assert contact <= clear + 1e-12
 
 
 def test_time_to_collision_has_no_part_in_utility() -> None:

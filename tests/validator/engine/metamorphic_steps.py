@@ -5,7 +5,8 @@
 * ``renaming``: attempts get other identities, and rows another order;
 * ``replay_swap``: what precedes the branch moves on to the next intervention of the group.
 
-Source: paper VI-A (sensor-oriented inputs, one shared history); spec/13-leakage.md#metamorphic.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" (sensor-oriented inputs, one shared history);
+spec/13-leakage.md#metamorphic.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def test_clean_replays_pass(clean: dict[str, Any]) -> None:
     assert clean["battery"]["trusted"]
     assert statuses(clean) == {"pass"}
     assert clean["not_run"] == []
-    assert clean["gate"]["shape"] == {"groups": 60, "actions": 4, "features": 158}
+    assert clean["gate"]["shape"] == {"groups": 60, "actions": 4, "features": 158, "columns": 0}
 
 
 def test_the_document_conforms(clean: dict[str, Any]) -> None:
@@ -178,7 +178,7 @@ def test_bit_identical_replays_pass_exactly() -> None:
     document = audited(inputs)
     gate = document["gate"]
     assert (gate["verdict"], gate["bit_identical"]) == ("pass", True)
-    assert [(test["p"], test["p_adjusted"]) for test in gate["tests"]] == [(1.0, 1.0)] * 4
+    assert [(test["p"], test["p_adjusted"]) for test in gate["tests"]] == [(1.0, 1.0)] * 6
     assert gate["minimum_detectable_effect"] is None
     assert document["battery"]["trusted"]
     assert statuses(document) == {"inconclusive"}

@@ -31,7 +31,7 @@ def test_exchangeable_features_pass_and_say_what_would_have_failed() -> None:
     assert tuple(test.name for test in gate.tests) == STATISTICS
     np.testing.assert_array_equal([test.p_adjusted for test in gate.tests], holm([test.p for test in gate.tests]))
     assert gate.sensitivity is not None
-    assert gate.sensitivity.alpha == 0.0025
+    assert gate.sensitivity.alpha == 0.01 / 6
     assert gate.bandwidth is not None
 
 
@@ -90,7 +90,7 @@ def test_bit_identical_replays_pass_exactly(value: float) -> None:
     x[:, :, 1] = value
     gate = judged(x)
     assert (gate.verdict, gate.bit_identical) == ("pass", True)
-    assert [(test.p, test.p_adjusted) for test in gate.tests] == [(1.0, 1.0)] * 4
+    assert [(test.p, test.p_adjusted) for test in gate.tests] == [(1.0, 1.0)] * 6
     assert gate.places == ()
     assert gate.sensitivity is None
 

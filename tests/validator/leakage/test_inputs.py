@@ -10,6 +10,7 @@ from tests.each import each
 from tests.validator.leakage.replays import changed, replay_inputs
 
 from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features, pooled_controls
+from branchdrive.leakage.streams import StreamColumn, Streams, ranked
 
 INPUTS = replay_inputs(6, seed=0)
 
@@ -42,6 +43,18 @@ def test_every_bit_is_in_the_digest(name: str, place: tuple[int, ...]) -> None:
     value = float(getattr(INPUTS, name)[place])
     assert with_value(name, place, np.nextafter(value, 0.0)).digest() != INPUTS.digest()
     assert with_value(name, place, np.nan).digest() != INPUTS.digest()
+
+
+def test_recorded_columns_are_in_the_digest() -> None:
+    column = StreamColumn("evidence", "collision", 0)
+    ranks, spread = ranked(np.arange(24.0).reshape(6, 4, 1))
+    plain = changed(INPUTS, streams=Streams((column,), ranks, spread)).digest()
+    others = [
+        Streams((column._replace(offset_ticks=-5),), ranks, spread),
+        Streams((column,), -ranks, spread),
+        Streams((column,), ranks, 2 * spread),
+    ]
+    assert len({plain, INPUTS.digest(), *(changed(INPUTS, streams=other).digest() for other in others)}) == 5
 
 
 @pytest.mark.parametrize(
@@ -100,6 +113,7 @@ def test_it_shows_shapes() -> None:
         ({"controls": np.full((6, 5, 80, 3), np.inf)}, "`controls` holds an infinite value"),
         ({"availability": np.full((6, 5, 2), 1.5)}, "`availability` is a share"),
         ({"discrepancy": np.full((6, 5, 12), -1.0)}, "`discrepancy` is negative"),
+        ({"streams": Streams.none(6, 5)}, "`streams` has ranks of shape"),
     ],
 )
 def test_what_cannot_be_is_refused(values: dict[str, Any], message: str) -> None:

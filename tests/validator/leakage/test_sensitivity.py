@@ -8,17 +8,20 @@ from tests.validator.leakage.samples import exchangeable
 
 from branchdrive.leakage.battery import Battery
 from branchdrive.leakage.protocol import Protocol
-from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, inject, sensitivity
+from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, inject, offsets_of, sensitivity
 from branchdrive.statistics.permutation import critical_value
 
-PROTOCOL = Protocol(num_permutations=399, alpha=0.02, num_frequencies=32, offsets_sd=(1e-4, 0.8, 2.0), num_replicates=4)
+PROTOCOL = Protocol(
+    num_permutations=399, alpha=0.03, num_frequencies=32, offsets_sd=(1e-4, 0.8, 2.0), sparse_offsets_sd=(1e-4, 30.0),
+    num_replicates=4,
+)  # fmt: skip
 
 
 def measured(x: np.ndarray, protocol: Protocol = PROTOCOL) -> Sensitivity:
     battery = Battery.of(x, protocol, seed=1)
     null = battery.null(protocol.num_permutations, seed=1, scratch_bytes=protocol.scratch_bytes)
     found = sensitivity(x, battery.reference, null, protocol=protocol, seed=1)
-    assert found.critical == tuple(critical_value(column, protocol.alpha / 4) for column in null.T)
+    assert found.critical == tuple(critical_value(column, protocol.alpha / 6) for column in null.T)
     return found
 
 
@@ -47,7 +50,7 @@ def test_large_offsets_are_found_and_tiny_ones_are_not() -> None:
     found = measured(exchangeable(80, 6, 8, seed=0))
     assert found.alpha == 0.005
     assert [(d.pattern, d.offset_sd) for d in found.detections] == [
-        (pattern, offset) for pattern in PATTERNS for offset in PROTOCOL.offsets_sd
+        (pattern, offset) for pattern in PATTERNS for offset in offsets_of(pattern, PROTOCOL)
     ]
     for detection in found.detections:
         assert detection.gate_share >= max(detection.shares)
@@ -55,8 +58,10 @@ def test_large_offsets_are_found_and_tiny_ones_are_not() -> None:
             assert detection.gate_share <= 0.25
         if detection.offset_sd == 2.0:
             assert detection.gate_share == 1.0
-    for pattern in PATTERNS:
+    for pattern in ("one", "dense"):
         assert found.smallest_sd(pattern) in (0.8, 2.0)
+    assert found.smallest_sd("tenth") == 30.0
+    assert found.smallest_sd("thirtieth") == 30.0
 
 
 def test_a_leak_in_the_data_does_not_pass_for_a_found_offset() -> None:
@@ -68,7 +73,7 @@ def test_a_leak_in_the_data_does_not_pass_for_a_found_offset() -> None:
 
 def test_too_few_permutations_find_nothing() -> None:
     found = measured(exchangeable(40, 4, 3, seed=0), Protocol(num_permutations=99, num_frequencies=8, num_replicates=1))
-    assert found.critical == (np.inf,) * 4
+    assert found.critical == (np.inf,) * 6
     assert {d.gate_share for d in found.detections} == {0.0}
     assert found.smallest_sd("one") is None
 

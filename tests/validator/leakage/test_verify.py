@@ -181,8 +181,8 @@ def test_a_fail_is_no_pass_under_another_p_value_and_critical_value(p: float) ->
     document = stated(inputs, Unavailable("because"))
     gate = document["gate"]
     for test in gate["tests"]:
-        test.update(p=p, p_adjusted=min(1.0, 4 * p))
-    gate["minimum_detectable_effect"]["critical"] = [1e6] * 4
+        test.update(p=p, p_adjusted=min(1.0, 6 * p))
+    gate["minimum_detectable_effect"]["critical"] = [1e6] * 6
     pointers = {mismatch.location["pointer"] for mismatch in statistic_mismatches(document, inputs)}
     assert "/gate/tests/0/p" in pointers
     assert any(str(pointer).startswith("/gate/minimum_detectable_effect/critical") for pointer in pointers)

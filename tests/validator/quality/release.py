@@ -127,18 +127,25 @@ def documents(groups: Table, pairs: Table, *, seed: int = 7) -> Release:
 def leakage(verdict: str = "pass", **gate: Any) -> Table:
     """A document of a leakage audit, as far as texts read it."""
     effect = {
-        "detections": [{"pattern": p, "offset_sd": sd} for p in ("one", "dense") for sd in (0.4, 0.8)],
-        "smallest_sd": {"one": None, "dense": 0.4},
+        "detections": [
+            *({"pattern": p, "offset_sd": sd} for p in ("one", "dense") for sd in (0.4, 0.8)),
+            *({"pattern": p, "offset_sd": sd} for p in ("tenth", "thirtieth") for sd in (1.6, 6.4)),
+        ],
+        "smallest_sd": {"one": None, "dense": 0.4, "tenth": 6.4, "thirtieth": None},
     }
     place = {"source": "ego", "variable": "speed_mps", "offset_ticks": [-5, -5], "action": "brake_0.30",
              "kind": "value", "t": 9.0, "difference": 0.25, "p": 0.0001}  # fmt: skip
+    light = {"source": "recorded_evidence", "variable": "traffic_light", "offset_ticks": [-5, -5]}
+    code = {"statistic": "concordance", "columns": [light], "groups": 21, "value": 99.0, "p": 0.0001}
     tests = [{"status": "inconclusive"}, {"status": "pass"}, {"status": "not_run"}]
     return {
         "gate": {
             "verdict": verdict, "reason": "This is why", "bit_identical": False,
-            "shape": {"groups": 606, "actions": 12, "features": 24}, "places": [place] * 5,
+            "shape": {"groups": 606, "actions": 12, "features": 24, "columns": 1928}, "places": [place] * 5,
+            "codes": [code, {**code, "statistic": "interaction", "columns": [light, light]}, {**code, "p": 0.5}],
             "minimum_detectable_effect": effect, **gate,
         },
+        "protocol": {"gate": {"alpha": 0.001}},
         "battery": {"ways": [{"tests": tests}, {"tests": tests}]},
         "not_run": [{"test": f"{way}/gru", "reason": "PyTorch is not installed."} for way in "ab"],
     }  # fmt: skip

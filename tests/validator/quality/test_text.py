@@ -69,12 +69,16 @@ def test_what_was_not_audited_is_said() -> None:
 
 def test_a_pass_comes_with_its_minimum_detectable_effect() -> None:
     assert leakage_sentences(leakage()) == [
-        "The leakage gate passes: replays before the branch did not tell the actions apart "
-        "(606 groups, 12 actions and 24 features).",
+        "The leakage gate passes: its tests found nothing before the branch that tells the actions apart "
+        "(606 groups, 12 actions, 24 features and 1,928 recorded columns before the branch).",
         "This is why.",
         "Minimum detectable effect in one feature of one action: above 0.8 standard deviations.",
         "Minimum detectable effect as a dose over all actions on a quarter of the features: "
         "at most 0.4 standard deviations.",
+        "Minimum detectable effect as such a dose in one group of ten: 6.4 standard deviations.",
+        "Minimum detectable effect as such a dose in one group of thirty: above 6.4 standard deviations.",
+        "Not examined by the gate: camera frames, a code in fewer than one group of thirty that hides in noise, and "
+        "products other than those of two commands. A smaller effect, or one of another form, may be there.",
         "The battery of classifiers, a diagnostic beside the gate: 2 pass, 2 inconclusive, 2 not run.",
         "PyTorch is not installed.",
     ]
@@ -84,6 +88,11 @@ def test_a_failure_is_localised() -> None:
     text = leakage_sentences(leakage("fail"))
     assert "cannot be trusted" in text[0]
     assert text[2:5] == ["Action brake_0.30 differs in ego speed_mps at tick -5 by 0.25 (adjusted p 0.0001)."] * 3
+    light = "recorded evidence traffic_light at tick -5"
+    assert text[5:7] == [
+        f"Groups put their actions in one order in {light} (21 groups, adjusted p 0.0001).",
+        f"A product tells the actions apart: {light} and {light} (21 groups, adjusted p 0.0001).",
+    ]
 
 
 @pytest.mark.parametrize(("identical", "why"), [(True, "replays are bit-identical"), (False, "no feature has a value")])

@@ -75,7 +75,7 @@ def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTa
     """A task on the groups of the built release."""
     scan = scan_raw(built, in_process)
     bank = scan.descriptor.action_bank
-    inputs = replay_inputs(scan.rows["replays"], load_layers(built, bank.keys).frames["group_quality"], bank)
+    inputs = replay_inputs(scan.rows["replays"], load_layers(built, bank.keys).frames["group_quality"], scan.descriptor)
     return lambda classifier: AuditTask(inputs, 3, QUICK, classifier)
 
 

@@ -11,7 +11,7 @@ from tests.validator.release.running import build, contents
 
 from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE
+from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, CARD_FILE, RESULTS_FILE
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import check_against_manifest
 from branchdrive.release.publish import benchmark_area, lock_area, publish_layer
@@ -34,6 +34,23 @@ def test_a_layer_is_added_replaced_and_dropped(release: Path) -> None:
     with lock_area(release):
         pass  # what publication left goes
     assert contents(release) == before
+
+
+def test_the_card_tells_what_selections_do_while_a_benchmark_says_so(release: Path) -> None:
+    before = (release / CARD_FILE).read_text()
+    rate = {"value": 0.25, "low": 0.1, "high": 0.5}
+    oracle = {"selector": "oracle", "outcomes": {"targets": [], "contact": rate, "avoidable_contact": rate}}
+    profile = {"profile": "balanced", "num_ranked": 8, "entries": [oracle]}
+    results = {"warnings": [], "ranking": {"contact_m": 0.0, "profiles": [profile]}}
+    with lock_area(release):
+        publish_layer(release, "benchmark", {RESULTS_FILE: dump_json(results)})
+    after = (release / CARD_FILE).read_text()
+    assert "| oracle | 25.0% [10.0%, 50.0%] |" in after
+    assert "although a candidate without one exists: the oracle in 25.0% of groups" in after
+    check_against_manifest(release)
+    with lock_area(release):
+        publish_layer(release, "benchmark", {})
+    assert (release / CARD_FILE).read_text() == before
 
 
 def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.limits import spec_limits
 
-__all__ = ["LENGTH_BYTES", "CheckpointFacts", "checkpoint_facts", "header_bytes"]
+__all__ = ["LENGTH_BYTES", "CheckpointFacts", "checkpoint_facts", "header_bytes", "num_parameters"]
 
 LENGTH_BYTES = 8
 """Bytes before the header."""
@@ -75,13 +75,24 @@ def checkpoint_facts(head: bytes, num_bytes: int) -> CheckpointFacts:
     Raises:
         ValueError: They are no such header, the metadata lack a fact, or the tensors do not fill the file.
     """
+    return _facts(_header(head, num_bytes))
+
+
+def num_parameters(head: bytes, num_bytes: int) -> int:
+    """Numbers in the tensors of a checkpoint, from its first bytes; see `checkpoint_facts`."""
+    entries = _header(head, num_bytes)
+    return sum(math.prod(entry["shape"]) for name, entry in entries.items() if name != _METADATA)
+
+
+def _header(head: bytes, num_bytes: int) -> Mapping[str, Any]:
+    """The header, which has provenance and whose tensors fill the file."""
     size = header_bytes(head)
     if len(head) < size:
         raise ValueError("the header ends before its end")
     header: Any = parse_json(head[LENGTH_BYTES:size])
-    facts = _facts(header)
+    _facts(header)
     _check_tensors({name: entry for name, entry in header.items() if name != _METADATA}, num_bytes - size)
-    return facts
+    return header  # type: ignore[no-any-return]
 
 
 def _facts(header: Any) -> CheckpointFacts:

@@ -4,7 +4,7 @@ A shuffle looks up what a model said about another candidate or another history.
 function of one history and one action, which declared models are; of others nothing is said. What a shuffle costs is
 the increase of an error, and its interval is over route clusters, not over shuffles.
 
-Source: paper V-D; spec/14-benchmark.md#results.
+Source: paper, "Action-Conditioned Outcome and Trajectory Prediction"; spec/14-benchmark.md#results.
 """
 
 from __future__ import annotations

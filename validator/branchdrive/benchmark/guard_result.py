@@ -1,6 +1,6 @@
 """Results of guards: the paper's and the selection-path guard side by side, with what each promises.
 
-Source: paper VI-E; spec/14-benchmark.md#guard.
+Source: paper, "Conservative Calibration and Deployment Boundary"; spec/14-benchmark.md#guard.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The prediction lock names protocol, release, code and checkpoints. The ranking l
 selections need: predictions, the scale of utility, the learned risk and the noise of outcomes, the last three from
 training. A lock documents; it cannot prove that nobody looked before.
 
-Source: paper IV-C (locked evaluation); spec/14-benchmark.md#lock.
+Source: paper, "Training and Test Locking" (locked evaluation); spec/14-benchmark.md#lock.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What is wrong with tables of predictions: rows that belong nowhere, lack, repeat, or hold no number.
 
-Source: paper IV-C; spec/14-benchmark.md#predictions.
+Source: paper, "Training and Test Locking"; spec/14-benchmark.md#predictions.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Results of predictions: metrics with intervals, paired comparisons, families of tests.
 
-Source: paper V; spec/14-benchmark.md#results.
+Source: paper, "Experiments"; spec/14-benchmark.md#results.
 """
 
 from __future__ import annotations

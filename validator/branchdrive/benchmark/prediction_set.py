@@ -6,7 +6,7 @@ finite, in physical units. The digest covers the numbers, not the file that hold
     digest = SHA-256 over models, seeds and partitions in order of
              the line "model seed partition N A", group ids and action keys one a line, scalars and paths as float64 LE
 
-Source: paper IV-C; spec/14-benchmark.md#predictions.
+Source: paper, "Training and Test Locking"; spec/14-benchmark.md#predictions.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ or selectors have no predictions counts with a p-value of 1, so what is adjusted
 A release brings its own protocol, so one is bounded in what it lets a reader compute, and a model's configuration
 may not say another name or contract than the protocol does.
 
-Source: paper IV to VI; spec/14-benchmark.md#protocol.
+Source: paper, "Benchmark Protocol", "Experiments" and "Discussion, Limitations, and Intended Use";
+spec/14-benchmark.md#protocol.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from branchdrive.errors import DatasetError
 
 __all__ = [
     "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_REDRAWS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily",
-    "DeclaredModel", "Guard", "Member", "Partitions", "ProfileWeights", "Shuffles", "Statistics", "default_protocol",
-    "protocol_digest", "protocol_problem", "read_protocol",
+    "DeclaredModel", "Guard", "Member", "Partitions", "ProfileWeights", "SelectedOutcomes", "Shuffles", "Statistics",
+    "default_protocol", "protocol_digest", "protocol_problem", "read_protocol",
 ]  # fmt: skip
 
 NORMATIVE = "benchmark-protocol.json"
@@ -148,17 +149,24 @@ class DeclaredFamily(ProtocolPart):
 
 
 class ProfileWeights(ProtocolPart):
-    """Weights of one preference."""
+    """Weights of one preference, and the near range in which it scores separation, if it has one."""
 
     name: str
     separation: float
     displacement: float
     comfort: float
+    near_m: float | None = None
 
     @property
     def profile(self) -> Profile:
         """The same for utilities."""
-        return Profile(self.separation, self.displacement, self.comfort)
+        return Profile(self.separation, self.displacement, self.comfort, self.near_m)
+
+
+class SelectedOutcomes(ProtocolPart):
+    """That outcomes of selections are reported; a separation of at most `contact_m` is a contact."""
+
+    contact_m: float
 
 
 class Guard(ProtocolPart):
@@ -221,6 +229,7 @@ class BenchmarkProtocol(ProtocolPart):
     profiles: Annotated[tuple[ProfileWeights, ...], Field(strict=False)]
     selectors: Annotated[tuple[str, ...], Field(strict=False)]
     guard: Guard
+    outcomes: SelectedOutcomes | None = None
     selection: Selection | None = None
 
     @model_validator(mode="after")
@@ -240,8 +249,8 @@ class BenchmarkProtocol(ProtocolPart):
         for model in self.models:
             model.check_configuration()
         for name, profile in self.preferences.items():
-            if not math.isclose(sum(profile), 1.0, abs_tol=_SUM_TOLERANCE):
-                raise ValueError(f"weights of the profile {name!r} add up to {sum(profile)!r}, not to 1")
+            if not math.isclose(sum(profile[:3]), 1.0, abs_tol=_SUM_TOLERANCE):
+                raise ValueError(f"weights of the profile {name!r} add up to {sum(profile[:3])!r}, not to 1")
         used = {member.profile for member in members if member.profile is not None}
         if unknown := sorted(used - set(self.preferences)):
             raise ValueError(f"families name the profiles {unknown}; there are {list(self.preferences)}")

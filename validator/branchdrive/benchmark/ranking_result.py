@@ -4,7 +4,7 @@ Quantiles and ActionPrior come from the partition that models are fitted on, the
 choices are made on. All selectors share the resamples and sign flips of the reported groups, and of their route
 clusters; a group that is not ranked has no difference.
 
-Source: paper VI-D; spec/14-benchmark.md#results.
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation"; spec/14-benchmark.md#results.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from branchdrive.benchmark.baseline.context import Contexts
 from branchdrive.benchmark.baseline.estimate import estimate, is_seen
 from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.figure import Terms, figures
+from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive.benchmark.metric.table import Interval, compare, paired_difference
 from branchdrive.benchmark.prediction_result import (
     comparison_record,
@@ -30,6 +31,7 @@ from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol, Member
 from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED, Measures, best_fixed
 from branchdrive.benchmark.ranking.ranking import Entry, Gate, Ranking, rank
+from branchdrive.benchmark.ranking.selected import selected_outcomes, selected_record
 from branchdrive.benchmark.undeclared import undeclared_rankings
 from branchdrive.driving.utility import RANGE, Scale, fit_scale, utility
 from branchdrive.errors import DatasetError
@@ -69,8 +71,9 @@ def ranking_results(
     predictions: PredictionSet,
     scale: Scale,
     contexts: Contexts | None = None,
+    noise: OutcomeNoise | None = None,
 ) -> dict[str, Any]:
-    """The section ``ranking``.
+    """The section ``ranking``; outcomes of selections are in it where the protocol declares them.
 
     Raises:
         DatasetError: Baselines are declared, and what they see is not given.
@@ -96,6 +99,8 @@ def ranking_results(
             {**_entry_record(selector, entry, ranking, resampling), "gate": gates[selector], **added[selector]}
             for selector, entry in ranking.entries.items()
         ]
+        for record, entry in zip(entries, ranking.entries.values(), strict=True):
+            record |= _outcomes_record(protocol, data, record["selector"], entry, ranking, resampling, noise)
         profiles.append({"profile": name, **about, "entries": entries})
     families = protocol.of_kind("ranking")
     # Every profile ranks the same selectors.
@@ -111,6 +116,7 @@ def ranking_results(
         num_flips=int(protocol.statistics.flips),
     )
     found = {
+        **({} if protocol.outcomes is None else {"contact_m": protocol.outcomes.contact_m}),
         "profiles": profiles,
         "left_out": left_out,
         "comparisons": [comparison_record(comparison) for comparison in comparisons],
@@ -216,6 +222,31 @@ def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Des
         "captured": number(entry.captured),
         "captured_interval": None if entry.captured is None else _captured_interval(entry, ranking, resampling),
     }
+
+
+def _outcomes_record(
+    protocol: BenchmarkProtocol,
+    data: BenchmarkData,
+    selector: str,
+    entry: Entry,
+    ranking: Ranking,
+    resampling: Design,
+    noise: OutcomeNoise | None,
+) -> dict[str, Any]:
+    """What an entry has beside its measures: nothing where the protocol does not declare outcomes."""
+    if protocol.outcomes is None:
+        return {}
+    found = selected_outcomes(
+        data.part(protocol.partitions.report).targets,
+        entry.shares,
+        ranking.population.ranked,
+        resampling,
+        nominal=data.nominal,
+        contact_m=protocol.outcomes.contact_m,
+        tolerance=None if noise is None else noise.tolerance,
+        is_nominal=selector == "nominal",
+    )
+    return {"outcomes": selected_record(found)}
 
 
 def _added_records(protocol: BenchmarkProtocol, ranking: Ranking, clusters: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -41,6 +41,7 @@ def results_document(
     contexts: Contexts | None = None,
     warnings: Sequence[str] = (),
     further_risks: Risks = MappingProxyType({}),
+    description: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The document.
 
@@ -53,6 +54,7 @@ def results_document(
         contexts: What baselines see, see `contexts_of`; needed where the protocol declares baselines.
         warnings: Sentences that every table carries, see `warning.warnings`.
         further_risks: Learned risks of further guards, see `Guard.further`.
+        description: What is counted of population and models, see `description.describe`; ``None`` to go without.
 
     Raises:
         DatasetError: The model layer has no group in the partition that is fitted on or reported, or contexts are
@@ -71,10 +73,11 @@ def results_document(
             "candidates": list(data.candidates),
             "nominal": data.candidates[data.nominal],
         },
+        **({} if description is None else {"description": dict(description)}),
         "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
         "prediction": prediction_results(protocol, data, predictions, scale),
         "diagnostics": diagnostic_results(protocol, data, predictions, scale),
-        "ranking": ranking_results(protocol, data, predictions, quantiles, contexts),
+        "ranking": ranking_results(protocol, data, predictions, quantiles, contexts, noise),
         "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
         **({"further_guards": further} if further else {}),
         "noise": None if noise is None else noise_record(noise),

@@ -1,14 +1,17 @@
 """Benchmark rules: what is fixed (protocol, locks, checkpoints, test-set accesses), and what follows from it.
 
-Source: paper IV to VI; spec/14-benchmark.md.
+Source: paper, "Benchmark Protocol", "Experiments" and "Discussion, Limitations, and Intended Use";
+spec/14-benchmark.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
-from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
+from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts, num_parameters
 from branchdrive.benchmark.data import groups_digest
+from branchdrive.benchmark.description import describe, described_checkpoints
 from branchdrive.benchmark.lock import (
     LockFacts,
     changed_checkpoints,
@@ -273,13 +276,25 @@ def results_recompute(view: ReleaseView) -> Iterator[Check]:
     contexts, notes = seen_of(view), _warnings(view)
     try:
         expected = results_document(
-            protocol, data, predictions, risk_fit, noise, contexts=contexts, warnings=notes, further_risks=further
-        )
+            protocol, data, predictions, risk_fit, noise, contexts=contexts, warnings=notes, further_risks=further,
+            description=_description(view) if "description" in found else None,
+        )  # fmt: skip
     except (DatasetError, ValueError) as error:
         none = Mismatch({"pointer": "/"}, "results that can be computed", f"none: {error}")
         yield document_check(RESULTS_FILE, 1, [none])
         return
     yield document_check(RESULTS_FILE, 1, document_mismatches(expected, found, tolerance=TOLERANCE))
+
+
+def _description(view: ReleaseView) -> dict[str, Any]:
+    """What is counted of population and locked models."""
+    places = {model: f"{BENCHMARK}/{file}" for model, file in described_checkpoints(lock_of(view)).items()}
+    there = {model: path for model, path in places.items() if path in view.contents}
+    try:
+        found = {model: num_parameters(view.contents[path], view.sizes[path]) for model, path in there.items()}
+    except (ValueError, RecursionError) as error:
+        raise PreconditionError(str(error)) from error
+    return describe(view.frame("contexts"), view.cached(data_of), found)
 
 
 def _unlocked(view: ReleaseView) -> list[str]:

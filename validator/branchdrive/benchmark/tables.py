@@ -4,7 +4,7 @@ They are a pure function of the document `results.json`, in the layout of the pa
 warnings of the results below each title, so that none can be quoted without them. Tables print the number of groups,
 never of trajectories.
 
-Source: paper, tables of V and VI; spec/14-benchmark.md#tables.
+Source: paper, tables of "Experiments"; spec/14-benchmark.md#tables.
 """
 
 from __future__ import annotations

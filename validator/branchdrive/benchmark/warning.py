@@ -1,6 +1,6 @@
 """What every table of results warns of: a test set that is no longer untouched, and models that were not locked.
 
-Source: paper IV-C; spec/14-benchmark.md#results.
+Source: paper, "Training and Test Locking"; spec/14-benchmark.md#results.
 """
 
 from __future__ import annotations

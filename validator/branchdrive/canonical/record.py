@@ -1,10 +1,10 @@
 """Canonical records of a shard, and what became of each of its attempts.
 
-Source: paper III-F (canonical manifest layer); spec/10-layers.md#canonical.
+Source: paper, "Release Structure" (canonical manifest layer); spec/10-layers.md#canonical.
 
 The document of the canonical layer: the raw layer it comes from, and counts that add up.
 
-Source: paper V-B (population table, note); spec/10-layers.md#source.
+Source: paper, "Research Questions and Experimental Protocol" (population table, note); spec/10-layers.md#source.
 """
 
 from __future__ import annotations

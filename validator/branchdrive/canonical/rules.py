@@ -1,6 +1,6 @@
 """Canonical rules: one record for each group and action, chosen by rule, and nothing unexplained.
 
-Source: paper III-F; spec/10-layers.md#canonical.
+Source: paper, "Release Structure"; spec/10-layers.md#canonical.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 A card says what the documents of the release say, and what may not be concluded from them. It is a pure
 function of those documents, so building a release again writes the same bytes.
 
-Source: paper V-B, VI (limitations and intended use); spec/10-layers.md#card.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" and "Discussion, Limitations, and Intended Use"
+(limitations and intended use); spec/10-layers.md#card.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
 from branchdrive.card.filtering import filtering_lines
 from branchdrive.card.front_matter import front_matter
+from branchdrive.card.selected import selected_section
 from branchdrive.contract.columns import Table
 from branchdrive.contract.descriptor import Descriptor, ReplayNoise, Vehicle
 from branchdrive.contract.layer import LAYERS
@@ -62,8 +64,13 @@ def render_card(
     variants: Document,
     leakage: Document | None = None,
     filtering: Document | None = None,
+    results: Document | None = None,
 ) -> str:
-    """The card as Markdown, of a release's descriptor and documents; those that a release may lack are None."""
+    """The card as Markdown, of a release's descriptor and documents.
+
+    `leakage` is None where it was not audited, `filtering` where it was not recorded, `results` where no benchmark is
+    published.
+    """
     sections = [
         front_matter(descriptor, population),
         _head(descriptor, population, ledger, leakage),
@@ -74,6 +81,7 @@ def render_card(
         _fidelity(thresholds, retention, ledger, filtering),
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
+        *([section] if (section := selected_section(results)) else []),
         _structure(descriptor, source, has_leakage=leakage is not None),
         _use(),
         _validation(descriptor),

@@ -1,6 +1,6 @@
 """What a release is made for, and what must not be concluded from it: the same in every dataset card.
 
-Source: paper VI (limitations and intended use); spec/10-layers.md#card.
+Source: paper, "Scope" and "Intended Use"; spec/10-layers.md#card.
 """
 
 from __future__ import annotations

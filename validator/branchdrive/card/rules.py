@@ -1,23 +1,16 @@
 """Release rules: the raw layer is the one that was named, and card and licence say what is true.
 
-Source: paper III-F, VI-D; spec/10-layers.md#release.
+Source: paper, "Release Structure" and "Intended Use"; spec/10-layers.md#release.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.card.card import render_card
 from branchdrive.card.licence import render_licence
+from branchdrive.card.release_card import ADDED, REQUIRED, release_card
 from branchdrive.contract.comparison import document_mismatches
-from branchdrive.contract.layout import (
-    CARD_FILE,
-    DESCRIPTOR_FILE,
-    FILTERING_FILE,
-    LEAKAGE_FILE,
-    LICENCE_FILE,
-    SOURCE_FILE,
-)
+from branchdrive.contract.layout import CARD_FILE, DESCRIPTOR_FILE, LICENCE_FILE, SOURCE_FILE
 from branchdrive.contract.mismatch import Check, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.layers.compare import document_check, text_agrees, text_mismatches
@@ -48,11 +41,8 @@ def raw_dataset_agrees(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-REL-003")
 def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[Check]:
     """The card is the one that descriptor and documents give."""
-    names = ("population", "split", "thresholds", "retention", "ledger", "variants")
-    documents = {name: view.document(f"quality/{name}.json") for name in names}
-    for name, path in (("leakage", LEAKAGE_FILE), ("filtering", FILTERING_FILE)):
-        documents[name] = view.document(path) if path in view.files else None
-    card = render_card(view.descriptor, view.document(SOURCE_FILE), **documents)
+    there = [*REQUIRED.values(), *(path for path in ADDED.values() if path in view.files)]
+    card = release_card(view.descriptor, {path: view.document(path) for path in there})
     yield text_agrees(view, CARD_FILE, card)
 
 

@@ -3,7 +3,7 @@
 A signal's onset is the first tick, not before the hazard became active, at which the signal passes
 its threshold while it did not a tick earlier. The confidence of an onset is the share of the
 following 0.5 s in which the signal still passes. The branch lies at the last observation before the
-earliest confident onset. Source: paper III-B.
+earliest confident onset. Source: paper, "Two-Pass Collection".
 """
 
 from __future__ import annotations

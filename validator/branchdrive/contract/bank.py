@@ -1,6 +1,6 @@
 """Action banks: the candidate policies of a dataset, as data.
 
-Source: paper III-C; spec/04-policies.md; the reference bank is `schemas/v0.1/action-bank.json`.
+Source: paper, "Intervention Policy Bank"; spec/04-policies.md; the reference bank is `schemas/v0.1/action-bank.json`.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Stream:
-    """One recorded data stream of the paper's modality table (paper III-D)."""
+    """One recorded data stream of the paper's modality table (paper, "Recorded Modalities")."""
 
     name: str
     title: str

@@ -3,7 +3,7 @@
 Layout, in order: family one-hot (5), signed magnitude, scaled signed magnitude, forced duration,
 lateral command, throttle floor, brake floor, steering-rule one-hot (4), throttle-rule one-hot (4),
 brake-rule one-hot (4), longitudinal open loop, lateral override, recovery one-hot (4).
-Computed in float64 and rounded once to float32. Source: paper III-E; spec/04-policies.md.
+Computed in float64 and rounded once to float32. Source: paper, "Model Inputs and Targets"; spec/04-policies.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The derived layers, as `schemas/v0.1/layers.json` declares them: their tables and documents, in order.
 
-Every layer is derived from the ones before it. Source: paper III-F; spec/10-layers.md#layers.
+Every layer is derived from the ones before it. Source: paper, "Release Structure"; spec/10-layers.md#layers.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ this rollout and the stored nominal command ``u^{E,0}_t``, the command at an act
 Everything is float32, the type in which commands are recorded, so that intended and applied
 controls compare exactly. Collectors drive with these functions and the validator recomputes them.
 
-Source: paper III-C, Table 2; spec/04-policies.md.
+Source: paper, "Intervention Policy Bank", Table 2; spec/04-policies.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The clock of a branch group: rates, windows and their offsets from the branch tick `t_b`.
 
-Source: paper III-A and III-B; spec/02-time-frames-units.md.
+Source: paper, "Branch-Group Representation" and "Two-Pass Collection"; spec/02-time-frames-units.md.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Variables, each a maximum over the 16 observations ``t_b - 75 .. t_b`` or the 80
 What is missing on one side only is infinitely far; what is missing on both is equal. Every variable
 is symmetric in replay and nominal and 0 between a drive and itself.
 
-Source: paper V-B; the variables are this project's choice.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; the variables are this project's choice.
 """
 
 from __future__ import annotations

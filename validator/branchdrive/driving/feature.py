@@ -11,8 +11,8 @@ No contract admits debug, audit or evaluation columns. The one exception is the 
 vehicle, audit columns that every contract admits: a history holds them before ``t_b`` and nowhere else.
 A profile cannot be built around a column that its contract refuses.
 
-Source: paper III-D and III-E (21 state variables, sensor-oriented inputs); spec/05-raw-streams.md.
-Which variables they are is this project's choice.
+Source: paper, "Recorded Modalities" and "Model Inputs and Targets" (21 state variables, sensor-oriented inputs);
+spec/05-raw-streams.md. Which variables they are is this project's choice.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ a detail of the simulator.
 A control history holds the applied controls of ``t_b - 80 .. t_b - 1``. A row whose tick is not exactly
 the one of its window is refused, so no row of ``t_b`` or after can enter by mistake.
 
-Source: paper III-E; which 21 variables and their formulas are this project's choice.
+Source: paper, "Model Inputs and Targets"; which 21 variables and their formulas are this project's choice.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ For an observation with ego box ``e`` and velocity ``v_e = v (cos yaw, sin yaw)`
 * separation = min ``g_a``; time to collision = min ``g_a / c_a`` where ``c_a > 0.1 m/s``, 0 on overlap.
 
 Both minima run over relevant actors in range and are unavailable where there is none.
-Source: paper III-D, III-E; spec/05-raw-streams.md#evidence.
+Source: paper, "Recorded Modalities" and "Model Inputs and Targets"; spec/05-raw-streams.md#evidence.
 """
 
 from __future__ import annotations

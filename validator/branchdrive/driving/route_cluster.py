@@ -4,7 +4,8 @@ Two routes of one town are close where their polylines, resampled by arc length 
 by more than 1e-9 m, in the root mean square over points of equal index; a cluster is a connected
 component of close routes. Routes that share only a part of their way, or run along it with a lag, are not close.
 
-Source: paper V-E (partitions share no route geometry); resampling and distance are this project's choice.
+Source: paper, "Evaluation Population" (partitions share no route geometry); resampling and distance are this
+project's choice.
 """
 
 from __future__ import annotations

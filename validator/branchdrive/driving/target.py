@@ -14,7 +14,8 @@ With ``j = 0`` the observation at ``t_b`` and ``j = 1 .. 10`` those at ``t_b + 5
 Trajectories are in the frame of that rollout's own pose at ``t_b``. No value stands for an absent
 one: a value is NaN exactly where its mask is false, and the mask is true exactly where it is finite.
 
-Source: paper III-E; the formulas are this project's choice where the paper names the quantity alone.
+Source: paper, "Model Inputs and Targets"; the formulas are this project's choice where the paper names the quantity
+alone.
 """
 
 from __future__ import annotations

@@ -7,7 +7,16 @@ With quantiles ``q05`` and ``q95`` of the available values of a target, the desi
 A profile weighs separation, displacement and comfort; comfort is split evenly over jerk, acceleration
 and yaw rate. Without separation there is no utility, and the group leaves the ranking.
 
-Source: paper IV and V-D (normalised desirability, balanced profile); the other weights are this project's choice.
+Between those quantiles a metre of separation is worth the same at 1 m as at 8 m, so that the last one before contact
+hardly counts. A profile with a near range ``R`` scores separation by what the gap is good for instead::
+
+    d = sqrt(clip(y / R, 0, 1))        the closing speed that braking within the gap takes off, as a share of that at R
+
+since ``v^2 = 2 a y`` at a deceleration ``a``, whatever it is. Contact scores 0, and a gap beyond ``R`` no more than one
+of ``R``.
+
+Source: paper, "Offline Candidate Ranking" and "Complete-Bank Ranking and Offline Policy Evaluation" (normalised
+desirability, balanced profile); the other weights and the near range are this project's choice.
 """
 
 from __future__ import annotations
@@ -49,11 +58,19 @@ RANGE = 1e-6
 
 
 class Profile(NamedTuple):
-    """Weights of one preference; they add up to 1."""
+    """One preference.
+
+    Attributes:
+        separation: Weight; the three add up to 1.
+        displacement: Weight.
+        comfort: Weight.
+        near_m: Near range of separation, metres above 0; ``None`` where separation is scaled by quantiles.
+    """
 
     separation: float
     displacement: float
     comfort: float
+    near_m: float | None = None
 
     @property
     def weights(self) -> Array:
@@ -67,9 +84,14 @@ PROFILES: Mapping[str, Profile] = MappingProxyType(
         "safety": Profile(0.50, 0.25, 0.25),
         "progress": Profile(0.25, 0.50, 0.25),
         "comfort": Profile(0.25, 0.25, 0.50),
+        "near_range": Profile(0.50, 0.25, 0.25, near_m=2.0),
     }
 )
-"""Profiles by name."""
+"""Profiles by name: the paper's four, and one that scores separation in the near range.
+
+Its weights are those of ``safety``: with half of the weight on separation, contact is never better than a gap of the
+near range or more, whatever progress and comfort are.
+"""
 
 WEIGHED = ("min_separation_m", "displacement_m", "mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps")
 """Targets that utility weighs, in the order of `Scale` and `desirability`."""
@@ -94,21 +116,28 @@ def fit_scale(targets: Targets) -> Scale:
     return Scale(*np.array(quantiles).T)
 
 
-def desirability(targets: Targets, scale: Scale) -> Array:
+def desirability(targets: Targets, scale: Scale, near_m: float | None = None) -> Array:
     """Desirability in ``[0, 1]``, 1 the best: ``[..., 5]`` in the order of `WEIGHED`, NaN where unavailable.
 
     Where the quantiles are closer than 1e-6 they count as 1e-6 apart.
+
+    Args:
+        targets: Leading axes of any shape.
+        scale: Quantiles of the training partition.
+        near_m: Near range in which separation is scored; ``None`` to score it between its quantiles.
     """
     span = np.maximum(scale.q95 - scale.q05, _SPAN_FLOOR)
     rising = np.clip((targets.values[..., _COLUMNS] - scale.q05) / span, 0.0, 1.0)
     wanted = np.where(REVERSED, 1.0 - rising, rising)
+    if near_m is not None:
+        wanted[..., 0] = np.sqrt(np.clip(targets.values[..., _COLUMNS[0]] / near_m, 0.0, 1.0))
     return np.where(targets.available[..., _COLUMNS], wanted, np.nan)
 
 
 def utility(targets: Targets, scale: Scale, profile: Profile) -> Array:
     """Weighted mean of desirabilities in ``[0, 1]``, shape ``[...]``; NaN where a weighed target is unavailable."""
     # No product of matrices: equal futures have equal utilities wherever they stand, on every processor.
-    return np.asarray((desirability(targets, scale) * profile.weights).sum(axis=-1))
+    return np.asarray((desirability(targets, scale, profile.near_m) * profile.weights).sum(axis=-1))
 
 
 def predicted_utility(scalars: Array, scale: Scale, profile: Profile) -> Array:

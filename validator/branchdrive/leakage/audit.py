@@ -4,7 +4,7 @@ It has the gate, which decides what a release may claim, and beside it the paper
 work falls into parts, each a function of inputs, seed, protocol and classifier alone, and a caller can keep
 every part, so that an audit that was interrupted goes on where it was.
 
-Source: this project's choice; paper VI-A for the battery.
+Source: this project's choice; paper, "Collection Integrity, Replay Fidelity, and Leakage" for the battery.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ from collections.abc import Callable
 from typing import Any
 
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
-from branchdrive.leakage.gate import Gate, Place, leakage_gate
+from branchdrive.leakage.gate import Code, Gate, Place, leakage_gate
 from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features
 from branchdrive.leakage.parity import Part, ways
 from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
+from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.score import judged_battery
 from branchdrive.leakage.sensitivity import PATTERNS, Sensitivity
+from branchdrive.leakage.streams import StreamColumn
 from branchdrive.quality.threshold import VARIABLES
 
-__all__ = ["audit_key", "audit_leakage", "described_inputs", "gate_as_json", "place_as_json"]
+__all__ = ["audit_key", "audit_leakage", "code_as_json", "described_inputs", "gate_as_json", "place_as_json"]
 
 Remember = Callable[[str, Callable[[], dict[str, Any]]], dict[str, Any]]
 Progress = Callable[[int, int, str], None]
@@ -89,7 +91,10 @@ def audit_leakage(
 
     def gate() -> dict[str, Any]:
         keys = [inputs.action_keys[index] for index in inputs.interventions]
-        return gate_as_json(leakage_gate(features, seed=seed, protocol=protocol.gate), columns, keys)
+        found = leakage_gate(
+            features, seed=seed, protocol=protocol.gate, layout=Layout.of(columns), streams=inputs.streams
+        )
+        return gate_as_json(found, columns, inputs.streams.columns, keys)
 
     gate_part = part("gate", gate)
     recorded: list[dict[str, Any]] = []
@@ -138,6 +143,7 @@ def described_inputs(inputs: ReplayInputs) -> dict[str, Any]:
             "ego": list(inputs.ego_names),
             "controls": list(inputs.control_names),
             "availability": list(inputs.availability_names),
+            "streams": list(dict.fromkeys(f"{column.table}/{column.name}" for column in inputs.streams.columns)),
         },
     }
 
@@ -146,16 +152,19 @@ def _settings(classifier: SequenceClassifier | Unavailable) -> dict[str, Any] | 
     return None if isinstance(classifier, Unavailable) else dict(classifier.settings)
 
 
-def gate_as_json(gate: Gate, columns: tuple[GateFeature, ...], action_keys: list[str]) -> dict[str, Any]:
-    """A gate on features `columns` of the actions `action_keys`."""
+def gate_as_json(
+    gate: Gate, columns: tuple[GateFeature, ...], streams: tuple[StreamColumn, ...], action_keys: list[str]
+) -> dict[str, Any]:
+    """A gate on features `columns` and columns of streams, of the actions `action_keys`."""
     return {
         "verdict": gate.verdict,
         "reason": gate.reason,
         "bit_identical": gate.bit_identical,
-        "shape": dict(zip(("groups", "actions", "features"), gate.shape, strict=True)),
+        "shape": dict(zip(("groups", "actions", "features", "columns"), (*gate.shape, gate.num_columns), strict=True)),
         "bandwidth": gate.bandwidth,
         "tests": [test._asdict() for test in gate.tests],
         "places": [place_as_json(place, columns, action_keys) for place in gate.places],
+        "codes": [code_as_json(code, columns, streams) for code in gate.codes],
         "minimum_detectable_effect": None if gate.sensitivity is None else _effect_as_json(gate.sensitivity),
     }
 
@@ -173,6 +182,27 @@ def place_as_json(place: Place, columns: tuple[GateFeature, ...], action_keys: l
         "difference": place.difference,
         "p": place.p,
     }
+
+
+def code_as_json(code: Code, columns: tuple[GateFeature, ...], streams: tuple[StreamColumn, ...]) -> dict[str, Any]:
+    """A place of the scan, its features and columns by name."""
+    return {
+        "statistic": code.statistic,
+        "columns": [_named(index, columns, streams) for index in code.columns],
+        "groups": code.num_groups,
+        "value": code.value,
+        "p": code.p,
+    }
+
+
+def _named(index: int, columns: tuple[GateFeature, ...], streams: tuple[StreamColumn, ...]) -> dict[str, Any]:
+    if index < len(columns):
+        feature = columns[index]
+        span = None if feature.offset_ticks is None else list(feature.offset_ticks)
+        return {"source": feature.source, "variable": feature.name, "offset_ticks": span}
+    column = streams[index - len(columns)]
+    span = None if column.offset_ticks is None else [column.offset_ticks, column.offset_ticks]
+    return {"source": f"recorded_{column.table}", "variable": column.name, "offset_ticks": span}
 
 
 def _effect_as_json(effect: Sensitivity) -> dict[str, Any]:

@@ -1,9 +1,10 @@
-"""The four statistics of a leakage audit on one table, and their null distribution.
+"""The statistics of a leakage audit on one table, and their null distribution.
 
 Permutations are shared: row ``b`` of the null distribution holds all statistics of permutation ``b``. They are
-worked off in chunks; a chunk holds the label matrix and what one statistic needs beside it.
+worked off in chunks; a chunk holds the label matrix and what one statistic needs beside it. Four of them judge the
+columns of the table, and two, of `scan`, ranks of features and of recorded streams.
 
-Source: this project's choice, on measured power: each of the four finds what another misses.
+Source: this project's choice, on measured power: each of them finds what another misses.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.scan import Concordance, Interaction, Layout, Ranks
 from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median_distance
-from branchdrive.leakage.table import Column, Table, tabulate
+from branchdrive.leakage.streams import Streams
+from branchdrive.leakage.table import Column, Table, checked, tabulate
 from branchdrive.statistics.permutation import identity, labels
 from branchdrive.statistics.stream import group_orders
 
@@ -25,6 +28,8 @@ __all__ = ["Battery", "Reference", "chunk_length"]
 Array = NDArray[np.float64]
 
 _PERMUTATIONS = "leakage/permutations"
+_OF_ROWS = ("concordance", "interaction")
+"""Statistics that are called with permutations, not with their matrix."""
 
 
 def chunk_length(num_groups: int, num_actions: int, scratch_columns: int, scratch_bytes: int) -> int:
@@ -46,12 +51,14 @@ class Reference(NamedTuple):
         sd: Robust standard deviation of every feature ``[features]``, in the feature's unit.
         bandwidth: Of the kernel, in standard deviations.
         omega: Frequencies ``[columns, frequencies]`` of bandwidth 1.
+        layout: How features belong together.
     """
 
     columns: tuple[Column, ...]
     sd: Array
     bandwidth: float
     omega: Array
+    layout: Layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +72,8 @@ class Battery:
         max_t: Largest standardised mean of values.
         hsic: Kernel criterion.
         ridge: Cross-fitted ridge.
+        concordance: Largest concordance of groups, of features and streams.
+        interaction: Largest dependence of products of commands.
     """
 
     table: Table
@@ -73,31 +82,52 @@ class Battery:
     max_t: MaxT
     hsic: Hsic
     ridge: Ridge
+    concordance: Concordance
+    interaction: Interaction
 
     @classmethod
-    def of(cls, features: ArrayLike, protocol: Protocol, *, seed: int) -> Battery:
+    def of(
+        cls,
+        features: ArrayLike,
+        protocol: Protocol,
+        *,
+        seed: int,
+        layout: Layout | None = None,
+        streams: Streams | None = None,
+    ) -> Battery:
         """Statistics of features ``[groups, actions, features]``; folds are runs of consecutive groups.
+
+        Args:
+            features: Values.
+            protocol: Numbers of the gate.
+            seed: Of the frequencies.
+            layout: How features belong together; None keeps them apart.
+            streams: Recorded columns of the same groups and actions; None is none.
 
         Raises:
             ValueError: The shape is wrong, or there are fewer groups than folds.
         """
+        features = checked(features)
+        layout = layout or Layout.apart(features.shape[2])
         table = tabulate(features)
         steps = table.steps.reshape(table.num_groups, table.num_actions, -1).astype(np.float64)
         bandwidth = median_distance(steps, unit=table.step) if protocol.bandwidth is None else protocol.bandwidth
         omega = frequencies(len(table.columns), protocol.num_frequencies, seed=seed)
-        return cls._on(table, Reference(table.columns, table.sd, bandwidth, omega), protocol)
+        reference = Reference(table.columns, table.sd, bandwidth, omega, layout)
+        return cls._on(table, reference, protocol, Ranks.of(features, layout, streams))
 
     @classmethod
     def like(cls, reference: Reference, features: ArrayLike, protocol: Protocol) -> Battery:
-        """Statistics of other features ``[groups, actions, features]`` by the yardstick of `reference`.
+        """Statistics of other features ``[groups, actions, features]`` by the yardstick of `reference`, no streams.
 
         Raises:
             ValueError: The shape is wrong, or there are fewer groups than folds.
         """
-        return cls._on(tabulate(features, columns=reference.columns, sd=reference.sd), reference, protocol)
+        table = tabulate(features, columns=reference.columns, sd=reference.sd)
+        return cls._on(table, reference, protocol, Ranks.of(checked(features), reference.layout, None))
 
     @classmethod
-    def _on(cls, table: Table, reference: Reference, protocol: Protocol) -> Battery:
+    def _on(cls, table: Table, reference: Reference, protocol: Protocol, ranks: Ranks) -> Battery:
         return cls(
             table,
             reference,
@@ -105,15 +135,17 @@ class Battery:
             MaxT.of(table.steps, table.num_actions),
             Hsic.of(table, reference.omega, reference.bandwidth),
             Ridge.of(table, protocol.num_folds, protocol.penalty),
+            Concordance.of(ranks, protocol.subsets),
+            Interaction.of(ranks, reference.layout.commands),
         )
 
     def observed(self) -> Array:
-        """Statistics of the labels as recorded, in the order of `STATISTICS`: ``[4]``."""
+        """Statistics of the labels as recorded, in the order of `STATISTICS`: ``[statistics]``."""
         rows = identity(self.table.num_groups, self.table.num_actions)
         return np.asarray(self._statistics(rows)[0])
 
     def null(self, num_permutations: int, *, seed: int, scratch_bytes: int, start: int = 0) -> Array:
-        """Statistics of the random permutations ``start .. num_permutations - 1``, ``[permutations, 4]``."""
+        """Statistics of the random permutations ``start .. num_permutations - 1``, ``[permutations, statistics]``."""
         shape = (self.table.num_groups, self.table.num_actions)
         widest = max(getattr(self, name).scratch_columns for name in STATISTICS)
         length = chunk_length(*shape, widest, scratch_bytes)
@@ -126,4 +158,5 @@ class Battery:
 
     def _statistics(self, rows: NDArray[np.intp]) -> Array:
         matrix = labels(rows)
-        return np.stack([getattr(self, name)(matrix) for name in STATISTICS], axis=1)
+        called = [getattr(self, name)(rows if name in _OF_ROWS else matrix) for name in STATISTICS]
+        return np.stack(called, axis=1)

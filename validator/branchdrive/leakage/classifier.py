@@ -10,7 +10,8 @@ that is found too small to go on is taken as well, so that weights do not depend
 For classifiers of sequences the core asks whoever registered in the entry-point group `branchdrive.leakage`; the
 extra `models` does.
 
-Source: paper VI-A (three recurrent classifiers); Böhning 1992 (Newton steps for the multinomial model).
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" (three recurrent classifiers); Böhning 1992
+(Newton steps for the multinomial model).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Gate of a leakage audit: do features from before the branch tell which action follows?
 
-Four statistics share permutations of action labels within groups; Holm's procedure over their p-values keeps
+Six statistics share permutations of action labels within groups; Holm's procedure over their p-values keeps
 the family-wise error at `alpha`. The verdict is
 
 * ``fail`` where any adjusted p is at most `alpha`;
@@ -8,7 +8,8 @@ the family-wise error at `alpha`. The verdict is
   leak, and an effect size is not applicable;
 * ``inconclusive`` where there is nothing to examine, or too little for the gate to be able to fail.
 
-Source: this project's choice; the paper's audit compares accuracies of classifiers (VI-A).
+Source: this project's choice; the paper's audit compares accuracies of classifiers ("Collection Integrity, Replay
+Fidelity, and Leakage").
 """
 
 from __future__ import annotations
@@ -21,14 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.leakage.battery import Battery
 from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.sensitivity import Sensitivity, sensitivity
+from branchdrive.leakage.streams import Streams
 from branchdrive.leakage.table import Kind, checked, rows_agree
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import identity, labels, p_value
 
 __all__ = [
-    "IDENTICAL", "NOTHING", "Gate", "Outcome", "Place", "Verdict", "dealt", "gate_verdict", "leakage_gate",
-    "strongest_places", "too_few",
+    "IDENTICAL", "NOTHING", "Code", "Gate", "Outcome", "Place", "Verdict", "dealt", "dealt_streams", "gate_verdict",
+    "leakage_gate", "strongest_codes", "strongest_places", "too_few",
 ]  # fmt: skip
 
 NOTHING = "There is nothing to examine."
@@ -69,6 +72,24 @@ class Place(NamedTuple):
     p: float
 
 
+class Code(NamedTuple):
+    """Where a statistic of the scan is large.
+
+    Attributes:
+        statistic: ``concordance`` or ``interaction``.
+        columns: Places among features and, behind them, columns of streams.
+        num_groups: Groups that it was computed over.
+        value: How large it is.
+        p: p-value of this place, adjusted for all places of the statistic by its null distribution.
+    """
+
+    statistic: str
+    columns: tuple[int, ...]
+    num_groups: int
+    value: float
+    p: float
+
+
 @dataclass(frozen=True)
 class Gate:
     """Result of a leakage gate.
@@ -78,11 +99,13 @@ class Gate:
         reason: One sentence.
         bit_identical: Whether all rows of every group agree; the effect size is then not applicable.
         shape: Groups, actions and features examined.
+        num_columns: Columns of streams examined beside them.
         seed: Of permutations, frequencies and replicates.
         protocol: Numbers of the gate.
         bandwidth: Of the kernel, as used; None where nothing was computed.
         tests: In the order of `STATISTICS`; empty where nothing was computed.
         places: Largest first; empty where nothing was computed.
+        codes: Of concordance, largest first, and then of interaction; empty where nothing was computed.
         sensitivity: Minimum detectable effect; None where rows are identical or nothing was computed.
     """
 
@@ -90,15 +113,24 @@ class Gate:
     reason: str
     bit_identical: bool
     shape: tuple[int, int, int]
+    num_columns: int
     seed: int
     protocol: Protocol
     bandwidth: float | None
     tests: tuple[Outcome, ...]
     places: tuple[Place, ...]
+    codes: tuple[Code, ...]
     sensitivity: Sensitivity | None
 
 
-def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = None) -> Gate:
+def leakage_gate(
+    features: ArrayLike,
+    *,
+    seed: int,
+    protocol: Protocol | None = None,
+    layout: Layout | None = None,
+    streams: Streams | None = None,
+) -> Gate:
     """Judge replay-specific features from before the branch.
 
     Args:
@@ -107,6 +139,8 @@ def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = 
             an order that has nothing to do with their features, say by id: folds are dealt by it.
         seed: Of permutations, frequencies and replicates.
         protocol: Numbers of the gate; None is the default.
+        layout: How features belong together; None keeps them apart and examines no product.
+        streams: Recorded columns of the same groups and actions; None is none.
 
     Raises:
         ValueError: The shape or the seed is wrong.
@@ -114,6 +148,7 @@ def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = 
     protocol = protocol or Protocol()
     x = checked(features)
     num_groups, num_actions, num_features = x.shape
+    streams = streams or Streams.none(num_groups, num_actions)
 
     def result(
         verdict: Verdict,
@@ -123,36 +158,53 @@ def leakage_gate(features: ArrayLike, *, seed: int, protocol: Protocol | None = 
         bandwidth: float | None = None,
         tests: tuple[Outcome, ...] = (),
         places: tuple[Place, ...] = (),
+        codes: tuple[Code, ...] = (),
         effect: Sensitivity | None = None,
     ) -> Gate:
         shape = (num_groups, num_actions, num_features)
-        return Gate(verdict, reason, bit_identical, shape, seed, protocol, bandwidth, tests, places, effect)
+        return Gate(
+            verdict, reason, bit_identical, shape, len(streams.columns), seed, protocol, bandwidth, tests, places,
+            codes, effect,
+        )  # fmt: skip
 
     if not x.size:
         return result("inconclusive", NOTHING)
-    if rows_agree(x):
+    if rows_agree(x) and streams.are_identical:
         tests = tuple(Outcome(name, 0.0, 1.0, 1.0) for name in STATISTICS)
         return result("pass", IDENTICAL, bit_identical=True, tests=tests)
     if num_groups < protocol.num_folds:
         return result("inconclusive", too_few(num_groups, protocol))
 
     x = dealt(x, protocol.num_folds)
-    battery = Battery.of(x, protocol, seed=seed)
+    battery = Battery.of(x, protocol, seed=seed, layout=layout, streams=dealt_streams(streams, protocol.num_folds))
     observed = battery.observed()
     null = battery.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes)
     p = [p_value(value, column) for value, column in zip(observed.tolist(), null.T, strict=True)]
     tests = tuple(map(Outcome, STATISTICS, observed.tolist(), p, holm(p).tolist()))
     places = strongest_places(battery, null[:, STATISTICS.index("max_t")], protocol.num_named)
+    codes = strongest_codes(battery, null, protocol.num_named)
     reference = battery.reference
     del battery  # makes room for those of the replicates
     effect = sensitivity(x, reference, null, protocol=protocol, seed=seed)
     verdict, reason = gate_verdict(tests, protocol)
-    return result(verdict, reason, bandwidth=reference.bandwidth, tests=tests, places=places, effect=effect)
+    return result(
+        verdict, reason, bandwidth=reference.bandwidth, tests=tests, places=places, codes=codes, effect=effect
+    )
 
 
 def dealt(features: Array, num_folds: int) -> Array:
     """Groups dealt in turn, so that folds, which are runs, hold every `num_folds`-th of them."""
-    return features[np.argsort(np.arange(len(features)) % num_folds, kind="stable")]
+    return features[_deal(len(features), num_folds)]
+
+
+def dealt_streams(streams: Streams, num_folds: int) -> Streams:
+    """Columns of the groups in the order of `dealt`."""
+    order = _deal(len(streams.ranks), num_folds)
+    return Streams(streams.columns, streams.ranks[order], streams.spread[order])
+
+
+def _deal(num_groups: int, num_folds: int) -> NDArray[np.intp]:
+    return np.argsort(np.arange(num_groups) % num_folds, kind="stable")
 
 
 def too_few(num_groups: int, protocol: Protocol) -> str:
@@ -188,3 +240,19 @@ def strongest_places(battery: Battery, null: Array, num_named: int) -> tuple[Pla
         t = float(scores[action, column])
         places.append(Place(feature, action, kind, t, float(means[action, column]), p_value(abs(t), null)))
     return tuple(places)
+
+
+def strongest_codes(battery: Battery, null: Array, num_named: int) -> tuple[Code, ...]:
+    """Places of the largest concordance, then of the largest interaction, each largest first.
+
+    Args:
+        battery: Statistics.
+        null: Their null distribution ``[permutations, statistics]``.
+        num_named: Places of each, at most.
+    """
+    rows = identity(battery.table.num_groups, battery.table.num_actions)
+    codes: list[Code] = []
+    for name, statistic in (("concordance", battery.concordance), ("interaction", battery.interaction)):
+        column = null[:, STATISTICS.index(name)]
+        codes += [Code(name, *place, p_value(place.value, column)) for place in statistic.places(rows, num_named)]
+    return tuple(codes)

@@ -4,13 +4,13 @@ Of every group and action there is one replay up to the branch; the nominal's ro
 of the nominal drive, since the nominal itself differs from its replays by design. Action metadata, identifiers
 as values, paths, what follows the branch and outcomes have no place here.
 
-The digest is SHA-256 over a line of JSON that names everything, and the arrays in little-endian float64. They
-follow from raw columns by arithmetic that every processor rounds alike, so all bits count.
+The digest is SHA-256 over a line of JSON that names everything, and the arrays in little-endian float64, those of
+streams as they are. They follow from raw columns by arithmetic that every processor rounds alike, so all bits count.
 
 Of the features of the gate, discrepancies and availability are one each; every variable of the ego history is one at
 each of 16 observations, and every control one for each mean over 5 ticks.
 
-Source: paper VI-A; spec/13-leakage.md#inputs.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md#inputs.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from branchdrive.contract.timing import (
     HISTORY_OFFSETS,
     OBSERVATION_STRIDE_TICKS,
 )
+from branchdrive.leakage.streams import Streams
 from branchdrive.quality.threshold import VARIABLES
 
 __all__ = ["CONTROL_SPANS", "GateFeature", "ReplayInputs", "Source", "gate_features", "pooled_controls"]
@@ -62,6 +63,7 @@ class ReplayInputs:
         ego: ``[groups, actions, 16, variables]`` at the observations ``t_b - 75 .. t_b``.
         controls: ``[groups, actions, 80, variables]`` applied at ``t_b - 80 .. t_b - 1``.
         has_nominal_replay: ``[groups]``, whether the nominal's row is there; without it that row is NaN.
+        streams: Recorded columns of the interventions; None is no column.
 
     Raises:
         ValueError: Names are missing, repeat or are not in order, a shape is wrong, or a value is one that cannot be.
@@ -79,6 +81,7 @@ class ReplayInputs:
     ego: Array
     controls: Array
     has_nominal_replay: NDArray[np.bool_]
+    streams: Streams = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for name in ("group_ids", "partitions", "action_keys", "availability_names", "ego_names", "control_names"):
@@ -111,6 +114,10 @@ class ReplayInputs:
             if not np.isnan(values[~self.has_nominal_replay, self.nominal_index]).all():
                 raise ValueError(f"`{name}` has values of a nominal replay that is not there")
             object.__setattr__(self, name, values)
+        if self.streams is None:
+            object.__setattr__(self, "streams", Streams.none(self.num_groups, len(self.action_keys) - 1))
+        if self.streams.ranks.shape[:2] != (self.num_groups, len(self.action_keys) - 1):
+            raise ValueError(f"`streams` has ranks of shape {list(self.streams.ranks.shape)}")
         if ((self.availability < 0) | (self.availability > 1)).any():
             raise ValueError("`availability` is a share, and not in 0 .. 1")
         if (self.discrepancy < 0).any():
@@ -146,11 +153,14 @@ class ReplayInputs:
             "ego_names": self.ego_names,
             "control_names": self.control_names,
             "has_nominal_replay": self.has_nominal_replay.tolist(),
+            "streams": [list(column) for column in self.streams.columns],
         }
         sha = hashlib.sha256(json.dumps(head, sort_keys=True, separators=(",", ":")).encode() + b"\n")
         for name in _ARRAYS:
             values = getattr(self, name) + 0.0
             sha.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+        sha.update(self.streams.ranks.astype("<i2").tobytes())
+        sha.update(self.streams.spread.astype("<f4").tobytes())
         return sha.hexdigest()
 
 

@@ -9,7 +9,7 @@ Three controls tell whether the battery works on these very data, with the regre
 as a feature, labels drawn at random, and, on discrepancy ``f = 1 .. 12`` of action ``a = 0 .. K - 1``, the offset
 ``offset_sd (cos u + sin u)`` with ``u = 2 pi a f / K``, which sets all actions about equally far apart.
 
-Source: paper VI-A.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage".
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Everything that a leakage audit fixes before it sees data.
 
-Source: paper VI-A for the kinds of tests and the resamples of the battery; other choices and their values are this
-project's, and measured power decided between them.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" for the kinds of tests and the resamples of the
+battery; other choices and their values are this project's, and measured power decided between them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = [
     "CLIP_SD", "CONTROLS", "SEQUENCE_TESTS", "STATISTICS", "TESTS", "AuditProtocol", "ParityProtocol", "Protocol",
 ]  # fmt: skip
 
-STATISTICS = ("rank_max_t", "max_t", "hsic", "ridge")
+STATISTICS = ("rank_max_t", "max_t", "hsic", "ridge", "concordance", "interaction")
 """Names of the statistics, in the order of every axis over statistics."""
 
 CLIP_SD = 6.0
@@ -31,6 +31,9 @@ CONTROLS = ("explicit_label", "synthetic_offset", "random_label")
 """Names of the controls; the last is the one in which nothing must be found."""
 
 
+_LISTS = ("subsets", "offsets_sd", "sparse_offsets_sd")
+
+
 @dataclass(frozen=True)
 class Protocol:
     """Numbers of the gate; they belong into the report.
@@ -42,7 +45,9 @@ class Protocol:
         bandwidth: Of the Gaussian kernel, in standard deviations over all columns; None is the median heuristic.
         num_folds: Folds over groups of the cross-fitted ridge, at least 2.
         penalty: Of the ridge, in units of the mean eigenvalue of the training Gram matrix, above 0.
+        subsets: Parts of the groups that concordance is looked for in: one in so many, at least 1 each, ascending.
         offsets_sd: Offsets of the minimum detectable effect, standard deviations, ascending and above 0.
+        sparse_offsets_sd: The same where few groups get the offset.
         num_replicates: Data sets without a leak into which every offset is injected, at least 1.
         num_named: Largest number of places that a finding names, at least 1.
         scratch_bytes: Bound on what one chunk of permutations occupies; no result depends on it.
@@ -57,7 +62,9 @@ class Protocol:
     bandwidth: float | None = None
     num_folds: int = 5
     penalty: float = 0.01
+    subsets: tuple[int, ...] = (1, 10, 30)
     offsets_sd: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8)
+    sparse_offsets_sd: tuple[float, ...] = (0.8, 1.6, 3.2, 6.4)
     num_replicates: int = 5
     num_named: int = 10
     scratch_bytes: int = 64 * 2**20
@@ -79,10 +86,15 @@ class Protocol:
         for name, value in positive.items():
             if not 0 < value < math.inf:
                 raise ValueError(f"`{name}` is {value!r}, not above 0 and finite")
-        if not all(0 < offset < math.inf for offset in self.offsets_sd):
-            raise ValueError(f"`offsets_sd` is {self.offsets_sd!r}, not all above 0 and finite")
-        if list(self.offsets_sd) != sorted(set(self.offsets_sd)):
-            raise ValueError(f"`offsets_sd` is {self.offsets_sd!r}, not ascending")
+        for name in ("offsets_sd", "sparse_offsets_sd"):
+            offsets = getattr(self, name)
+            if not all(0 < offset < math.inf for offset in offsets):
+                raise ValueError(f"`{name}` is {offsets!r}, not all above 0 and finite")
+        if not all(part >= 1 for part in self.subsets):
+            raise ValueError(f"`subsets` is {self.subsets!r}, not all at least 1")
+        for name in ("offsets_sd", "sparse_offsets_sd", "subsets"):
+            if list(getattr(self, name)) != sorted(set(getattr(self, name))):
+                raise ValueError(f"`{name}` is {getattr(self, name)!r}, not ascending")
 
 
 @dataclass(frozen=True)
@@ -139,7 +151,8 @@ class AuditProtocol:
     def as_json(self) -> dict[str, Any]:
         """All numbers that a result depends on."""
         gate = {name: value for name, value in asdict(self.gate).items() if name != "scratch_bytes"}
-        return {"gate": {**gate, "offsets_sd": list(self.gate.offsets_sd)}, "parity": asdict(self.parity)}
+        lists = {name: list(gate[name]) for name in _LISTS}
+        return {"gate": {**gate, **lists}, "parity": asdict(self.parity)}
 
     @classmethod
     def from_json(cls, numbers: Mapping[str, Any]) -> AuditProtocol:
@@ -149,8 +162,9 @@ class AuditProtocol:
             ValueError: A number is outside of its range.
         """
         gate, parity = (_with_whole_counts(numbers[part]) for part in ("gate", "parity"))
-        offsets_sd = tuple(gate.pop("offsets_sd"))
-        return cls(Protocol(offsets_sd=offsets_sd, **gate), ParityProtocol(**parity))
+        subsets, offsets_sd, sparse_offsets_sd = (tuple(gate.pop(name)) for name in _LISTS)
+        lists = {"subsets": tuple(map(int, subsets)), "offsets_sd": offsets_sd, "sparse_offsets_sd": sparse_offsets_sd}
+        return cls(Protocol(**{**gate, **lists}), ParityProtocol(**parity))
 
 
 def _with_whole_counts(numbers: Mapping[str, Any]) -> dict[str, Any]:

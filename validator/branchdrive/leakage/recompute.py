@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mismatch
-from branchdrive.leakage.audit import described_inputs, gate_as_json, place_as_json
+from branchdrive.leakage.audit import code_as_json, described_inputs, gate_as_json, place_as_json
 from branchdrive.leakage.battery import Battery
 from branchdrive.leakage.classifier import Unavailable
-from branchdrive.leakage.gate import Place, dealt, leakage_gate, strongest_places
+from branchdrive.leakage.gate import Code, Place, dealt, dealt_streams, leakage_gate, strongest_codes, strongest_places
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
 from branchdrive.leakage.parity import ways
 from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, Protocol
+from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.score import MEASURES
 from branchdrive.leakage.sensitivity import PATTERNS, replicate_values
 from branchdrive.leakage.table import rows_agree
@@ -63,9 +64,11 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
     protocol = AuditProtocol.from_json(document["protocol"]).gate
     x, columns = gate_features(inputs)
     keys = [inputs.action_keys[index] for index in inputs.interventions]
-    if not x.size or len(x) < protocol.num_folds or rows_agree(x):
-        gate = gate_as_json(leakage_gate(x, seed=seed, protocol=protocol), columns, keys)  # nothing is drawn
-        expected = {name: gate[name] for name in ("bit_identical", "bandwidth", "places")}
+    layout, streams = Layout.of(columns), inputs.streams
+    if not x.size or len(x) < protocol.num_folds or (rows_agree(x) and streams.are_identical):
+        nothing_drawn = leakage_gate(x, seed=seed, protocol=protocol, layout=layout, streams=streams)
+        gate = gate_as_json(nothing_drawn, columns, streams.columns, keys)
+        expected = {name: gate[name] for name in ("bit_identical", "bandwidth", "places", "codes")}
         yield from value_mismatches("/gate", expected, {name: recorded[name] for name in expected})
         if len(recorded["tests"]) != len(gate["tests"]):
             yield from value_mismatches("/gate/tests", gate["tests"], recorded["tests"])
@@ -74,24 +77,28 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
         yield from value_mismatches("/gate/tests", list(STATISTICS), recorded["tests"])
         return
     x = dealt(x, protocol.num_folds)
-    battery = Battery.of(x, protocol, seed=seed)
+    dealt_columns = dealt_streams(streams, protocol.num_folds)
+    battery = Battery.of(x, protocol, seed=seed, layout=layout, streams=dealt_columns)
     observed = battery.observed()
     places = strongest_places(battery, np.empty(0), protocol.num_named)
+    codes = strongest_codes(battery, np.empty((0, len(STATISTICS))), protocol.num_named)
     expected = {
         "bit_identical": False,
         "bandwidth": battery.reference.bandwidth,
         "tests": [{"name": n, "observed": v} for n, v in zip(STATISTICS, observed.tolist(), strict=True)],
         "places": [_without_p(place_as_json(place, columns, keys)) for place in places],
+        "codes": [_without_p(code_as_json(code, columns, streams.columns)) for code in codes],
     }
     found = {
         "bit_identical": recorded["bit_identical"],
         "bandwidth": recorded["bandwidth"],
         "tests": [{"name": test["name"], "observed": test["observed"]} for test in recorded["tests"]],
         "places": [_without_p(place) for place in recorded["places"]],
+        "codes": [_without_p(code) for code in recorded["codes"]],
     }
     yield from value_mismatches("/gate", expected, found)
     null = _redrawn(battery, observed, protocol, seed)
-    yield from _p_mismatches(recorded, null, observed, places, protocol.num_permutations)
+    yield from _p_mismatches(recorded, null, observed, places, codes, protocol.num_permutations)
     if (effect := recorded["minimum_detectable_effect"]) is not None:
         yield from _critical_mismatches(effect, null, protocol)
         yield from _detection_mismatches(effect, x, battery, protocol, seed)
@@ -102,7 +109,7 @@ def _without_p(place: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _redrawn(battery: Battery, observed: Array, protocol: Protocol, seed: int) -> Array:
-    """Null distribution of the first permutations, as many as tell the p-values ``[drawn, 4]``."""
+    """Null distribution of the first permutations, as many as tell the p-values ``[drawn, statistics]``."""
     total = protocol.num_permutations
     null = np.empty((0, len(STATISTICS)))
     stop = min(_FIRST, total)
@@ -115,7 +122,12 @@ def _redrawn(battery: Battery, observed: Array, protocol: Protocol, seed: int) -
 
 
 def _p_mismatches(
-    gate: Mapping[str, Any], null: Array, observed: Array, places: tuple[Place, ...], num_permutations: int
+    gate: Mapping[str, Any],
+    null: Array,
+    observed: Array,
+    places: tuple[Place, ...],
+    codes: tuple[Code, ...],
+    num_permutations: int,
 ) -> Iterator[Mismatch]:
     """p-values of statistics and places against the permutations drawn again."""
     largest = null[:, STATISTICS.index("max_t")]
@@ -124,7 +136,11 @@ def _p_mismatches(
         ("places", i, named, largest, abs(place.t))
         for i, (place, named) in enumerate(zip(places, gate["places"], strict=False))
     ]
-    for kind, index, named, column, value in (*of_tests, *of_places):
+    of_codes = [
+        ("codes", i, named, null[:, STATISTICS.index(code.statistic)], code.value)
+        for i, (code, named) in enumerate(zip(codes, gate["codes"], strict=False))
+    ]
+    for kind, index, named, column, value in (*of_tests, *of_places, *of_codes):
         reached = int(reaching(column, value))
         yield from _plausible_mismatches(f"/gate/{kind}/{index}/p", reached, len(column), named["p"], num_permutations)
 

@@ -8,7 +8,8 @@ at the observations ``t_b - 80 .. t_b``, ``p_n`` and ``yaw_n`` the pose of the n
 
 All rows of a group share one frame, so that an offset between replays stays visible.
 
-Source: paper VI-A; spec/13-leakage.md#inputs; the variables of the ego history are this project's choice.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md#inputs; the variables of the
+ego history are this project's choice.
 """
 
 from __future__ import annotations
@@ -16,19 +17,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import cos_sin, wrap_rad
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW
 from branchdrive.driving.target import STEP_S
 from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.recording import recorded_numbers
+from branchdrive.leakage.streams import Streams, ranked, stream_columns
 from branchdrive.quality.replay import Pairs
 from branchdrive.quality.threshold import VARIABLES
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.frame import Frame
 
-__all__ = ["AVAILABILITY_NAMES", "CONTROL_NAMES", "EGO_NAMES", "ego_frames", "replay_facts", "replay_inputs"]
+__all__ = [
+    "AVAILABILITY_NAMES",
+    "CONTROL_NAMES",
+    "EGO_NAMES",
+    "ego_frames",
+    "inputs_of_facts",
+    "replay_facts",
+    "replay_inputs",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -71,6 +82,9 @@ def replay_facts(
     row_of[pairs.replay] = np.arange(len(pairs.replay))
     values = np.stack([np.ma.filled(paired[v.name], np.inf) for v in VARIABLES], axis=1)
     discrepancy[there] = values[row_of[drives[there]]]
+    interventions = np.delete(drives, nominal_index, axis=1)
+    numbers = recorded_numbers(view, interventions.ravel()).reshape(*interventions.shape, -1)
+    stream_ranks, stream_spread = ranked(numbers)
     return {
         "group_id": np.array(view.group_ids, object)[groups],
         "availability": _availability(view, drives),
@@ -78,6 +92,8 @@ def replay_facts(
         "ego": _ego(view, drives, candidates[:, nominal_index]),
         "controls": _controls(view, drives),
         "has_nominal_replay": there[:, nominal_index],
+        "stream_ranks": stream_ranks,
+        "stream_spread": stream_spread,
     }
 
 
@@ -166,13 +182,13 @@ def _controls(view: ShardView, drives: Index) -> Array:
     return _absent(np.stack(applied, axis=2).reshape(*drives.shape, len(CONTROL_WINDOW), len(CONTROL_NAMES)), drives)
 
 
-def replay_inputs(replays: Frame, groups: Frame, bank: ActionBank) -> ReplayInputs:
+def replay_inputs(replays: Frame, groups: Frame, descriptor: Descriptor) -> ReplayInputs:
     """Inputs of the audit of a release: its core-valid groups with their partitions.
 
     Args:
         replays: Facts of the replays of integrity-complete groups, as `replay_facts` gives them.
         groups: Rows of `group_quality`, complete.
-        bank: The action bank.
+        descriptor: Of the dataset, which names the action bank and the recorded tables.
 
     Raises:
         ValueError: A core-valid group is not integrity-complete.
@@ -185,10 +201,25 @@ def replay_inputs(replays: Frame, groups: Frame, bank: ActionBank) -> ReplayInpu
     chosen = sorted(home)
     if not set(chosen) <= place.keys():
         raise ValueError(f"group {min(set(chosen) - place.keys())!r} is core-valid and not integrity-complete")
-    rows = [place[group] for group in chosen]
+    rows = np.array([place[group] for group in chosen], np.intp)
+    return inputs_of_facts(replays, rows, tuple(home[group] for group in chosen), descriptor)
+
+
+def inputs_of_facts(
+    replays: Frame, rows: NDArray[np.intp], partitions: tuple[str, ...], descriptor: Descriptor
+) -> ReplayInputs:
+    """Inputs of some groups.
+
+    Args:
+        replays: Facts of the replays of groups, as `replay_facts` gives them.
+        rows: Rows of the groups, in the order of their identities.
+        partitions: Partition of each.
+        descriptor: Of the dataset.
+    """
+    bank = descriptor.action_bank
     return ReplayInputs(
-        tuple(chosen),
-        tuple(home[group] for group in chosen),
+        tuple(replays["group_id"][rows].tolist()),
+        partitions,
         tuple(bank.keys),
         bank.nominal_index,
         AVAILABILITY_NAMES,
@@ -199,4 +230,5 @@ def replay_inputs(replays: Frame, groups: Frame, bank: ActionBank) -> ReplayInpu
         replays["ego"][rows],
         replays["controls"][rows],
         replays["has_nominal_replay"][rows],
+        Streams(stream_columns(descriptor.tables), replays["stream_ranks"][rows], replays["stream_spread"][rows]),
     )

@@ -1,6 +1,6 @@
 """Leakage rules: the audit was made of this release, its verdicts follow from its numbers, and structure tells nothing.
 
-Source: paper VI-A; spec/13-leakage.md.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.structural import (
     ALPHA,
     MAX_CORRELATION,
+    MAX_OUTCOME_CORRELATION,
     TargetLeak,
     affine_targets,
     neighbours_p,
     ranked_targets,
+    told_outcomes,
 )
 from branchdrive.leakage.verify import (
     battery_mismatches,
@@ -65,7 +67,7 @@ def _found(examined: int, mismatches: Iterable[Mismatch]) -> Check:
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
     try:
-        return replay_inputs(view.raw_rows["replays"], view.frame("group_quality"), view.descriptor.action_bank)
+        return replay_inputs(view.raw_rows["replays"], view.frame("group_quality"), view.descriptor)
     except ValueError as error:
         raise PreconditionError(f"inputs of the leakage audit: {error}") from error
 
@@ -209,3 +211,12 @@ def battery_scores_recompute(view: ReleaseView) -> Iterator[Check]:
         inputs = _audited(view, audit)
         examined = sum(len(way["controls"]) + len(way["tests"]) for way in audit["battery"]["ways"])
         yield _found(examined, score_mismatches(audit, inputs))
+
+
+@rule("BD-LKG-013")
+def no_history_variable_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
+    """No variable of a sensor history ranks an outcome of one action, or what the actions of a group came to."""
+    variables, names, targets = view.cached(_history_variables)
+    is_speed = np.array([name.startswith("state speed_mps ") for name in names], np.bool_)
+    expected = f"a correlation of at most {MAX_OUTCOME_CORRELATION:g}, of a place at most {MAX_CORRELATION:g}"
+    yield _target_check(expected, names, told_outcomes(variables, is_speed, *targets))

@@ -20,9 +20,9 @@ where both measures find both positive controls and neither finds the random lab
 
 It is a diagnostic: what a release may claim is the gate's to say.
 
-Source: paper VI-A (accuracy, bootstrap over branches, statuses). This project adds the log-likelihood, since an
-accuracy at chance can hide a classifier that knows something, and that a classifier which tells nothing apart is
-inconclusive.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" (accuracy, bootstrap over branches, statuses).
+This project adds the log-likelihood, since an accuracy at chance can hide a classifier that knows something, and that
+a classifier which tells nothing apart is inconclusive.
 """
 
 from __future__ import annotations

@@ -4,10 +4,15 @@ A replicate first permutes the rows within groups, so that nothing leaks, and th
 
 * ``one``: ``offset * sd`` on one feature of one action, both drawn;
 * ``dense``: ``offset * sd * dose_a`` on a drawn quarter of the features, ``dose`` evenly spaced over the actions
-  from -1 to 1.
+  from -1 to 1;
+* ``tenth`` and ``thirtieth``: the same in a drawn tenth or thirtieth of the groups alone, rounded up, with offsets
+  of their own.
 
-Its statistics are compared with the critical values of the one null distribution, which permuting leaves
-as it is, at ``alpha / 4``: the level at which Holm's procedure rejects first, so that the gate fails
+A replicate in which an offset is missed counts as missed at all smaller ones.
+
+Features of the gate are moved and examined, recorded streams are not: what is found in features is found in a stream
+as well. Its statistics are compared with the critical values of the one null distribution, which permuting leaves
+as it is, at ``alpha / 6``: the level at which Holm's procedure rejects first, so that the gate fails
 exactly where any statistic is beyond its own.
 
 Source: this project's choice.
@@ -27,19 +32,21 @@ from branchdrive.leakage.table import checked
 from branchdrive.statistics.permutation import critical_value
 from branchdrive.statistics.stream import below, group_orders, orders, words
 
-__all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "replicate_values", "sensitivity"]
+__all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "offsets_of", "replicate_values", "sensitivity"]
 
 Array = NDArray[np.float64]
-Pattern = Literal["one", "dense"]
+Pattern = Literal["one", "dense", "tenth", "thirtieth"]
 
-PATTERNS: tuple[Pattern, ...] = ("one", "dense")
+PATTERNS: tuple[Pattern, ...] = ("one", "dense", "tenth", "thirtieth")
 """Patterns of an offset."""
 
 _DENSE_SHARE = 4
+_PART_OF_GROUPS: dict[Pattern, int] = {"one": 1, "dense": 1, "tenth": 10, "thirtieth": 30}
 
 _ROWS = "leakage/replicate/rows"
 _FEATURES = "leakage/replicate/features"
 _ACTION = "leakage/replicate/action"
+_GROUPS = "leakage/replicate/groups"
 
 
 class Detection(NamedTuple):
@@ -82,6 +89,11 @@ class Sensitivity:
         return smallest
 
 
+def offsets_of(pattern: Pattern, protocol: Protocol) -> tuple[float, ...]:
+    """Offsets of a pattern, standard deviations, ascending."""
+    return protocol.offsets_sd if _PART_OF_GROUPS[pattern] == 1 else protocol.sparse_offsets_sd
+
+
 def sensitivity(
     features: ArrayLike, reference: Reference, null: Array, *, protocol: Protocol, seed: int
 ) -> Sensitivity:
@@ -90,26 +102,28 @@ def sensitivity(
     Args:
         features: As the gate saw them.
         reference: Of the battery that gave `null`.
-        null: Null distribution ``[permutations, 4]``.
+        null: Null distribution ``[permutations, statistics]``.
         protocol: Numbers of the gate.
         seed: Of the replicates.
     """
     x = checked(features)
     alpha = protocol.alpha / len(STATISTICS)
     critical = np.array([critical_value(column, alpha) for column in null.T])
-    found = np.zeros((len(PATTERNS), len(protocol.offsets_sd), protocol.num_replicates, len(STATISTICS)), np.bool_)
-    for i, pattern in enumerate(PATTERNS):
-        for j, offset_sd in enumerate(protocol.offsets_sd):
-            for replicate in range(protocol.num_replicates):
-                moved = replicate_values(x, reference, pattern, offset_sd, replicate, seed=seed)
+    detections = []
+    for pattern in PATTERNS:
+        offsets = offsets_of(pattern, protocol)
+        found = np.zeros((len(offsets), protocol.num_replicates, len(STATISTICS)), np.bool_)
+        for replicate in range(protocol.num_replicates):
+            for place in range(len(offsets))[::-1]:
+                moved = replicate_values(x, reference, pattern, offsets[place], replicate, seed=seed)
                 if moved is not None:
-                    found[i, j, replicate] = Battery.like(reference, moved, protocol).observed() > critical
-    detections = tuple(
-        Detection(pattern, offset_sd, tuple(found[i, j].mean(axis=0).tolist()), float(found[i, j].any(axis=1).mean()))
-        for i, pattern in enumerate(PATTERNS)
-        for j, offset_sd in enumerate(protocol.offsets_sd)
-    )
-    return Sensitivity(alpha, tuple(critical.tolist()), detections)
+                    found[place, replicate] = Battery.like(reference, moved, protocol).observed() > critical
+                if not found[place, replicate].any():
+                    break
+        for offset_sd, of_offset in zip(offsets, found, strict=True):
+            shares = tuple(of_offset.mean(axis=0).tolist())
+            detections.append(Detection(pattern, offset_sd, shares, float(of_offset.any(axis=1).mean())))
+    return Sensitivity(alpha, tuple(critical.tolist()), tuple(detections))
 
 
 def replicate_values(
@@ -134,7 +148,11 @@ def replicate_values(
     order = movable[orders(words(seed, _FEATURES, 1, len(movable), first_row=replicate))[0]]
     action = int(below(words(seed, _ACTION, 1, 1, first_row=replicate), num_actions)[0, 0])
     moved = np.take_along_axis(x, rows[:, :, None], axis=1)
-    inject(moved, pattern, offset_sd * reference.sd, order, action)
+    num_moved = -(-num_groups // _PART_OF_GROUPS[pattern])
+    groups = np.sort(orders(words(seed, _GROUPS, 1, num_groups, first_row=replicate))[0][:num_moved])
+    chosen = moved[groups]
+    inject(chosen, pattern, offset_sd * reference.sd, order, action)
+    moved[groups] = chosen
     return moved
 
 

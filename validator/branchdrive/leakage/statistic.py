@@ -1,4 +1,4 @@
-"""Three forms of statistics of a leakage audit: each sees what another misses.
+"""Three forms of statistics of a leakage audit on its table: each sees what another misses.
 
 Each is made ready on a table once and then called with any labels ``[permutations * actions, groups * actions]``.
 
@@ -98,7 +98,7 @@ class MaxT:
     def __call__(self, labels: NDArray[np.float32]) -> Array:
         """``T`` of every permutation, ``[permutations]``."""
         scores = self.scores(labels)
-        return np.asarray(np.maximum(scores.max(axis=(1, 2)), -scores.min(axis=(1, 2))))
+        return np.asarray(np.maximum(scores.max(axis=(1, 2), initial=0.0), -scores.min(axis=(1, 2), initial=0.0)))
 
 
 def median_distance(values: Array, *, unit: float = 1.0) -> float:

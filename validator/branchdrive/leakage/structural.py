@@ -4,10 +4,13 @@
   candidate, ties at their mean rank; every row of a history is a variable of its own.
 * A variable holds a target where, for one action, it is an affine function of it at floating-point precision:
   ``1 - r^2 <= 1e-9`` over the groups in which that target is available, with 10 distinct values of both.
+* A variable tells an outcome where it ranks a target of one action, or the least, the mean or the largest of a target
+  over the actions, with ``|rho| > 0.999``, or the place of the action with the least or the largest, with 0.98; an
+  outcome that a speed ranks with 0.99 follows from the motion, and is no secret.
 * Identifiers tell the partition where more neighbours in their sorted order share one than in all but
   ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``.
 
-Source: paper VI-A; spec/13-leakage.md#structural.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md#structural.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ __all__ = [
     "affine_targets",
     "neighbours_p",
     "ranked_targets",
+    "told_outcomes",
 ]
 
 Array = NDArray[np.float64]
@@ -35,6 +39,9 @@ Mask = NDArray[np.bool_]
 
 MAX_CORRELATION = 0.98
 """Largest correlation of a history variable with a target."""
+
+MAX_OUTCOME_CORRELATION = 0.999
+"""Largest correlation of a history variable with an outcome of one action, or of all: a speed reaches 0.985."""
 
 ALPHA = 0.001
 """Level at which identifiers tell the partition."""
@@ -47,6 +54,15 @@ _PLACES_AT_ONCE = 2**20
 _NEIGHBOURS = "leakage/neighbours"
 _MIN_GROUPS = 10
 """Groups, or distinct values, below which a correlation says nothing."""
+
+_KNOWN_CORRELATION = 0.99
+"""Correlation of a speed with an outcome by which the motion itself tells it."""
+
+_MIN_RANKED = 12
+"""Groups below which a variable may rank one of many outcomes by chance."""
+
+_MIN_COMMON = 3
+"""Values, each of as many groups, that a place among actions and its code need."""
 
 
 class TargetLeak(NamedTuple):
@@ -95,6 +111,77 @@ def affine_targets(variables: Array, targets: Array, available: Mask) -> list[Ta
             for v in np.flatnonzero(_is_affine(variables[there], targets[there, action, target])).tolist():
                 found.setdefault((target, v), TargetLeak(v, target, f"an affine function, at action {action},"))
     return list(found.values())
+
+
+class _Outcome(NamedTuple):
+    """Something that the candidates of a group came to: its name, values and availability ``[groups]``."""
+
+    name: str
+    values: Array
+    there: Mask
+    is_place: bool
+
+
+def told_outcomes(variables: Array, is_speed: Mask, targets: Array, available: Mask) -> list[TargetLeak]:
+    """Variables that rank an outcome, each target once; none are looked for among fewer than twelve groups.
+
+    Args:
+        variables: ``[groups, variables]``, finite.
+        is_speed: Whether a variable is a speed ``[variables]``.
+        targets: ``[groups, actions, targets]``; any value where not available.
+        available: ``[groups, actions, targets]``.
+    """
+    if len(variables) < _MIN_RANKED:
+        return []
+    places = [np.unique(column, return_inverse=True)[1] for column in variables.T]
+    ranked: dict[bytes, tuple[Array, Array]] = {}
+    found: dict[tuple[int, int], TargetLeak] = {}
+    for target in range(targets.shape[2]):
+        for outcome in _outcomes(targets[..., target], available[..., target]):
+            weight = outcome.there.astype(np.float64)
+            y = np.where(outcome.there, outcome.values, 0.0)
+            if weight.sum() < _MIN_RANKED or not _is_rich(y[outcome.there], outcome.is_place):
+                continue
+            if weight.tobytes() not in ranked:
+                ranked[weight.tobytes()] = _centred_ranks(places, weight)
+            rho = _spearman(*ranked[weight.tobytes()], y[:, None], outcome.there[:, None])
+            bound = MAX_CORRELATION if outcome.is_place else MAX_OUTCOME_CORRELATION
+            if (np.abs(rho[is_speed]) > _KNOWN_CORRELATION).any():
+                continue
+            for v in np.flatnonzero(np.abs(rho) > bound).tolist():
+                if _is_rich(places[v][outcome.there], outcome.is_place):
+                    how = f"a rank correlation of {rho[v]:.4f} with {outcome.name}"
+                    found.setdefault((target, v), TargetLeak(v, target, how))
+    return list(found.values())
+
+
+def _outcomes(values: Array, there: Mask) -> list[_Outcome]:
+    """Outcomes of one target ``[groups, actions]``: of every action, and of all that are available in a group."""
+    found = [
+        _Outcome(f"the value, at action {action},", values[:, action], there[:, action], False)
+        for action in range(values.shape[1])
+    ]
+    anywhere: Mask = np.asarray(there.any(axis=1))
+    count = np.maximum(there.sum(axis=1), 1)
+    low, high = np.where(there, values, np.inf), np.where(there, values, -np.inf)
+    of_all = {
+        "the least value": low.min(axis=1),
+        "the mean value": np.where(there, values, 0.0).sum(axis=1) / count,
+        "the largest value": high.max(axis=1),
+    }
+    found += [_Outcome(name, y, anywhere, False) for name, y in of_all.items()]
+    places = {"the place of the least value": low.argmin(axis=1), "the place of the largest value": high.argmax(axis=1)}
+    for name, y in places.items():
+        found.append(_Outcome(name, y.astype(np.float64), anywhere, True))
+    return found
+
+
+def _is_rich(values: NDArray[np.generic], is_place: bool) -> bool:
+    """Whether values are distinct enough for a correlation to say something."""
+    counts = np.unique(values, return_counts=True)[1]
+    if is_place:
+        return bool((counts >= _MIN_COMMON).sum() >= _MIN_COMMON)
+    return len(counts) >= _MIN_GROUPS
 
 
 def _is_affine(variables: Array, y: Array) -> Mask:

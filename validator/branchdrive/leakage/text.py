@@ -11,14 +11,25 @@ __all__ = ["leakage_sentences"]
 _PLACES_SHOWN = 3
 
 
-_PATTERNS = {"one": "in one feature of one action", "dense": "as a dose over all actions on a quarter of the features"}
+_PATTERNS = {
+    "one": "in one feature of one action",
+    "dense": "as a dose over all actions on a quarter of the features",
+    "tenth": "as such a dose in one group of ten",
+    "thirtieth": "as such a dose in one group of thirty",
+}
 
 
 _VERDICTS = {
-    "pass": "passes: replays before the branch did not tell the actions apart",
+    "pass": "passes: its tests found nothing before the branch that tells the actions apart",
     "fail": "fails: replays before the branch tell actions apart, so results on this release cannot be trusted",
     "inconclusive": "is inconclusive, which is no pass",
 }
+
+
+_NOT_EXAMINED = (
+    "Not examined by the gate: camera frames, a code in fewer than one group of thirty that hides in noise, and "
+    "products other than those of two commands. A smaller effect, or one of another form, may be there."
+)
 
 
 _STATUSES = {"pass": "pass", "fail": "fail", "inconclusive": "inconclusive", "not_run": "not run"}
@@ -34,11 +45,16 @@ def leakage_sentences(leakage: Mapping[str, Any] | None) -> list[str]:
         return ["Leakage was not audited: nothing is known about whether inputs tell the action that follows."]
     gate = leakage["gate"]
     shape = gate["shape"]
-    seen = f"{shape['groups']:,} groups, {shape['actions']:,} actions and {shape['features']:,} features"
+    seen = (
+        f"{shape['groups']:,} groups, {shape['actions']:,} actions, {shape['features']:,} features and "
+        f"{shape['columns']:,} recorded columns before the branch"
+    )
     sentences = [f"The leakage gate {_VERDICTS[gate['verdict']]} ({seen}).", _sentence(gate["reason"])]
     if gate["verdict"] == "fail":
         sentences += [_place_sentence(place) for place in gate["places"][:_PLACES_SHOWN]]
-    return [sentence for sentence in [*sentences, *_effect(gate), *_battery(leakage)] if sentence]
+        alpha = leakage["protocol"]["gate"]["alpha"]
+        sentences += [_code_sentence(code) for code in gate["codes"] if code["p"] <= alpha][:_PLACES_SHOWN]
+    return [sentence for sentence in [*sentences, *_effect(gate), _NOT_EXAMINED, *_battery(leakage)] if sentence]
 
 
 def _battery(leakage: Mapping[str, Any]) -> list[str]:
@@ -56,14 +72,27 @@ def _place_sentence(place: Mapping[str, Any]) -> str:
     return f"Action {place['action']} differs in {at} by {place['difference']:.3g} (adjusted p {place['p']:.2g})."
 
 
+def _code_sentence(code: Mapping[str, Any]) -> str:
+    columns = " and ".join(
+        f"{column['source'].replace('_', ' ')} {column['variable']}{_ticks(column['offset_ticks'])}"
+        for column in code["columns"]
+    )
+    found = (
+        "Groups put their actions in one order in"
+        if code["statistic"] == "concordance"
+        else "A product tells the actions apart:"
+    )
+    return f"{found} {columns} ({code['groups']:,} groups, adjusted p {code['p']:.2g})."
+
+
 def _effect(gate: Mapping[str, Any]) -> list[str]:
     effect = gate["minimum_detectable_effect"]
     if effect is None:
         why = "replays are bit-identical" if gate["bit_identical"] else "no feature has a value to move"
         return [f"Minimum detectable effect: not applicable, {why}."]
-    offsets = sorted({found["offset_sd"] for found in effect["detections"]})
     sentences = []
     for pattern, where in _PATTERNS.items():
+        offsets = sorted(found["offset_sd"] for found in effect["detections"] if found["pattern"] == pattern)
         smallest = effect["smallest_sd"].get(pattern)
         if smallest is not None:
             least = "at most " if offsets and smallest == offsets[0] else ""

@@ -9,7 +9,7 @@ Source: spec/13-leakage.md#document.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from branchdrive.contract.mismatch import Mismatch
@@ -20,7 +20,8 @@ from branchdrive.leakage.inputs import CONTROL_SPANS
 from branchdrive.leakage.parity import PARTITIONS
 from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, Protocol
 from branchdrive.leakage.score import MEASURES, judged_battery
-from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity
+from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, offsets_of
+from branchdrive.leakage.streams import WINDOWS, stream_columns
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import critical_rank
 
@@ -85,6 +86,7 @@ def count_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
         "groups": sum(inputs["num_groups"].values()),
         "actions": num_actions - 1,
         "features": sum(len(inputs["variables"][source]) * count for source, count in _PLACES.items()),
+        "columns": _num_columns(inputs["variables"]["streams"]),
     }
     yield from value_mismatches("/gate/shape", shape, document["gate"]["shape"])
     ways = [(num_actions, inputs["num_nominal_replays"]), (num_actions - 1, inputs["num_groups"])]
@@ -92,6 +94,12 @@ def count_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
         num_groups = {name: counts.get(name, 0) for name in way["num_groups"]}
         expected = {"name": f"{size}-way", "num_actions": size, "num_groups": num_groups}
         yield from value_mismatches(f"/battery/ways/{index}", expected, {name: way[name] for name in expected})
+
+
+def _num_columns(names: Sequence[str]) -> int:
+    """Columns that the tables of recorded columns ``TABLE/COLUMN`` give."""
+    tables = {name.partition("/")[0] for name in names}
+    return len(stream_columns(tuple(table for table in WINDOWS if table in tables)))
 
 
 def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
@@ -102,13 +110,15 @@ def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
     """
     gate, protocol = document["gate"], AuditProtocol.from_json(document["protocol"]).gate
     tests, shape = gate["tests"], gate["shape"]
-    for index, place in enumerate(gate["places"]):
-        yield from _p_mismatches(f"/gate/places/{index}/p", place["p"], protocol.num_permutations)
+    for kind in ("places", "codes"):
+        for index, place in enumerate(gate[kind]):
+            yield from _p_mismatches(f"/gate/{kind}/{index}/p", place["p"], protocol.num_permutations)
     if not tests:
-        if all(shape.values()) and shape["groups"] >= protocol.num_folds:
+        is_there = all(shape[name] for name in ("groups", "actions", "features"))
+        if is_there and shape["groups"] >= protocol.num_folds:
             yield from value_mismatches("/gate/tests", list(STATISTICS), tests)
         else:
-            reason = too_few(shape["groups"], protocol) if all(shape.values()) else NOTHING
+            reason = too_few(shape["groups"], protocol) if is_there else NOTHING
             yield from value_mismatches("/gate/reason", reason, gate["reason"])
         yield from value_mismatches("/gate/minimum_detectable_effect", None, gate["minimum_detectable_effect"])
         yield from value_mismatches("/gate/verdict", "inconclusive", gate["verdict"])
@@ -141,7 +151,7 @@ def _effect_mismatches(gate: Mapping[str, Any], protocol: Protocol) -> Iterator[
     detections = tuple(Detection(**{**found, "shares": tuple(found["shares"])}) for found in recorded["detections"])
     effect = Sensitivity(protocol.alpha / len(STATISTICS), (), detections)
     yield from value_mismatches(f"{pointer}/alpha", effect.alpha, recorded["alpha"])
-    expected = [[pattern, offset_sd] for pattern in PATTERNS for offset_sd in protocol.offsets_sd]
+    expected = [[pattern, offset_sd] for pattern in PATTERNS for offset_sd in offsets_of(pattern, protocol)]
     yield from value_mismatches(f"{pointer}/detections", expected, [[d.pattern, d.offset_sd] for d in detections])
     smallest = {pattern: effect.smallest_sd(pattern) for pattern in PATTERNS}
     yield from value_mismatches(f"{pointer}/smallest_sd", smallest, recorded["smallest_sd"])

@@ -9,7 +9,7 @@ With ``N`` groups and ``A`` candidates::
     expert        [N, 16, 4]      flags are 0 or 1              actions       [A, encoding width]
     surroundings  [N, 16, 11]     and mask; the traffic light is three features red, yellow, green
 
-Source: paper III-E; spec/12-model.md#features.
+Source: paper, "Model Inputs and Targets"; spec/12-model.md#features.
 """
 
 from __future__ import annotations

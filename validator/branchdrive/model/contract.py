@@ -4,7 +4,7 @@ A function that takes `SensorInputs` cannot be handed anything that the ego vehi
 No type has an identifier: rows are in the order of `ModelLayer.groups`, candidates in that of
 `ModelLayer.candidate_order`.
 
-Source: paper III-D and III-E; spec/12-model.md#contracts.
+Source: paper, "Recorded Modalities" and "Model Inputs and Targets"; spec/12-model.md#contracts.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ Histories are read under an input contract, which names the tables that it reads
 
 The document `features.json` is a pure function of the dataset's descriptor: nothing in it depends on data.
 
-Source: paper III-E and III-F; spec/12-model.md#features, spec/12-model.md#contracts.
+Source: paper, "Model Inputs and Targets" and "Release Structure"; spec/12-model.md#features,
+spec/12-model.md#contracts.
 """
 
 from __future__ import annotations

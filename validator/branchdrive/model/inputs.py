@@ -1,7 +1,7 @@
 """Inputs of the model layer: what the nominal rollout of each group recorded before its branch.
 
 Everything here is read at exact ticks ``<= t_b`` (observations) and ``< t_b`` (controls).
-Source: paper III-E; spec/12-model.md#histories.
+Source: paper, "Model Inputs and Targets"; spec/12-model.md#histories.
 """
 
 from __future__ import annotations

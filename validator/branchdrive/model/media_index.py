@@ -1,4 +1,7 @@
-"""Images of nominal rollouts before their branch. Source: paper III-F (modality paths); spec/12-model.md#media."""
+"""Images of nominal rollouts before their branch.
+
+Source: paper, "Release Structure" (modality paths); spec/12-model.md#media.
+"""
 
 from __future__ import annotations
 

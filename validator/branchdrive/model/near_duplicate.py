@@ -8,7 +8,7 @@ With ``h_g`` the standardised state and control history of group ``g`` as one ve
 Distances are Euclidean. A matrix product finds who may be nearest, and exact differences decide, so equal
 histories are at distance 0. Of points that are equal, the first two of different labels stand for all.
 
-Source: paper V-E (partitions share no context); the measure is this project's choice.
+Source: paper, "Evaluation Population" (partitions share no context); the measure is this project's choice.
 """
 
 from __future__ import annotations

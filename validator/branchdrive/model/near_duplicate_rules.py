@@ -1,6 +1,6 @@
 """Rules on near duplicates: marked where they are left out, and none among the contexts.
 
-Source: paper V-E; spec/11-fidelity.md#split.
+Source: paper, "Evaluation Population"; spec/11-fidelity.md#split.
 """
 
 from __future__ import annotations

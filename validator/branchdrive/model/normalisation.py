@@ -13,7 +13,8 @@ which no row of a history has. A scaling holds the digest of the split it was fi
 no other way than through the training rows of that split.
 Sums run in the order of the rows: with the groups in sorted order the statistics are reproducible to the bit.
 
-Source: paper III-E and IV (training statistics only); floors and limits are this project's choice.
+Source: paper, "Model Inputs and Targets" and "Benchmark Protocol" (training statistics only); floors and limits are
+this project's choice.
 """
 
 from __future__ import annotations

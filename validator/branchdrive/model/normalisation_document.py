@@ -6,7 +6,8 @@ no bit. What the privileged expert computes is scaled as state is: target speed 
 What the world does not record is left as it is.
 A number is written with the digits that give it back exactly; unknown and unlimited are null.
 
-Source: paper III-E and IV (training statistics only); spec/12-model.md#normalisation.
+Source: paper, "Model Inputs and Targets" and "Benchmark Protocol" (training statistics only);
+spec/12-model.md#normalisation.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A table is read when it is first asked for, within the spec limits, and packed b
 in the order of `ModelLayer.groups`. The reader does not judge the release: `branchdrive-validate` does. It refuses
 what it cannot pack without a guess.
 
-Source: paper III-E and III-F; spec/12-model.md.
+Source: paper, "Model Inputs and Targets" and "Release Structure"; spec/12-model.md.
 """
 
 from __future__ import annotations

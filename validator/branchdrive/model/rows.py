@@ -1,6 +1,6 @@
 """Rows of the model layer that follow from other tables: contexts and actions.
 
-Source: paper III-E, III-F; spec/12-model.md#frozen.
+Source: paper, "Model Inputs and Targets" and "Release Structure"; spec/12-model.md#frozen.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Model rules: inputs and targets of the frozen population recompute. Source: paper III-E, III-F; spec/12-model.md."""
+"""Model rules: inputs and targets of the frozen population recompute.
+
+Source: paper, "Model Inputs and Targets" and "Release Structure"; spec/12-model.md.
+"""
 
 from __future__ import annotations
 

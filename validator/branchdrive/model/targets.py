@@ -1,6 +1,6 @@
 """Targets of candidates with whole windows, and where their own branch poses lie.
 
-Source: paper III-E; spec/12-model.md#targets.
+Source: paper, "Model Inputs and Targets"; spec/12-model.md#targets.
 """
 
 from __future__ import annotations

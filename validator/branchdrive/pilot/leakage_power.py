@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.text import NONE, counted
-from branchdrive.leakage.gate import leakage_gate
+from branchdrive.leakage.gate import Gate, leakage_gate
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
 from branchdrive.leakage.protocol import Protocol
-from branchdrive.leakage.replays import AVAILABILITY_NAMES, CONTROL_NAMES, EGO_NAMES
-from branchdrive.leakage.sensitivity import PATTERNS
+from branchdrive.leakage.replays import inputs_of_facts
+from branchdrive.leakage.scan import Layout
+from branchdrive.leakage.sensitivity import Pattern
 from branchdrive.leakage.table import rows_agree
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
@@ -38,13 +39,16 @@ _OFFSETS_SD = (0.1, 0.2, 0.4, 0.8)
 _ENOUGH = 96
 """Groups from which on the law of the root holds well; fewer are repeated until there are as many."""
 
-_POWER = Protocol(offsets_sd=_OFFSETS_SD, num_permutations=3_999, num_replicates=3)
+_POWER = Protocol(offsets_sd=_OFFSETS_SD, sparse_offsets_sd=(), num_permutations=5_999, num_replicates=3)
 """The fewest permutations with which the gate can fail, and few trials: a pilot's figures are rough."""
 
 _WANTED_SD = (0.1, 0.2)
 _SEED = 1
 
-_PATTERN_TEXTS = {"one": "one feature of one action", "dense": "a quarter of the features, by action"}
+_PATTERN_TEXTS: dict[Pattern, str] = {
+    "one": "one feature of one action",
+    "dense": "a quarter of the features, by action",
+}
 
 
 def leakage_power(pilot: Pilot) -> Section:
@@ -52,7 +56,7 @@ def leakage_power(pilot: Pilot) -> Section:
     if not pilot.rows:
         return Section("leakage", _TITLE, not_examined=[pilot.no_rows])
     inputs = _inputs(pilot)
-    protocol = Protocol(offsets_sd=())
+    protocol = Protocol(offsets_sd=(), sparse_offsets_sd=())
     if inputs is None or inputs.num_groups < protocol.num_folds:
         count = 0 if inputs is None else inputs.num_groups
         return Section(
@@ -61,26 +65,22 @@ def leakage_power(pilot: Pilot) -> Section:
         )  # fmt: skip
     features, columns = gate_features(inputs)
     figures = {"groups": inputs.num_groups, "features": len(columns)}
-    if rows_agree(features):
+    if rows_agree(features) and inputs.streams.are_identical:
         fact = (
             "All replays of every group are identical before the branch: nothing can tell which action follows, and "
             "power is no question as long as that stays so."
         )
         return Section("leakage", _TITLE, [fact], figures={**figures, "verdict": "pass", "bit_identical": True})
-    gate = leakage_gate(features, seed=_SEED, protocol=protocol)
+    gate = leakage_gate(features, seed=_SEED, protocol=protocol, layout=Layout.of(columns), streams=inputs.streams)
     facts = [
         f"The gate's verdict on {counted(inputs.num_groups, 'group')} and {len(columns)} features is {gate.verdict}: "
         f"{gate.reason}"
     ]
     concerns = []
     if gate.verdict == "fail":
-        place = gate.places[0]
-        feature = columns[place.feature]
-        keys = [inputs.action_keys[index] for index in inputs.interventions]
         concerns.append(
             Concern(
-                f"Replays tell before the branch which action follows: most of all {feature.name} of "
-                f"{keys[place.action]}, by {place.difference:+.2f} standard deviations.",
+                f"Replays tell before the branch which action follows: most of all {_strongest(gate, inputs)}.",
                 "Look for what a replay knows of its action before t_b: its index in a shared random generator, the "
                 "order of execution, or a command that acts too early.",
             )
@@ -89,7 +89,7 @@ def leakage_power(pilot: Pilot) -> Section:
     not_examined = [
         f"an offset on {_PATTERN_TEXTS[pattern]}: not even {max(_OFFSETS_SD):g} standard deviations are found in "
         f"{counted(num_groups, 'group')}"
-        for pattern in PATTERNS
+        for pattern in _PATTERN_TEXTS
         if smallest[pattern] is None
     ]
     return Section(
@@ -99,6 +99,19 @@ def leakage_power(pilot: Pilot) -> Section:
     )  # fmt: skip
 
 
+def _strongest(gate: Gate, inputs: ReplayInputs) -> str:
+    """Where a gate that fails sees most: the action of a feature, or a recorded column."""
+    columns = gate_features(inputs)[1]
+    if gate.places and gate.places[0].p <= min(code.p for code in gate.codes):
+        place = gate.places[0]
+        key = inputs.action_keys[inputs.interventions[place.action]]
+        return f"{columns[place.feature].name} of {key}, by {place.difference:+.2f} standard deviations"
+    strongest = min(gate.codes, key=lambda code: code.p)
+    streams = inputs.streams.columns
+    names = [columns[i].name if i < len(columns) else streams[i - len(columns)].name for i in strongest.columns]
+    return f"{' and '.join(names)}, over {counted(strongest.num_groups, 'group')}"
+
+
 def _power(pilot: Pilot, features: NDArray[np.float64]) -> tuple[Table, dict[str, float | None], int]:
     """Smallest offsets found by pattern, as a table and alone, and the number of groups they were found in."""
     num_groups = len(features) * math.ceil(_ENOUGH / len(features))
@@ -106,7 +119,7 @@ def _power(pilot: Pilot, features: NDArray[np.float64]) -> tuple[Table, dict[str
     effect = leakage_gate(many, seed=_SEED, protocol=_POWER).sensitivity
     rows = []
     smallest: dict[str, float | None] = {}
-    for pattern in PATTERNS:
+    for pattern in _PATTERN_TEXTS:
         found = None if effect is None else effect.smallest_sd(pattern)
         smallest[pattern] = found
         rows.append(
@@ -140,18 +153,9 @@ def _groups_for(num_groups: int, found_sd: float, wanted_sd: float) -> int:
 
 def _inputs(pilot: Pilot) -> ReplayInputs | None:
     """What the gate may see of all integrity-complete groups; ``None`` without any."""
-    facts, bank = pilot.rows["replays"], pilot.descriptor.action_bank
+    facts = pilot.rows["replays"]
     group_ids = facts["group_id"].tolist()
     if not group_ids:
         return None
-    order = sorted(range(len(group_ids)), key=group_ids.__getitem__)
-    return ReplayInputs(
-        tuple(group_ids[i] for i in order),
-        ("pilot",) * len(order),
-        tuple(bank.keys),
-        bank.nominal_index,
-        AVAILABILITY_NAMES,
-        EGO_NAMES,
-        CONTROL_NAMES,
-        *(facts[name][order] for name in ("availability", "discrepancy", "ego", "controls", "has_nominal_replay")),
-    )
+    order = np.array(sorted(range(len(group_ids)), key=group_ids.__getitem__), np.intp)
+    return inputs_of_facts(facts, order, ("pilot",) * len(order), pilot.descriptor)

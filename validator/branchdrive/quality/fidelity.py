@@ -7,7 +7,7 @@ document where the variable is judged.
 
 A bank is the intervention pairs of a group: each group needs the same actions, each once.
 
-Source: paper V-B; spec/11-fidelity.md#pairs.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/11-fidelity.md#pairs.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Fidelity rules: discrepancies, thresholds, validity, retention and ledger recompute.
 
-Source: paper V-B; spec/11-fidelity.md#pairs.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/11-fidelity.md#pairs.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ without breaking its own lock. Its accesses stand in a ledger of the same form i
 leaves the benchmark out merges them into that of the release. A ledger records what writers tell it and proves nothing;
 rules find entries out of order, and accesses that are not those of the layer around it.
 
-Source: paper IV-C, V-B (sealed test evaluation); spec/11-fidelity.md#ledger, spec/14-benchmark.md#accesses.
+Source: paper, "Training and Test Locking" and "Collection Integrity, Replay Fidelity, and Leakage" (sealed test
+evaluation); spec/11-fidelity.md#ledger, spec/14-benchmark.md#accesses.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Partitions are drawn over integrity-complete groups, before any threshold is fitted. The document freezes
 the assignment by its digest; the assignment itself is in the table `group_quality`.
 
-Source: paper V-E; spec/11-fidelity.md#split.
+Source: paper, "Evaluation Population"; spec/11-fidelity.md#split.
 """
 
 from __future__ import annotations

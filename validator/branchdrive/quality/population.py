@@ -1,6 +1,7 @@
 """Groups and trajectories at each stage, by partition: the paper's population table as a document.
 
-Source: paper V-B, table "Dataset qualification and frozen benchmark population"; spec/10-layers.md#population.
+Source: paper, "Research Questions and Experimental Protocol", table "Dataset qualification and frozen benchmark
+population"; spec/10-layers.md#population.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Compliance and completeness of a shard's attempts, and how far each of its groups gets.
 
-Source: paper V-B; spec/10-layers.md#quality.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/10-layers.md#quality.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Replays of a shard against the nominal of their group, over the window before the branch.
 
-Source: paper V-B, VI-A; spec/11-fidelity.md#pairs.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/11-fidelity.md#pairs.
 """
 
 from __future__ import annotations

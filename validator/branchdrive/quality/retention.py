@@ -9,7 +9,8 @@ a ratio of integer sums in each; both units share the resamples. Groups are draw
 order of ``(p, n)``, so the order in which they come decides nothing, and each partition has a stream of its own,
 so the presence of another one changes no interval.
 
-Source: paper V-B (predeclared targets 98 % of pairs, 90 % of banks); a missed target is reported, never hidden.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" (predeclared targets 98 % of pairs, 90 % of
+banks); a missed target is reported, never hidden.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Quality rules: compliance, completeness, eligibility and counts recompute.
 
-Source: paper V-B; spec/10-layers.md#quality.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/10-layers.md#quality.
 """
 
 from __future__ import annotations

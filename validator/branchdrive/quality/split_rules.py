@@ -3,7 +3,7 @@
 What is wrong with a stored split is a function for each concern. Every one reads the document ``split.json``, which
 conforms to its schema, the stored rows of `group_quality`, whose group ids are unique, or both.
 
-Source: paper V-E; spec/11-fidelity.md#split.
+Source: paper, "Evaluation Population"; spec/11-fidelity.md#split.
 """
 
 from __future__ import annotations

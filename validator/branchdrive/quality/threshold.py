@@ -12,7 +12,8 @@ of branch ticks has the fixed threshold 0. The gap to the nearest pedestrian is 
 at least 100 training groups have a pedestrian in range. What is missing on one side is infinitely far and
 never passes, even where the threshold itself is infinite.
 
-Source: paper V-B (442 training groups, at most 4 above each threshold); spec/06-masks.md for what is missing.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" (442 training groups, at most 4 above each
+threshold); spec/06-masks.md for what is missing.
 """
 
 from __future__ import annotations

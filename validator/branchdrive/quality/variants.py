@@ -3,7 +3,7 @@
 A variant is the groups whose flags of `group_quality` are as it says. The variant `extended` comes with
 every release; a builder may be given more as a JSON list of ``{"name", "title", "where": {column: bool}}``.
 
-Source: paper VI-D (alternative subsets are reported separately); spec/10-layers.md#variants.
+Source: paper, "Intended Use" (alternative subsets are reported separately); spec/10-layers.md#variants.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Stages: discovered; bank (exact bank); controls (controls valid); integrity (integrity-complete);
 eligibility (structurally eligible). A group leaves at the first stage that it fails.
-Source: paper V-B; spec/07-rules.md#funnel.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/07-rules.md#funnel.
 """
 
 from __future__ import annotations

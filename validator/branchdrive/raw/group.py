@@ -1,7 +1,7 @@
 """A branch group as arrays: one decision context with all its executed futures.
 
-Windows are relative to the rollout's own branch tick ``t_b``. Source: paper III-A, III-B;
-spec/02-time-frames-units.md#windows.
+Windows are relative to the rollout's own branch tick ``t_b``. Source: paper, "Branch-Group Representation" and
+"Two-Pass Collection"; spec/02-time-frames-units.md#windows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Build of a release: stages in order, published together when all of them are done.
 
 Layers are added beside the raw layer, or make a detached release of their own in another folder. Equal raw
-layers and options give equal bytes. Source: paper III-F; spec/10-layers.md#derivation, #detached.
+layers and options give equal bytes. Source: paper, "Release Structure"; spec/10-layers.md#derivation, #detached.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from branchdrive.card.card import render_card
 from branchdrive.card.licence import render_licence
+from branchdrive.card.release_card import release_card
 from branchdrive.contract.companion import IGNORE_FILE, Companions
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import (
@@ -20,7 +20,6 @@ from branchdrive.contract.layout import (
     BENCHMARK_LEDGER_FILE,
     CARD_FILE,
     DESCRIPTOR_FILE,
-    FILTERING_FILE,
     LEAKAGE_FILE,
     LEDGER_FILE,
     LICENCE_FILE,
@@ -256,12 +255,7 @@ class _Job:
         kept = {*layers.names, LEDGER_FILE}
         files = {path: content for path, content in layers.contents.items() if {path, path.split("/")[0]} & kept}
         if "quality" in layers.names:
-            named = {
-                name: layers.documents[f"quality/{name}.json"]
-                for name in ("population", "split", "thresholds", "retention", "ledger", "variants")
-            }
-            named["leakage"], named["filtering"] = map(layers.documents.get, (LEAKAGE_FILE, FILTERING_FILE))
-            files[CARD_FILE] = render_card(descriptor, layers.documents[SOURCE_FILE], **named).encode()
+            files[CARD_FILE] = release_card(descriptor, layers.documents).encode()
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)

@@ -3,7 +3,7 @@
 Finished parts lie on disk. They are believed only in a folder that this builder made, under a key of all that a part
 depends on, and where they have the form of that part; anything else is computed again.
 
-Source: paper VI-A; spec/13-leakage.md.
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/13-leakage.md.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def build_leakage(
     Raises:
         ToolError: The audit's process died.
     """
-    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor.action_bank)
+    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor)
     classifier = classifier or sequence_classifier()
     key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
     task = AuditTask(inputs, seed, protocol, classifier)

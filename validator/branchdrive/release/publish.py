@@ -9,11 +9,13 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from branchdrive.card.release_card import ADDED, REQUIRED, release_card
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import parse_json
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import (
     CARD_FILE,
@@ -252,6 +254,8 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
 def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manifest:
     """Make `files` all that the last layer `layer` of the dataset `target` holds; everything else stays.
 
+    The card of a release is rendered again, since it may tell of a document of the layer.
+
     Args:
         target: The dataset folder.
         layer: A layer after all others that the dataset claims, or the last of them.
@@ -267,9 +271,23 @@ def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manif
         for path, digest in _published_manifest(target).files.items()
         if layer_of(path) != layer and path != DESCRIPTOR_FILE
     }
-    return publish(
-        target, kept, files, Descriptor.model_validate({**descriptor.model_dump(mode="json"), "layers": claimed})
-    )
+    claims = Descriptor.model_validate({**descriptor.model_dump(mode="json"), "layers": claimed})
+    if CARD_FILE in kept:
+        del kept[CARD_FILE]
+        files = {**files, CARD_FILE: _card(target, claims, files, kept)}
+    return publish(target, kept, files, claims)
+
+
+def _card(target: Path, descriptor: Descriptor, files: Mapping[str, bytes], kept: Collection[str]) -> bytes:
+    """The card of a release of new `files` and `kept` ones."""
+    contents = {path: files[path] for path in (*REQUIRED.values(), *ADDED.values()) if path in files}
+    most = spec_limits().max_document_bytes
+    contents |= {p: read_file(target, p, most) for p in (*REQUIRED.values(), *ADDED.values()) if p in kept}
+    try:
+        documents = {path: parse_json(content) for path, content in contents.items()}
+        return release_card(descriptor, documents).encode()
+    except (ValueError, RecursionError, KeyError, TypeError) as error:
+        raise DatasetError(f"{target}: the documents of the release give no card; run `branchdrive build`") from error
 
 
 def _is_there(path: Path, digest: str) -> bool:

@@ -1,6 +1,7 @@
 """The stages of a build, each a function from the raw scan and the layers before it to the files of its own.
 
-Source: paper III-F, V-B; spec/10-layers.md#derivation.
+Source: paper, "Release Structure" and "Collection Integrity, Replay Fidelity, and Leakage";
+spec/10-layers.md#derivation.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ its units are multinomial. A metric is a function of counts::
 and a mean over groups is the ratio of sums ``sum_g c_g a_g / sum_g c_g b_g``, NaN where the lower one is 0. The sums
 are rounded once, so that resamples of equal groups have equal metrics.
 
-Source: Efron and Tibshirani 1993; the group is the unit, paper V-C; the cluster is this project's choice (Field and
-Welsh 2007).
+Source: Efron and Tibshirani 1993; the group is the unit, paper, "Metrics and Statistics"; the cluster is this
+project's choice (Field and Welsh 2007).
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ Who draws the first ``n`` of them again sees whether a stated p-value fits: of `
 statistic, by the statement, and of the first ``n`` of them ``c`` do. Permutations are exchangeable, so ``c`` is
 hypergeometric: ``P(c) = C(k, c) C(B - k, n - c) / C(B, n)``. With ``n = B`` only ``c = k`` is possible.
 
-Source: Phipson and Smyth 2010 (p-value); the design randomises actions within groups, paper III-D.
+Source: Phipson and Smyth 2010 (p-value); the design randomises actions within groups,
+paper, "Intervention Policy Bank".
 """
 
 from __future__ import annotations

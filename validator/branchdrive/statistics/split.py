@@ -28,7 +28,8 @@ that its groups and clusters need on average; then further clusters follow in th
 until both numbers are reached. The shares of the others refer to what is left. Strata and sizes of clusters decide
 which clusters calibrate, so that exchangeability is assumed. Without calibration both are the same.
 
-Source: paper V-E (70/15/15, no shared route geometry, stratified); the algorithms are this project's choice.
+Source: paper, "Evaluation Population" (70/15/15, no shared route geometry, stratified); the algorithms are this
+project's choice.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def words(seed: int, name: str, num_rows: int, num_columns: int, *, first_row: i
     blocks = -(-num_columns // 4)
     # numpy raises the counter by one before each block.
     philox = np.random.Philox(key=np.array([seed, stream], np.uint64), counter=first_row * blocks)
-    return philox.random_raw(num_rows * blocks * 4).reshape(num_rows, -1)[:, :num_columns]
+    return philox.random_raw(num_rows * blocks * 4).reshape(num_rows, blocks * 4)[:, :num_columns]
 
 
 def below(values: Words, limit: int) -> NDArray[np.int64]:

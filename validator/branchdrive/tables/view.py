@@ -110,6 +110,10 @@ class TableView:
             yield start, [filled(array) for array in batch.columns]
             start += batch.num_rows
 
+    def is_text(self, column: str) -> bool:
+        """Whether a column holds text."""
+        return declared_table(self.name)[column].type == "string"
+
     def extremes(self, column: str) -> tuple[Any, Any]:
         """Smallest and largest present value of a column of numbers, list cells by item.
 
@@ -171,6 +175,7 @@ class StreamView(TableView):
     Attributes:
         rollout: Index ``[rows]`` into the shard's rollouts.
         tick: Tick ``[rows]``.
+        position: Place of each row in the stored table ``[rows]``.
         start: First row of each rollout ``[rollouts]``.
         stop: Row after the last of each rollout ``[rollouts]``.
     """
@@ -189,6 +194,7 @@ class StreamView(TableView):
         if order is None:
             self._arrays, self._values, self._categories = raw._arrays, raw._values, raw._categories
         self.rollout, self.tick, self._key = rollout, tick, key
+        self.position = np.arange(len(key)) if order is None else order
         self.num_rollouts = num_rollouts
         self._rows_of: dict[str, Index] = {}
         self.start = np.searchsorted(rollout, np.arange(num_rollouts), side="left")
@@ -202,6 +208,11 @@ class StreamView(TableView):
             return np.full(np.shape(row), -1)
         hit = (self._key[np.minimum(row, len(self._key) - 1)] == key) & (np.asarray(rollout) >= 0)
         return np.where(hit, row, -1)
+
+    def span(self, rollout: Index, tick: Index) -> tuple[Index, Index]:
+        """First row of each (rollout, tick), and the row after its last; equal where there is none."""
+        key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
+        return np.searchsorted(self._key, key, side="left"), np.searchsorted(self._key, key, side="right")
 
     def rows_of(self, other: StreamView) -> Index:
         """Row here for each row of `other`, as `find` has it; streams share most of their moments."""

@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 
 from branchdrive_reference.benchmark.figure.attrition import draw_attrition
 from branchdrive_reference.benchmark.figure.canvas import render
+from branchdrive_reference.benchmark.figure.construction import draw_construction
 from branchdrive_reference.benchmark.figure.leakage import draw_leakage
 from branchdrive_reference.benchmark.figure.policy import draw_policy
 from branchdrive_reference.benchmark.figure.prediction import draw_prediction
+from branchdrive_reference.benchmark.figure.selected import draw_selected
 from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
 from branchdrive_reference.plotting import quiet
 
@@ -36,6 +38,7 @@ def figures(
     """
     draws: dict[str, Callable[[], Figure | None]] = {}
     if population is not None:
+        draws["construction"] = draw_construction
         draws["attrition"] = partial(draw_attrition, population)
     if leakage is not None and leakage.get("battery") and leakage.get("gate"):
         draws["leakage"] = partial(draw_leakage, leakage)
@@ -43,6 +46,8 @@ def figures(
         draws["prediction"] = partial(draw_prediction, results)
     if results["ranking"]["profiles"]:
         draws["policy_value"] = partial(draw_policy, results)
+    if "contact_m" in results["ranking"] and results["ranking"]["profiles"]:
+        draws["selected_outcomes"] = partial(draw_selected, results)
     if results["guard"]["profiles"]:
         draws["guard"] = partial(draw_trade_off, results, alpha)
     with quiet():

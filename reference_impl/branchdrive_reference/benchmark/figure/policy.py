@@ -10,11 +10,17 @@ from matplotlib.figure import Figure
 
 from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
+from branchdrive_reference.drawing.palette import Rgb
 
-__all__ = ["draw_policy"]
+__all__ = ["colour_of", "draw_policy", "label_of"]
 
 _NAMES = {"random": "Random", "nominal": "Nominal", "action_prior": "ActionPrior", "fixed_brake": "Fixed brake"}
 _NAMES |= {"oracle": "Oracle of the bank"}
+
+
+def colour_of(selector: str) -> str | Rgb:
+    """Colour of a selector's marks: learned ones, the oracle, and others."""
+    return HUES[1] if selector.startswith((LEARNED, ENSEMBLE)) else INK if selector == "oracle" else HUES[0]
 
 
 def draw_policy(results: Mapping[str, Any]) -> Figure | None:
@@ -46,7 +52,7 @@ def draw_policy(results: Mapping[str, Any]) -> Figure | None:
 def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> None:
     for place, entry in enumerate(entries):
         name, value, ends = entry["selector"], entry[measure], entry["intervals"][measure]
-        colour = HUES[1] if name.startswith((LEARNED, ENSEMBLE)) else INK if name == "oracle" else HUES[0]
+        colour = colour_of(name)
         if ends["cluster_low"] is not None:
             line = ends["cluster_low"], ends["cluster_high"]
             axes.plot(line, [place, place], color=colour, linewidth=2.0, alpha=0.5)
@@ -58,11 +64,11 @@ def _panel(axes: Axes, entries: Sequence[Mapping[str, Any]], measure: str) -> No
     if reference is not None:
         axes.axvline(reference, color=QUIET, linestyle=(0, (4, 3)), linewidth=1.0)
     axes.set(ylim=(len(entries) - 0.4, -0.6), yticks=range(len(entries)))
-    axes.set_yticklabels([_label(entry) for entry in entries])
+    axes.set_yticklabels([label_of(entry) for entry in entries])
     axes.grid(axis="x")
 
 
-def _label(entry: Mapping[str, Any]) -> str:
+def label_of(entry: Mapping[str, Any]) -> str:
     """The selector, and what is to be known of it: that it is a tie rule, or sees what no sensor tells."""
     name = _NAMES.get(entry["selector"], entry["selector"])
     if entry.get("is_tie"):

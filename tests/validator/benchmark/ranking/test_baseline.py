@@ -76,7 +76,7 @@ def test_gate_compares_with_nominal_too() -> None:
 def test_every_learned_selector_is_held_against_every_reference() -> None:
     held = {(one["left"], one["right"], one["metric"], one["profile"]): one for one in ranking()["held"]}
     learned = [name for name in entries() if name[:2] in ("O-", "E-")]
-    assert len(held) == len(ranking()["held"]) == len(learned) * 2 * 2 * 4
+    assert len(held) == len(ranking()["held"]) == len(learned) * 2 * 2 * 5
     for (left, right, metric, profile), one in held.items():
         assert one["name"] == f"{left}-{right}.{metric}.{profile}"
         found = entries(profile)
@@ -108,20 +108,24 @@ def test_baseline_without_its_evidence_is_left_out_and_named() -> None:
     assert {entry["selector"] for entry in found["profiles"][0]["entries"]}.isdisjoint(BASELINES[4:])
     assert (
         "no evidence of surroundings: neighbours_privileged, ridge_privileged."
-        in ranking_sections({"ranking": found})[0].notes[-1]
+        in ranking_sections({"ranking": found, "noise": None})[0].notes[-1]
     )
     with pytest.raises(DatasetError, match="declares baselines, which need the histories"):
         section(None)
 
 
 def test_tables_name_references_and_report_privileged_ones_apart() -> None:
-    tables = {one.title: one for one in ranking_sections({"ranking": ranking()}) if isinstance(one, Table)}
+    tables = {
+        one.title: one for one in ranking_sections({"ranking": ranking(), "noise": None}) if isinstance(one, Table)
+    }
     main, apart = tables["Ranking, profile safety"], tables["Ranking, profile safety, privileged"]
     assert [row[0] for row in apart.rows] == BASELINES[4:]
     rows = {row[0]: row for row in main.rows}
     assert {"O-M0 (tie)", "O-M2 (tie)", "E-M3", "type_prior"} <= set(rows)
     assert rows["nominal"][-1].startswith("action_prior: ")
     assert rows["nominal"][-1].endswith(", nominal: pass (+0.000 m)")
+    assert [row[0] for row in tables["Selected outcomes, profile safety, privileged"].rows] == BASELINES[4:]
+    assert {row[0] for row in tables["Selected outcomes, profile safety"].rows}.isdisjoint(BASELINES[4:])
     held = tables["Learned selectors against references, profile safety"]
     assert [row[:2] for row in held.rows][:2] == [["O-M0", "action_prior"], ["O-M0", "type_prior"]]
     assert len(held.rows) == 14

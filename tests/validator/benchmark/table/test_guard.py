@@ -36,7 +36,7 @@ def test_a_guard_that_was_not_judged_promises_nothing() -> None:
     assert refused["guard"]["guarantee"] == {
         "conformal": None, "learn_then_test": None, "global_margin": GLOBAL_MARGIN,
     }  # fmt: skip
-    names = "balanced, safety, progress, comfort"
+    names = "balanced, safety, progress, comfort, near_range"
     assert promises(refused) == [
         f"The selection-path guard was not judged under {names}: it promises nothing there.",
         f"Learn then test was not judged under {names}: it promises nothing there.",
@@ -76,7 +76,7 @@ def test_repeated_nominals_are_the_floor_of_violations() -> None:
 
 def test_every_table_of_a_guard_has_the_floor_and_what_its_rows_are() -> None:
     sections = [part for part in render_tables(results()).split("\n## ") if part.startswith("Guard, profile")]
-    assert len(sections) == 4
+    assert len(sections) == 5
     for section in sections:
         assert str(noise_floor(results())) in section
         assert UNGUARDED in section

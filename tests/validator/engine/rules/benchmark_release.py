@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from tests.content_cache import kept, remembered
 from tests.validator.benchmark.samples import noise, paper_protocol, paths_of, risk_fit
-from tests.validator.engine.rules.release import BUILT, SPLIT, ReleaseDraft, release_draft
+from tests.validator.engine.rules.release import BUILT, SPLIT, STEPS, ReleaseDraft, release_draft
 
 from branchdrive.benchmark.baseline.context import Contexts, contexts_of
 from branchdrive.benchmark.checkpoint import CheckpointFacts
@@ -127,6 +127,7 @@ def _results(d: BenchmarkDraft) -> None:
 
 def _tables(d: BenchmarkDraft) -> None:
     d.texts[TABLES_FILE] = render_tables(d.documents[RESULTS])
+    STEPS["card"](d)
 
 
 FOLLOWING: dict[str, Callable[[BenchmarkDraft], None]] = {
@@ -176,6 +177,9 @@ class _Made:
             for model in self.protocol.models
             for seed in model.seeds
         ]
+        risk = risk_fit().model_copy(
+            update={"grids": {name: risk_fit().grids[name] for name in self.protocol.preferences}}
+        )
         lock = lock_document(self.protocol, facts, locked, package="invented", version="1.0.0")
         self.documents[LOCK] = lock
         d = self.draft
@@ -184,13 +188,13 @@ class _Made:
             prediction_lock_digest=d.digest(LOCK),
             predictions_digest=self.predictions.digest(self.data),
             scale=utility_scale(self.protocol, self.data),
-            risk_fit=risk_fit(),
+            risk_fit=risk,
             noise=noise(),
         )
         d.documents[RANKING_LOCK] = self.documents[RANKING_LOCK] = ranking
         _accesses(d)
         self.documents[BENCHMARK_LEDGER] = d.documents[BENCHMARK_LEDGER]
-        results = results_document(self.protocol, self.data, self.predictions, risk_fit(), noise())
+        results = results_document(self.protocol, self.data, self.predictions, risk, noise())
         self.documents[RESULTS] = results
         self.text = render_tables(results)
 
@@ -201,7 +205,12 @@ def _made() -> _Made:
 
 
 def _protocol() -> BenchmarkProtocol:
+    """The protocol of the paper with few draws, and without the parts that one may do without; cases add them."""
     document = paper_protocol()
+    del document["outcomes"]
+    near = {weights["name"] for weights in document["profiles"] if "near_m" in weights}
+    document["profiles"] = [weights for weights in document["profiles"] if weights["name"] not in near]
+    document["families"] = [f for f in document["families"] if near.isdisjoint(m.get("profile") for m in f["members"])]
     document["statistics"] = {"seed": 0, "resamples": 100, "level": 0.95, "flips": 100}
     document["shuffles"]["seeds"] = [0]
     return read_protocol(document)

@@ -21,8 +21,8 @@ from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.canonical.record import source_counts
-from branchdrive.card.card import render_card
 from branchdrive.card.licence import render_licence
+from branchdrive.card.release_card import release_card
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
@@ -258,11 +258,8 @@ def _model(d: ReleaseDraft) -> None:
 
 
 def _card(d: ReleaseDraft) -> None:
-    names = ("population", "split", "thresholds", "retention", "ledger", "variants")
-    named = {name: d.documents[f"quality/{name}.json"] for name in names}
     descriptor = Descriptor.model_validate(d.descriptor)
-    named["leakage"], named["filtering"] = map(d.documents.get, (LEAKAGE, FILTERING_FILE))
-    d.texts[CARD_FILE] = render_card(descriptor, d.documents[SOURCE], **named)
+    d.texts[CARD_FILE] = release_card(descriptor, d.documents)
     d.texts[LICENCE_FILE] = render_licence(descriptor.licence)
 
 

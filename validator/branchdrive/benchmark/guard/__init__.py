@@ -2,5 +2,6 @@
 
 The paper's guard, a global margin, is in `path`. The selection-path conformal guard is `risk` (learned risk), `path`
 (selections from nominal to unguarded) and `calibration` (which of them is taken, and what that promises). `figure`
-reports either, with intervals of rates; `outcome_noise` says which differences replays could explain.
+reports either, with intervals of rates; `redraw` counts what they do over further divisions of the clusters;
+`outcome_noise` says which differences replays could explain.
 """

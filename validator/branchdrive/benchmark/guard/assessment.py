@@ -5,7 +5,8 @@ partition; every selection is then looked up in the test partition. Groups in wh
 no separation take no part and are counted. `action_prior`, which takes the same candidate everywhere, stands beside
 them without a guard: a selector has to be worth more than that.
 
-Source: paper VI-E for the global margin; the rest is this project's choice.
+Source: paper, "Conservative Calibration and Deployment Boundary" for the global margin; the rest is this project's
+choice.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ were a selection: its rate is the floor below which no rate of violations says a
 
 A repeat that has the target where nominal has not, or lacks it where nominal has it, is counted and left out.
 
-Source: this project's choice; the paper has no repeated nominal outcomes (VI-E) and leaves materiality open.
+Source: this project's choice; the paper has no repeated nominal outcomes ("Conservative Calibration and Deployment
+Boundary") and leaves materiality open.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import TIE
 
-__all__ = ["QUANTILE", "OutcomeNoise", "RepeatLosses", "SelectedDifferences", "outcome_noise", "selected_differences"]
+__all__ = [
+    "QUANTILE", "OutcomeNoise", "RepeatLosses", "SelectedDifferences", "outcome_noise", "selected_differences",
+    "worse_beyond",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -173,9 +177,13 @@ def selected_differences(
     """Differences of a selection ``[groups]`` on outcomes ``[groups, candidates, 6]``."""
     chosen = outcomes.values[np.arange(len(selection)), selection]
     difference = chosen - outcomes.values[:, nominal]
-    beyond = np.abs(difference) > noise.tolerance + TIE
-    worse = (difference < 0) == _LESS_IS_WORSE
     there = np.isfinite(difference)
     moved, num_compared = (there & (selection != nominal)[:, None]).sum(axis=0), there.sum(axis=0)
     error = np.divide(noise.rms * np.sqrt(moved), num_compared, out=np.full(len(moved), np.nan), where=num_compared > 0)
-    return SelectedDifferences(difference, np.asarray(beyond & worse), np.asarray(beyond & ~worse), error)
+    worse, better = (worse_beyond(sign * difference, noise.tolerance) for sign in (1, -1))
+    return SelectedDifferences(difference, worse, better, error)
+
+
+def worse_beyond(difference: Array, tolerance: Array) -> Mask:
+    """Whether differences ``[..., 6]`` go beyond the tolerance ``[6]`` for the worse; false where either is NaN."""
+    return np.asarray((np.abs(difference) > tolerance + TIE) & ((difference < 0) == _LESS_IS_WORSE))

@@ -24,7 +24,7 @@ On ``n`` calibration groups, with the seed-mean prediction ``p`` of the separati
 The rank is not the conformal ``ceil(0.95 (n + 1))``, so the margin has no finite-sample guarantee; it is
 kept as the paper has it, to compare with. A guard that accepts no intervention is vacuous.
 
-Source: paper VI-E; the rank from its printed coverage, 84 / 88.
+Source: paper, "Conservative Calibration and Deployment Boundary"; the rank from its printed coverage, 84 / 88.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ is complete, of which step ``j`` is ``(x, y, s, c, v)``, hats marking prediction
 
 A mean over no candidate is NaN.
 
-Source: paper V-C.
+Source: paper, "Metrics and Statistics".
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ for the metric itself); a mean over groups runs over those that have a value::
 A macro mean of six needs all six. Group by group, for paired tests, it is the mean over the targets that the group
 has; RMSE and pooled Spearman have no value of a single group.
 
-Source: paper IV and V-C.
+Source: paper, "Benchmark Protocol" and "Metrics and Statistics".
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ For target ``t`` with the available training values ``y``::
     iqr_t = max(q75(y) - q25(y), 1e-6)        linear quantiles
     sd_t  = max(sqrt(mean (y - mean y)^2), 1e-6)
 
-Source: paper V (only the IQR explains its printed errors); the floors are this project's choice.
+Source: paper, "Experiments" (only the IQR explains its printed errors); the floors are this project's choice.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ and one action, so its shuffled prediction is the one it made for ``(h(g), c_g(a
 Derangements are permutations drawn until none keeps its place. The joint shuffle of a seed combines the two
 single ones of that seed.
 
-Source: paper V-D; derangements and 20 seeds are this project's choice.
+Source: paper, "Action-Conditioned Outcome and Trajectory Prediction"; derangements and 20 seeds are this project's
+choice.
 """
 
 from __future__ import annotations

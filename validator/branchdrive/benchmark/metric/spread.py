@@ -6,7 +6,8 @@ For group ``g`` and target ``t`` with ``sd(y) > 1e-9``, over the available candi
 
 A ratio below 1 compresses the differences between actions, 0 does not tell them apart.
 
-Source: paper V-D, which says "spread" once and "variance" once; both are reported.
+Source: paper, "Action-Conditioned Outcome and Trajectory Prediction", which says "spread" once and "variance" once;
+both are reported.
 """
 
 from __future__ import annotations

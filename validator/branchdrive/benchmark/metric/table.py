@@ -10,7 +10,7 @@ All rows share the resamples, all comparisons the sign flips. Intervals and test
 units, as the paper has them, and with route clusters, by which claims are judged. The groups are put in the order of
 their ids first, so the order in which they are given decides nothing.
 
-Source: paper V-C (which averages seeds in two ways; errors reproduce its differences).
+Source: paper, "Metrics and Statistics" (which averages seeds in two ways; errors reproduce its differences).
 """
 
 from __future__ import annotations

@@ -17,8 +17,9 @@ utilities ``u`` of the ``A`` candidates, best and worst of the group among them:
 Tied scores share the mean discount of their places, which is the expectation over their orders. Scores
 tie within `TIE`; for NDCG a chain of them is one tie. Rows of a learned selector are means of its per-seed measures.
 
-Source: paper VI-D, table of offline policy evaluation, which names the measures. Pairs of ties and the linear gain
-follow from the rows it prints; a uniform random choice stands for itself by its expectation.
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation", table of offline policy evaluation, which names
+the measures. Pairs of ties and the linear gain follow from the rows it prints; a uniform random choice stands for
+itself by its expectation.
 """
 
 from __future__ import annotations

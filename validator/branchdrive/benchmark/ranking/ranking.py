@@ -4,7 +4,7 @@ A group in which a candidate has no utility, as when its separation is unavailab
 is counted. What was fitted elsewhere comes as arguments: quantiles and ActionPrior from training, the fixed
 brake from validation.
 
-Source: paper VI-D.
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation".
 
 Selectors against each other: captured share of the oracle gap, agreement of seeds, the non-worsening gate.
 
@@ -14,7 +14,8 @@ Selectors against each other: captured share of the oracle gap, agreement of see
     agreement_g    = share of the pairs of seeds that choose the same candidate in group g
     gate fails iff   mean_g mean_s (separation of the choice - separation of the reference) < -TIE
 
-Source: paper VI-D and VI-E.
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" and "Conservative Calibration and Deployment
+Boundary".
 """
 
 from __future__ import annotations

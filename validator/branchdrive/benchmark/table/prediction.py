@@ -5,6 +5,7 @@ from __future__ import annotations
 from branchdrive.benchmark.metric.metric import HEADLINES, METRICS_OF_TARGETS
 from branchdrive.benchmark.table.cell import BCA, BY_CLUSTERS, Document, ends_of, number, spread_over_seeds
 from branchdrive.benchmark.table.comparison import comparison_table
+from branchdrive.benchmark.table.description import description_tables, parameter_texts
 from branchdrive.contract.metric import DeclaredMetric
 from branchdrive.driving.target import TARGETS
 from branchdrive.quality.text import PARTITION_TITLES
@@ -20,6 +21,7 @@ def prediction_tables(results: Document) -> list[Table]:
     """Population, errors, comparisons and diagnostics."""
     return [
         _population(results),
+        *description_tables(results),
         _headlines(results),
         _intervals(results),
         *(_of_targets(results, metric) for metric in METRICS_OF_TARGETS),
@@ -49,13 +51,15 @@ def _titles(results: Document) -> dict[str, str]:
 
 
 def _headlines(results: Document) -> Table:
-    found = _estimates(results)
+    found, sizes = _estimates(results), parameter_texts(results)
     rows = []
     for model, title in _titles(results).items():
         values = [found[model, metric.name] for metric in HEADLINES]
         groups = min(value["num_groups"] for value in values)
-        rows.append([title, *(spread_over_seeds(v["value"], v["seed_sd"]) for v in values), str(groups)])
-    columns = [Column.name("Model"), *(Column(metric.heading) for metric in HEADLINES), Column("N groups")]
+        size = [] if sizes is None else [sizes[model]]
+        rows.append([title, *size, *(spread_over_seeds(v["value"], v["seed_sd"]) for v in values), str(groups)])
+    params = [] if sizes is None else [Column("Params, M")]
+    columns = [Column.name("Model"), *params, *(Column(metric.heading) for metric in HEADLINES), Column("N groups")]
     return Table("Prediction", columns, rows)
 
 

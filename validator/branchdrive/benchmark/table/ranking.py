@@ -12,6 +12,7 @@ from branchdrive.benchmark.table.cell import (
     with_ends,
 )
 from branchdrive.benchmark.table.comparison import JUDGED_BY_CLUSTERS, comparison_table
+from branchdrive.benchmark.table.selected import is_privileged, selected_tables
 from branchdrive.contract.text import NONE
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive.text.table import Column, Passage, Table
@@ -53,7 +54,11 @@ def ranking_sections(results: Document) -> list[Table | Passage]:
     """A table for each ranked profile, why the others are not ranked, and the comparisons."""
     ranking = results["ranking"]
     return [
-        *(table for profile in ranking["profiles"] for table in _profile_tables(profile, ranking)),
+        *(
+            table
+            for profile in ranking["profiles"]
+            for table in (*_profile_tables(profile, ranking), *selected_tables(profile, results))
+        ),
         *(
             Passage(f"Ranking, profile {out['profile']}", [f"Not judged: {out['reason']}."])
             for out in ranking["left_out"]
@@ -77,12 +82,12 @@ def _profile_tables(profile: Document, ranking: Document) -> list[Table]:
     if held is None:
         return [Table(title, _COLUMNS, [_row(entry) for entry in profile["entries"]], [note])]
     columns = (_COLUMNS[0], _SEES, *_COLUMNS[1:])
-    apart = [entry for entry in profile["entries"] if _is_privileged(entry)]
+    apart = [entry for entry in profile["entries"] if is_privileged(entry)]
     tables = [
         Table(
             title,
             columns,
-            [_row(entry) for entry in profile["entries"] if not _is_privileged(entry)],
+            [_row(entry) for entry in profile["entries"] if not is_privileged(entry)],
             [note, _SELECTORS, *_unseen(ranking["unseen"])],
         )
     ]
@@ -91,10 +96,6 @@ def _profile_tables(profile: Document, ranking: Document) -> list[Table]:
     if rows := _held_rows([found for found in held if found["profile"] == name]):
         tables.append(Table(f"Learned selectors against references, profile {name}", _HELD_COLUMNS, rows, _HELD_NOTES))
     return tables
-
-
-def _is_privileged(entry: Document) -> bool:
-    return str(entry["sees"]).startswith("privileged")
 
 
 def _unseen(names: list[str]) -> list[str]:

@@ -18,6 +18,13 @@ from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_
 from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.metric import DECLARED_METRICS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
+from branchdrive.contract.timing import (
+    CONTROL_HISTORY_TICKS,
+    FUTURE_OBSERVATIONS,
+    HISTORY_OBSERVATIONS,
+    OBSERVATION_STRIDE_TICKS,
+    TICK_S,
+)
 from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
@@ -202,6 +209,53 @@ def _metrics_region() -> str:
     return grid(["metric", "title", "unit", "best", "tested", "what it is"], rows)
 
 
+def _protocol_region() -> str:
+    protocol, bank = load_resource("benchmark-protocol.json"), load_action_bank()
+    use, counts = protocol["partitions"], protocol["statistics"]
+    families = list(dict.fromkeys(policy.family for policy in bank.policies if policy is not bank.nominal))
+    models = ", ".join(f"`{m['id']}` of {len(m['seeds'])}" for m in protocol["models"])
+    profiles = "; ".join(
+        f"`{p['name']}` {p['separation']:.2g}, {p['displacement']:.2g}, {p['comfort']:.2g}"
+        + (f" with a near range of {p['near_m']:g} m" if "near_m" in p else "")
+        for p in protocol["profiles"]
+    )
+    tests = ", ".join(f"`{f['name']}` {len(f['members'])}" for f in protocol["families"])
+    window_s = FUTURE_OBSERVATIONS * OBSERVATION_STRIDE_TICKS * TICK_S
+    rows = [
+        ["protocol", f"`{protocol['name']}` {protocol['version']}"],
+        ["statistical unit", f"a branch group with {len(bank.policies)} candidate futures; claims by route clusters"],
+        ["population", "the frozen population of a release, in its partitions"],
+        [
+            "canonical history",
+            f"{HISTORY_OBSERVATIONS} state frames, {OBSERVATION_STRIDE_TICKS * TICK_S:g} s apart, and "
+            f"{CONTROL_HISTORY_TICKS} controls, {TICK_S:g} s apart",
+        ],
+        ["candidate bank", f"nominal and {len(bank.policies) - 1} interventions of the families {code(families)}"],
+        ["action encoding", f"{ENCODING_WIDTH} numbers: family, magnitude, duration, rules of the actuators, recovery"],
+        ["horizon", f"{FUTURE_OBSERVATIONS} saved frames over {window_s:g} s"],
+        ["scalar targets", code(protocol["targets"])],
+        ["trajectory target", f"{code(protocol['trajectory'])} at each frame"],
+        ["scales", f"from `{use['fit']}` alone; what is not available is masked"],
+        ["models and seeds", models],
+        ["fitted, chosen, calibrated, reported", code(use[name] for name in ("fit", "select", "calibrate", "report"))],
+        [
+            "test protocol",
+            "models and metrics are locked, then selections; every access of `test` is recorded",
+        ],
+        [
+            "statistics",
+            f"{counts['resamples']} resamples and {counts['flips']} sign flips, of groups and of clusters; intervals "
+            f"of {100 * counts['level']:g} %",
+        ],
+        ["families of tests", tests],
+        ["selectors", code(protocol["selectors"])],
+        ["utility profiles: separation, displacement, comfort", profiles],
+        ["guard", ", ".join(f"`{name}` {value}" for name, value in protocol["guard"].items())],
+        ["excluded claims", "binary safety, null-equivalence, causality, closed-loop benefit"],
+    ]
+    return grid(["item", "frozen protocol"], rows)
+
+
 REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
     {
         "streams": _streams_region,
@@ -216,6 +270,7 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
         "bounds": _bounds_region,
         "floors": _floors_region,
         "metrics": _metrics_region,
+        "protocol": _protocol_region,
         **{f"columns-{table}": partial(_columns_region, table) for table in (*TABLES, *LAYER_TABLES)},
     }
 )

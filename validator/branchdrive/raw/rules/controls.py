@@ -1,7 +1,8 @@
 """Control rules: what the policy demanded, what reached the vehicle, and who drove.
 
-With ``t_b`` the branch tick and ``T`` the policy's duration, an intervention is active exactly for
-``t_b <= t < t_b + T``. Source: paper III-C, V-B; spec/04-policies.md.
+With ``t_b`` the branch tick and ``T`` the policy's duration, an intervention is active exactly for ``t_b <= t < t_b +
+T``. Source: paper, "Intervention Policy Bank" and "Collection Integrity, Replay Fidelity, and Leakage";
+spec/04-policies.md.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A pair within 1e-6 of a cut-off (range, closing speed, corridor) may fall on either side of it, each
 pair by itself: evidence is sound if it is the value of a pair that may count, and no pair that must
 count is nearer.
-Source: paper III-D; spec/05-raw-streams.md#evidence.
+Source: paper, "Recorded Modalities"; spec/05-raw-streams.md#evidence.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Group rules: the bank is complete and its candidates share their context.
 
-Source: paper III-B, V-B; spec/04-policies.md#bank, spec/05-raw-streams.md#group.
+Source: paper, "Two-Pass Collection" and "Collection Integrity, Replay Fidelity, and Leakage";
+spec/04-policies.md#bank, spec/05-raw-streams.md#group.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Replay rules: nominal replays differ from their nominal as the descriptor declares it.
+"""Replay rules: replays differ from their nominal as the descriptor declares it.
 
 Two drives are equal where the ego, and what is near it, are equal to the bit at every saved observation that both
-have. Source: spec/05-raw-streams.md#replay-noise.
+have. Before the branch every recorded value counts, and the order of rows. Source: spec/05-raw-streams.md#replay-noise.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import StreamView
 
 COMPARED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -25,6 +27,9 @@ COMPARED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """Columns of the streams that two drives are compared in: the ego, and what is near it."""
+
+HISTORIES: Mapping[str, int] = MappingProxyType({"observations": 0, "evidence": 0, "actors": 0, "controls": -1})
+"""Streams whose rows before the branch are compared, and the offset of the last such row from ``t_b``."""
 
 
 class Difference(NamedTuple):
@@ -101,3 +106,62 @@ def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return Mismatch({"table": "observations"}, expected, "the same drive to the bit")
 
     yield Check.of_subjects(judged, equal, describe)
+
+
+def _intervened(view: ShardView, subjects: Mask) -> Mask:
+    """Complete branched interventions of complete nominals."""
+    nominal = view.nominal
+    return np.asarray(
+        subjects & view.role("intervention") & view.complete & view.branched & (nominal >= 0) & view.complete[nominal]
+    )
+
+
+def _history_difference(view: ShardView, attempt: int) -> Mismatch | None:
+    """The first value before the branch of an attempt that its nominal does not have, if there is one."""
+    nominal, branch_tick = int(view.nominal[attempt]), int(view.branch_tick[attempt])
+    for table, last_offset in HISTORIES.items():
+        if table not in view:
+            continue
+        stream = view.stream(table)
+        own, expected = (_rows_until(stream, i, branch_tick + last_offset) for i in (attempt, nominal))
+        if len(own) != len(expected):
+            return Mismatch({"table": table}, f"{len(expected)} rows before the branch", f"{len(own)} rows")
+        columns = [column.name for column in TABLES[table].columns if column.name != "rollout_id"]
+        differs = {name: _bits_differ(stream, name, own, expected) for name in columns}
+        anywhere = np.logical_or.reduce(list(differs.values()))
+        if anywhere.any():
+            place = int(np.argmax(anywhere))
+            column = next(name for name in columns if differs[name][place])
+            row, of_nominal = int(own[place]), int(expected[place])
+            texts = [quote(stream[column][i]) if stream.valid(column)[i] else "null" for i in (of_nominal, row)]
+            location: Location = {"table": table, "column": column, "tick": int(stream.tick[row])}
+            return Mismatch(location, f"{texts[0]} as in the nominal", texts[1])
+    return None
+
+
+def _rows_until(stream: StreamView, attempt: int, last_tick: int) -> NDArray[np.intp]:
+    rows = np.arange(stream.start[attempt], stream.stop[attempt])
+    return rows[: np.searchsorted(stream.tick[rows], last_tick, side="right")]
+
+
+def _bits_differ(stream: StreamView, column: str, own: NDArray[np.intp], expected: NDArray[np.intp]) -> Mask:
+    """Where the rows `own` hold other bits than the rows `expected`, or are null where those are not."""
+    if stream.is_text(column):
+        codes, _ = stream.categories(column)
+        return np.asarray(codes[own] != codes[expected])
+    values, valid = stream[column], stream.valid(column)
+    bits = values.view(np.dtype(f"u{values.itemsize}"))
+    return np.asarray((bits[own] != bits[expected]) | (valid[own] != valid[expected]))
+
+
+@rule("BD-RPN-003")
+def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where replays are declared to be exact, an intervention holds the values of its nominal before the branch."""
+    judged = _intervened(view, subjects)
+    if view.descriptor.collection.replay_noise.kind != "exact":
+        judged[:] = False
+    found = {i: _history_difference(view, i) for i in np.flatnonzero(judged).tolist()}
+    differences = {i: mismatch for i, mismatch in found.items() if mismatch is not None}
+    differing = np.zeros(view.num_rollouts, bool)
+    differing[[*differences]] = True
+    yield Check.of_subjects(judged, differing, differences.__getitem__)

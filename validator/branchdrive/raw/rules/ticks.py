@@ -2,7 +2,8 @@
 
 The branch was placed by the nominal rollout alone, and history and future are complete.
 
-Source: paper III-A, III-B, V-B; spec/02-time-frames-units.md, spec/05-raw-streams.md#control-ticks.
+Source: paper, "Branch-Group Representation", "Two-Pass Collection" and "Collection Integrity, Replay Fidelity, and
+Leakage"; spec/02-time-frames-units.md, spec/05-raw-streams.md#control-ticks.
 """
 
 from __future__ import annotations

@@ -37,21 +37,21 @@ def gate_without_an_effect_size(d: ReleaseDraft) -> None:
 @mutant(
     "BD-LKG-004",
     at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/0"},
-    findings=4,
+    findings=6,
     base="alone",
 )
 def critical_values_kept_to_oneself(d: ReleaseDraft) -> None:
-    audit(d)["gate"]["minimum_detectable_effect"]["critical"] = [None] * 4
+    audit(d)["gate"]["minimum_detectable_effect"]["critical"] = [None] * 6
 
 
 @mutant("BD-LKG-004", at={"pointer": "/gate/minimum_detectable_effect/detections/0/shares/0"}, base="alone")
 def share_of_half_a_replicate(d: ReleaseDraft) -> None:
-    audit(d)["gate"]["minimum_detectable_effect"]["detections"][0].update(shares=[0.1, 0.2, 0.0, 0.0], gate_share=0.2)
+    audit(d)["gate"]["minimum_detectable_effect"]["detections"][0].update(shares=[0.1, 0.2, *[0.0] * 4], gate_share=0.2)
 
 
 @mutant("BD-LKG-004", at={"pointer": "/gate/minimum_detectable_effect/detections/0/gate_share"}, base="alone")
 def gate_that_finds_more_than_its_statistics(d: ReleaseDraft) -> None:
-    audit(d)["gate"]["minimum_detectable_effect"]["detections"][0].update(shares=[0.2, 0.0, 0.0, 0.0], gate_share=0.4)
+    audit(d)["gate"]["minimum_detectable_effect"]["detections"][0].update(shares=[0.2, *[0.0] * 5], gate_share=0.4)
 
 
 @mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/places/0/p"})
@@ -59,7 +59,7 @@ def place_of_no_permutations(d: ReleaseDraft) -> None:
     audit(d)["gate"]["places"][0]["p"] += 0.00005
 
 
-@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/tests/2/p_adjusted"}, findings=4)
+@mutant("BD-LKG-004", at={"file": LEAKAGE, "pointer": "/gate/tests/2/p_adjusted"}, findings=6)
 def p_values_not_adjusted(d: ReleaseDraft) -> None:
     for test in audit(d)["gate"]["tests"]:
         test["p_adjusted"] = test["p"]

@@ -19,6 +19,7 @@ from tests.validator.engine.rules.case import boundary, mutant
 from branchdrive.benchmark.baseline.declaration import Neighbours, Prior, Ridge, Selection
 from branchdrive.benchmark.guard.calibration import GUARANTEE
 from branchdrive.benchmark.prediction_rows import TABLES
+from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.benchmark.warning import warnings
 from branchdrive.tables.frame import concat, take
 
@@ -29,6 +30,21 @@ from branchdrive.tables.frame import concat, take
 def results_with_other_last_bits(d: BenchmarkDraft) -> None:
     d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 1 + 1e-12
     d.follow("tables")
+
+
+def declare_outcomes(d: BenchmarkDraft) -> None:
+    """Declare outcomes of selections and a profile with a near range, and evaluate under that protocol."""
+    document = default_protocol().document
+    d.documents[PROTOCOL]["outcomes"] = document["outcomes"]
+    d.documents[PROTOCOL]["profiles"] += [weights for weights in document["profiles"] if "near_m" in weights]
+    grids = d.documents[RANKING_LOCK]["risk_fit"]["grids"]
+    grids["near_range"] = grids["balanced"]
+    d.follow("lock")
+
+
+@boundary("BD-BMK-001", "BD-BMK-012", "BD-BMK-013")
+def outcomes_of_selections_are_declared(d: BenchmarkDraft) -> None:
+    declare_outcomes(d)
 
 
 def _declare_baselines(d: BenchmarkDraft) -> None:
@@ -137,6 +153,13 @@ def smaller_p_value_by_clusters(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/intervals/value/cluster_low"})
 def narrower_interval_by_clusters(d: BenchmarkDraft) -> None:
     d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["intervals"]["value"]["cluster_low"] += 1e-6
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/8/outcomes/contact/value"})
+def fewer_contacts_than_were_recorded(d: BenchmarkDraft) -> None:
+    declare_outcomes(d)
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][8]["outcomes"]["contact"]["value"] += 0.25
     d.follow("tables")
 
 

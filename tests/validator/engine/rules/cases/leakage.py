@@ -12,13 +12,13 @@ from tests.validator.engine.rules.release import LEAKAGE, ReleaseDraft
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.leakage.gate import Outcome, gate_verdict
-from branchdrive.leakage.protocol import AuditProtocol
+from branchdrive.leakage.protocol import STATISTICS, AuditProtocol
 from branchdrive.leakage.score import judged_battery
 from branchdrive.leakage.sensitivity import PATTERNS
 from branchdrive.statistics.holm import holm
 
 ALL = tuple(rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-LKG"))
-STRUCTURAL = ("BD-LKG-008", "BD-LKG-009", "BD-LKG-010")
+STRUCTURAL = ("BD-LKG-008", "BD-LKG-009", "BD-LKG-010", "BD-LKG-013")
 """Rules on stored tables."""
 
 AUDITED = tuple(rule_id for rule_id in ALL if rule_id not in STRUCTURAL)
@@ -53,7 +53,8 @@ def way(d: ReleaseDraft, index: int) -> dict[str, Any]:
 
 
 def conclude(d: ReleaseDraft, p_values: list[float]) -> None:
-    """Give the gate these p-values and what honestly follows from them."""
+    """Give the gate these p-values, 1 where none is named, and what honestly follows from them."""
+    p_values = [*p_values, *[1.0] * (len(STATISTICS) - len(p_values))]
     gate, protocol = audit(d)["gate"], AuditProtocol.from_json(audit(d)["protocol"]).gate
     outcomes = []
     for test, p, adjusted in zip(gate["tests"], p_values, holm(p_values).tolist(), strict=True):
@@ -99,8 +100,8 @@ def claim_effect(d: ReleaseDraft) -> None:
     """Claim that every offset was found."""
     effect = audit(d)["gate"]["minimum_detectable_effect"]
     for found in effect["detections"]:
-        found.update(shares=[1.0] * 4, gate_share=1.0)
-    effect["smallest_sd"] = dict.fromkeys(PATTERNS, 0.1)
+        found.update(shares=[1.0] * 6, gate_share=1.0)
+    effect["smallest_sd"] = {"one": 0.1, "dense": 0.1, "tenth": 0.8, "thirtieth": 0.8}
     d.reseal("card")
 
 
@@ -170,6 +171,11 @@ def variable_that_is_nearly_a_target(d: ReleaseDraft) -> None:
     hide(d, lambda rank, told: told * (1 + (-1) ** rank * 1e-3))
 
 
+@boundary("BD-LKG-013", base="alone")
+def variable_that_follows_a_target_from_afar(d: ReleaseDraft) -> None:
+    hide(d, lambda rank, told: told + 3.0 * (rank % 4))
+
+
 @boundary("BD-LKG-010", base="alone")
 def target_of_nine_values(d: ReleaseDraft) -> None:
     hide(d, lambda rank, told: 10.0 + rank % 9, 0.5)
@@ -212,6 +218,12 @@ def gate_without_some_features(d: ReleaseDraft) -> None:
     d.reseal("card")
 
 
+@mutant("BD-LKG-001", at={"file": LEAKAGE, "pointer": "/gate/shape/columns"})
+def gate_without_recorded_columns(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["shape"]["columns"] = 0
+    d.reseal("card")
+
+
 # BD-LKG-002: inputs
 
 
@@ -243,14 +255,15 @@ def strongest_place_named_elsewhere(d: ReleaseDraft) -> None:
     audit(d)["gate"]["places"][0]["action"] = "accelerate_0.30"
 
 
-@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/tests/0/p"}, findings=4)
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/tests/0/p"}, findings=6)
 def p_values_of_one_everywhere(d: ReleaseDraft) -> None:
-    state(d, [1.0] * 4)
+    state(d, [1.0] * 6)
 
 
 @mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/tests/3/p"})
 def p_value_of_other_permutations(d: ReleaseDraft) -> None:
-    state(d, [*(test["p"] for test in audit(d)["gate"]["tests"][:3]), 0.75])
+    p_values = [test["p"] for test in audit(d)["gate"]["tests"]]
+    state(d, [*p_values[:3], 0.75, *p_values[4:]])
 
 
 @mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/places/0/p"})
@@ -258,7 +271,12 @@ def place_made_remarkable(d: ReleaseDraft) -> None:
     audit(d)["gate"]["places"][0]["p"] = 0.01
 
 
-@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/1"}, findings=5)
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/codes/0/columns/0/variable"})
+def strongest_code_named_elsewhere(d: ReleaseDraft) -> None:
+    audit(d)["gate"]["codes"][0]["columns"][0]["variable"] = "collision"
+
+
+@mutant("BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/critical/1"}, findings=8)
 def critical_value_that_many_exceed(d: ReleaseDraft) -> None:
     gate = audit(d)["gate"]
     gate["minimum_detectable_effect"]["critical"][1] = gate["tests"][1]["observed"] + 0.001
@@ -267,27 +285,27 @@ def critical_value_that_many_exceed(d: ReleaseDraft) -> None:
 @mutant(
     "BD-LKG-003",
     at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/0/gate_share"},
-    findings=10,
+    findings=28,
 )
 def offsets_found_that_were_missed(d: ReleaseDraft) -> None:
     claim_effect(d)
 
 
 @mutant(
-    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/4/shares/3"}, findings=10
+    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/4/shares/3"}, findings=28
 )
 def offsets_found_beyond_any_statistic(d: ReleaseDraft) -> None:
     claim_effect(d)
-    audit(d)["gate"]["minimum_detectable_effect"]["critical"] = [1e6] * 4
+    audit(d)["gate"]["minimum_detectable_effect"]["critical"] = [1e6] * 6
 
 
 @mutant(
-    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/7/gate_share"}, findings=2
+    "BD-LKG-003", at={"file": LEAKAGE, "pointer": "/gate/minimum_detectable_effect/detections/7/gate_share"}, findings=3
 )
 def offset_missed_that_is_found(d: ReleaseDraft) -> None:
     effect = audit(d)["gate"]["minimum_detectable_effect"]
     for found in effect["detections"]:
-        found.update(shares=[0.0] * 4, gate_share=0.0)
+        found.update(shares=[0.0] * 6, gate_share=0.0)
     effect["smallest_sd"] = dict.fromkeys(PATTERNS)
     d.reseal("card")
 
@@ -344,6 +362,19 @@ def target_hidden_with_the_other_sign(d: ReleaseDraft) -> None:
     hide(d, lambda _, told: 40 - told)
 
 
+# BD-LKG-013: histories that tell an outcome
+
+
+@mutant("BD-LKG-013", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
+def target_hidden_under_a_little_noise(d: ReleaseDraft) -> None:
+    hide(d, lambda rank, told: told + 2e-5 * (-1) ** rank)
+
+
+@mutant("BD-LKG-013", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
+def target_hidden_by_a_square(d: ReleaseDraft) -> None:
+    hide(d, lambda _, told: told**2)
+
+
 # BD-LKG-011: the protocol
 
 
@@ -351,7 +382,7 @@ def target_hidden_with_the_other_sign(d: ReleaseDraft) -> None:
 def gate_at_a_level_of_its_own(d: ReleaseDraft) -> None:
     gate = audit(d)["gate"]
     audit(d)["protocol"]["gate"]["alpha"] = 0.01
-    gate["minimum_detectable_effect"]["alpha"] = 0.0025
+    gate["minimum_detectable_effect"]["alpha"] = 0.01 / 6
     state(d, [test["p"] for test in gate["tests"]])
 
 
@@ -360,12 +391,13 @@ def ridge_that_sees_nothing(d: ReleaseDraft) -> None:
     audit(d)["protocol"]["gate"]["penalty"] = 1e12
 
 
-@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/gate/offsets_sd"})
+@mutant("BD-LKG-011", at={"file": LEAKAGE, "pointer": "/protocol/gate/offsets_sd"}, findings=2)
 def offsets_that_everybody_finds(d: ReleaseDraft) -> None:
-    audit(d)["protocol"]["gate"]["offsets_sd"] = [50.0]
+    for name in ("offsets_sd", "sparse_offsets_sd"):
+        audit(d)["protocol"]["gate"][name] = [50.0]
     effect = audit(d)["gate"]["minimum_detectable_effect"]
     effect["detections"] = [
-        {"pattern": pattern, "offset_sd": 50.0, "shares": [1.0] * 4, "gate_share": 1.0} for pattern in PATTERNS
+        {"pattern": pattern, "offset_sd": 50.0, "shares": [1.0] * 6, "gate_share": 1.0} for pattern in PATTERNS
     ]
     effect["smallest_sd"] = dict.fromkeys(PATTERNS, 50.0)
     d.reseal("card")

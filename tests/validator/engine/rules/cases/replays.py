@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import NOMINAL, REPLAY, boundary, mutant
+import pyarrow as pa
+from tests.scenes import SCENES
+from tests.synthetic import BRANCH_TICK, make_group
+from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 _STREAMS = ("controls", "observations", "actors", "evidence")
@@ -85,3 +89,54 @@ def noise_moves_the_surroundings_alone(d: Draft) -> None:
         d.duplicate("observations", {"rollout_id": replay}, rollout_id=NOMINAL)
         d.set("actors", "y_m", lambda v: v + 0.01, rollout_id=replay)
         d.refresh_evidence(replay)
+
+
+# BD-RPN-003
+
+
+def _repeat_exactly(d: Draft) -> None:
+    """Let every replay of every group repeat the drive of its nominal to the bit until the branch."""
+    _declare(d, "exact")
+    for index, scene in enumerate(SCENES):
+        d.replace_group(index, make_group(index, scene=replace(scene, noise=0.0)))
+
+
+@mutant(
+    "BD-RPN-003",
+    at={"table": "evidence", "column": "traffic_light_available", "rollout_id": BRAKE, "tick": BRANCH_TICK - 5},
+)
+def one_light_before_the_branch_tells_the_action(d: Draft) -> None:
+    _repeat_exactly(d)
+    where = {"rollout_id": BRAKE, "tick": BRANCH_TICK - 5}
+    light = d.value("evidence", "traffic_light", rollout_id=BRAKE, tick=BRANCH_TICK)
+    d.set("evidence", "traffic_light_available", True, **where)
+    d.set("evidence", "traffic_light", "red" if light != "red" else "green", **where)
+
+
+@mutant("BD-RPN-003", at={"table": "controls", "column": "expert_brake", "rollout_id": BRAKE, "tick": BRANCH_TICK - 1})
+def minus_zero_before_the_branch(d: Draft) -> None:
+    _repeat_exactly(d)
+    d.set("controls", "expert_brake", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK - 1)
+
+
+@mutant("BD-RPN-003", at={"table": "actors", "column": "actor_id", "rollout_id": BRAKE})
+def order_of_actors_tells_the_action(d: Draft) -> None:
+    _repeat_exactly(d)
+    folder = d.folder_of(BRAKE)
+
+    def reverse(rows: pa.Table) -> pa.Table:
+        own = np.array([rollout_id == BRAKE for rollout_id in rows["rollout_id"].to_pylist()])
+        return pa.concat_tables([rows.filter(~own), rows.filter(own).take(np.arange(own.sum())[::-1])])
+
+    d.map_table("actors", reverse, folder=folder)
+
+
+@boundary("BD-RPN-003")
+def histories_that_are_exact(d: Draft) -> None:
+    _repeat_exactly(d)
+
+
+@boundary("BD-RPN-003")
+def intervention_that_differs_from_the_branch_on(d: Draft) -> None:
+    _repeat_exactly(d)
+    d.set("controls", "expert_brake", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK)

@@ -1,0 +1,110 @@
+"""Recorded columns before the branch: what a number is, and that codes of every kind change one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from tests import synthetic
+from tests.synthetic import BRANCH_TICK
+from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.leakage.recording import recorded_numbers
+from branchdrive.leakage.streams import COUNT, ORDER, StreamColumn, Streams, ranked, stream_columns
+from branchdrive.raw.shard_view import ShardView
+
+BRAKE, FOLDER = "g0.brake_0.50.a1", "raw/shard-00000"
+
+
+def numbers(d: Draft) -> dict[StreamColumn, float]:
+    """Numbers of one attempt by column."""
+    descriptor = Descriptor.model_validate(d.descriptor)
+    view = ShardView(d.tables[FOLDER], descriptor)
+    found = recorded_numbers(view, np.array([view.rollout_ids.index(BRAKE)]))
+    return dict(zip(stream_columns(descriptor.tables), found[0].tolist(), strict=True))
+
+
+def draft() -> Draft:
+    return Draft(synthetic.base_tables(), synthetic.descriptor())
+
+
+def changed_by(edit: Callable[[Draft], object]) -> set[StreamColumn]:
+    d = draft()
+    before = numbers(d)
+    edit(d)
+    after = numbers(d)
+    return {column for column in before if not np.array_equal(before[column], after[column], equal_nan=True)}
+
+
+def test_every_declared_column_has_a_number_at_every_time() -> None:
+    found = numbers(draft())
+    assert len(found) == 17 * 20 + 1 + 16 * 17 + 1 + 16 * 12 + 1 + 80 * 14 + 1
+    d = draft()
+    assert found["observations", "speed_mps", 0] == d.value(
+        "observations", "speed_mps", rollout_id=BRAKE, tick=BRANCH_TICK
+    )
+    rows = d.take("actors", rollout_id=BRAKE, tick=BRANCH_TICK - 5)
+    assert found["actors", COUNT, -5] == len(rows)
+    assert found["actors", "actor_id", -5] == sum(rows["actor_id"].to_pylist())
+    assert found["actors", "x_m", -5] == pytest.approx(sum(rows["x_m"].to_pylist()), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value"),
+    [
+        ("evidence", "traffic_light", "red"),
+        ("evidence", "lane_id", "another lane"),
+        ("evidence", "ttc_actor_id", 77),
+        ("evidence", "collision", True),
+        ("observations", "command", "change_left"),
+        ("observations", "yaw_rad", 1.0),
+    ],
+)
+def test_a_code_in_one_moment_changes_one_number(table: str, column: str, value: object) -> None:
+    found = changed_by(lambda d: d.set(table, column, value, rollout_id=BRAKE, tick=BRANCH_TICK - 10))
+    assert found == {(table, column, -10)}
+
+
+def test_what_follows_the_branch_changes_nothing() -> None:
+    def edit(d: Draft) -> None:
+        d.set("controls", "expert_steer", 0.5, rollout_id=BRAKE, tick=BRANCH_TICK)
+        d.set("evidence", "collision", True, rollout_id=BRAKE, tick=BRANCH_TICK + 5)
+
+    assert changed_by(edit) == set()
+
+
+def reordered(rows: pa.Table, tick: int, column: str | None) -> pa.Table:
+    """Rows of the attempt from a tick on the other way round: of that tick alone where a column is named."""
+    mine = np.array([one == BRAKE for one in rows["rollout_id"].to_pylist()])
+    ticks = np.array(rows["tick"].to_pylist())
+    chosen = np.flatnonzero(mine & ((ticks == tick) if column else (ticks <= tick)))
+    order = np.arange(len(rows))
+    order[chosen] = chosen[::-1]
+    return rows.take(order)
+
+
+def test_the_order_of_actors_changes_a_number() -> None:
+    edit = lambda d: d.map_table("actors", lambda rows: reordered(rows, BRANCH_TICK, "actor_id"), folder=FOLDER)  # noqa: E731
+    assert changed_by(edit) == {("actors", ORDER, 0)}
+
+
+def test_the_order_of_rows_changes_a_number() -> None:
+    edit = lambda d: d.map_table("evidence", lambda rows: reordered(rows, BRANCH_TICK, None), folder=FOLDER)  # noqa: E731
+    assert changed_by(edit) == {("evidence", ORDER, None)}
+
+
+def test_what_is_not_there_is_below_and_far_from_every_number() -> None:
+    ranks, spread = ranked(np.array([[[np.nan], [-5.0], [2.0]], [[np.nan], [np.nan], [np.nan]], [[1.0], [3.0], [1.0]]]))
+    assert ranks[..., 0].tolist() == [[-2, 0, 2], [0, 0, 0], [-1, 2, -1]]
+    assert spread[:, 0].tolist() == [np.inf, 0.0, 2.0]
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    column = StreamColumn("evidence", "collision", 0)
+    with pytest.raises(ValueError, match="`ranks` has shape"):
+        Streams((), np.zeros((2, 3, 1), np.int16), np.zeros((2, 1), np.float32))
+    with pytest.raises(ValueError, match="`spread` has shape"):
+        Streams((column,), np.zeros((2, 3, 1), np.int16), np.zeros((2, 2), np.float32))

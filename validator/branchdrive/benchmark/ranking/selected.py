@@ -1,0 +1,160 @@
+"""What becomes of the candidates that a selector takes: their outcomes, contacts, and losses against nominal.
+
+With the shares ``w_ga`` of a selector, means over its seeds, and the outcomes ``y_gat`` of the ``N`` ranked groups::
+
+    mean_t            = sum_ga w_ga y_gat / sum_ga w_ga     over the candidates whose target is available
+    available_t       = 1 - sum_ga w_ga / N                 over the others
+    contact           = sum_ga w_ga / N                     over those with a separation of at most the contact's
+    avoidable contact = the same                            in groups with a candidate that makes none
+    worse_t           = sum_ga w_ga / sum_ga w_ga           of those worse than nominal beyond the noise of repetition,
+                                                            by those that can be compared with it
+
+A mean has the intervals of every measure of a ranking. The others are rates of events that may be rare, of which a
+bootstrap resamples nothing but zeros: they have the interval of `branchdrive.benchmark.guard.figure`, by clusters.
+Shares of a choice are parts of an event, so that a rate over several seeds, or of a random choice, varies less than
+that of single events, and its interval is at least as wide as it needs to be.
+
+Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" (supplementary tables of selected primitive
+outcomes); contacts, losses beyond noise and their intervals are this project's choice; spec/14-benchmark.md#ranking.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.benchmark.guard.figure import rate_interval
+from branchdrive.benchmark.guard.outcome_noise import worse_beyond
+from branchdrive.benchmark.metric.table import Interval
+from branchdrive.benchmark.prediction_result import interval_record
+from branchdrive.benchmark.ranking.ranking import SEPARATION
+from branchdrive.driving.target import TARGETS, Targets
+from branchdrive.driving.utility import TIE
+from branchdrive.statistics.bootstrap import Design, ratio_of_sums
+from branchdrive.statistics.interval import intervals
+from branchdrive.statistics.rounding import number
+
+__all__ = ["Rate", "SelectedOutcomes", "selected_outcomes", "selected_record"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class Rate(NamedTuple):
+    """A share of selections with the ends of its interval by clusters; ``None`` where not defined."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+class SelectedOutcomes(NamedTuple):
+    """Outcomes of one selector's candidates; sequences are in the order of `TARGETS`.
+
+    Attributes:
+        means: In the units of the targets, NaN where no selected candidate has the target.
+        available: Share of selections with the target.
+        intervals: Of `means`.
+        worse: Share that is worse than nominal beyond noise; ``None`` where the noise is unknown.
+        contact: Share that makes contact.
+        avoidable_contact: Share that does so although a candidate of the group does not.
+    """
+
+    means: Array
+    available: Array
+    intervals: tuple[Interval, ...]
+    worse: tuple[Rate | None, ...]
+    contact: Rate
+    avoidable_contact: Rate
+
+
+def selected_outcomes(
+    outcomes: Targets,
+    shares: Array,
+    ranked: Mask,
+    resampling: Design,
+    *,
+    nominal: int,
+    contact_m: float,
+    tolerance: Array | None = None,
+    is_nominal: bool = False,
+) -> SelectedOutcomes:
+    """Outcomes of a selector over the ranked groups.
+
+    Args:
+        outcomes: Of all reported groups ``[groups, candidates, 6]``.
+        shares: Shares of the ranked groups ``[ranked groups, candidates]``.
+        ranked: Which groups are ranked ``[groups]``; in these every candidate has a separation.
+        resampling: Of all reported groups.
+        nominal: Place of the nominal candidate.
+        contact_m: A separation of at most so much is a contact, metres.
+        tolerance: Noise of repetition of every target ``[6]``, NaN where unknown; ``None`` where nothing is known.
+        is_nominal: Whether the selector is nominal itself, which loses nothing against itself whatever the outcomes.
+    """
+    there, place_of = outcomes.available[ranked], resampling.clusters.of_group[ranked]
+    values = np.where(there, outcomes.values[ranked], 0.0)
+    weights = shares[..., None] * there
+    sums = np.zeros((2, len(ranked), len(TARGETS)))
+    sums[:, ranked] = (weights * values).sum(axis=1), weights.sum(axis=1)
+    parts = resampling.split(ratio_of_sums(resampling.counts, *sums))
+    taken = sums[1] > 0
+    ends = intervals(*parts, taken.sum(axis=0), resampling.clusters.num_there(taken))
+    touches = values[..., SEPARATION] <= contact_m + TIE
+    contact = (shares * touches).sum(axis=1)
+    everyone = np.ones(len(shares))
+    return SelectedOutcomes(
+        parts[0],
+        1.0 - (shares[..., None] * ~there).sum(axis=(0, 1)) / len(shares),
+        tuple(Interval.of(ends, t) for t in range(len(TARGETS))),
+        _worse(values, there, weights, nominal, tolerance, place_of, has_interval=not is_nominal),
+        _rate(contact, everyone, place_of),
+        _rate(contact * ~touches.all(axis=1), everyone, place_of),
+    )
+
+
+def _worse(
+    values: Array,
+    there: Mask,
+    weights: Array,
+    nominal: int,
+    tolerance: Array | None,
+    place_of: NDArray[np.int64],
+    *,
+    has_interval: bool,
+) -> tuple[Rate | None, ...]:
+    """Rates of selections worse than nominal beyond noise ``[6]``, of arrays ``[groups, candidates, 6]``."""
+    if tolerance is None:
+        return (None,) * len(TARGETS)
+    compared = weights * there[:, nominal, None]
+    events = compared * worse_beyond(values - values[:, nominal, None], tolerance)
+    both = zip(events.sum(axis=1).T, compared.sum(axis=1).T, strict=True)
+    rates = [_rate(*terms, place_of, has_interval=has_interval) for terms in both]
+    return tuple(rate if np.isfinite(noise) else None for rate, noise in zip(rates, tolerance, strict=True))
+
+
+def _rate(events: Array, weights: Array, place_of: NDArray[np.int64], *, has_interval: bool = True) -> Rate:
+    if not (weights > 0).any():
+        return Rate(None, None, None)
+    value = float(events.sum() / weights.sum())
+    return Rate(value, *rate_interval(events, weights, place_of)) if has_interval else Rate(value, None, None)
+
+
+def selected_record(found: SelectedOutcomes) -> dict[str, Any]:
+    """Outcomes as JSON data."""
+    rows = [
+        {
+            "target": target.name,
+            "mean": number(float(found.means[t])),
+            "available": float(found.available[t]),
+            "interval": interval_record(found.intervals[t]),
+            "worse": None if (worse := found.worse[t]) is None else worse._asdict(),
+        }
+        for t, target in enumerate(TARGETS)
+    ]
+    return {
+        "targets": rows,
+        "contact": found.contact._asdict(),
+        "avoidable_contact": found.avoidable_contact._asdict(),
+    }

@@ -1,0 +1,99 @@
+"""Numbers of a shard's recorded columns before the branch, for `streams`.
+
+A number stays what it is, a flag is 0 or 1, and a text is its place among the declared ones or, where any text may
+stand, a number of 48 bits of its SHA-256. The rows of a moment's actors are summed up in whole steps of ``2^-16``,
+exactly and in any order, beside their count and the sum of place times identity, which tells their order.
+
+Source: spec/13-leakage.md#streams.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import Column
+from branchdrive.leakage.streams import WINDOWS, value_columns
+from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import window_rows
+from branchdrive.tables.view import StreamView
+
+__all__ = ["recorded_numbers"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_STEPS = 2.0**16
+_NULL_OF_ACTOR = -(2.0**20)
+_HASHED_BYTES = 6
+
+
+def recorded_numbers(view: ShardView, attempts: Index) -> Array:
+    """Numbers ``[attempts, columns]`` in the order of `stream_columns`, NaN where null or not recorded."""
+    blocks = [_of_table(view, table, attempts) for table in WINDOWS if table in view]
+    return np.concatenate(blocks, axis=1)
+
+
+def _of_table(view: ShardView, table: str, attempts: Index) -> Array:
+    stream, offsets = view.stream(table), WINDOWS[table]
+    if table == "actors":
+        ticks = view.branch_tick[attempts][:, None] + np.asarray(offsets)
+        first, stop = stream.span(np.broadcast_to(attempts[:, None], ticks.shape), ticks)
+        at_moments = [*_sums(stream, first, stop), (stop - first).astype(np.float64), _order_sum(stream, first, stop)]
+        return np.concatenate([*at_moments, _stored_order(stream, first)[:, None]], axis=1)
+    rows = window_rows(view, stream, attempts, offsets)
+    blocks = []
+    for column in value_columns(table):
+        numbers = _numbers(stream, column)
+        blocks.append(np.where(rows >= 0, numbers[rows], np.nan) if len(numbers) else np.full(rows.shape, np.nan))
+    return np.concatenate([*blocks, _stored_order(stream, rows)[:, None]], axis=1)
+
+
+def _numbers(stream: StreamView, column: Column) -> Array:
+    """Numbers of a column ``[rows]``."""
+    if column.type == "string":
+        codes, categories = stream.categories(column.name)
+        places = {text: float(place) for place, text in enumerate(column.values)}
+        lookup = [places[text] if text in places else _hashed(text) for text in categories]
+        return np.asarray(np.array([*lookup, np.nan])[codes])
+    values: NDArray[Any] = stream[column.name]
+    return np.where(stream.valid(column.name), values.astype(np.float64), np.nan)
+
+
+def _hashed(text: str) -> float:
+    return float(int.from_bytes(hashlib.sha256(text.encode()).digest()[:_HASHED_BYTES], "little"))
+
+
+def _sums(stream: StreamView, first: Index, stop: Index) -> list[Array]:
+    """Sums of every column over the rows ``first .. stop - 1`` of moments ``[attempts, moments]``."""
+    found = []
+    for column in value_columns("actors"):
+        numbers = _numbers(stream, column)
+        steps = np.rint(np.where(np.isnan(numbers), _NULL_OF_ACTOR, numbers) * _STEPS).astype(np.int64)
+        found.append(_between(steps, first, stop) / _STEPS)
+    return found
+
+
+def _order_sum(stream: StreamView, first: Index, stop: Index) -> Array:
+    """Sum of place times identity over the rows of moments, places counted from 0 as rows are stored."""
+    rows = np.arange(len(stream))
+    starts = np.flatnonzero(~stream.repeats)
+    place = rows - np.repeat(starts, np.diff(starts, append=len(stream)))
+    return _between(place * stream["actor_id"].astype(np.int64), first, stop)
+
+
+def _between(values: NDArray[np.int64], first: Index, stop: Index) -> Array:
+    upto = np.concatenate(([0], np.cumsum(values)))
+    return np.asarray((upto[stop] - upto[first]).astype(np.float64))
+
+
+def _stored_order(stream: StreamView, rows: Index) -> Array:
+    """Sum of the places, from 1, whose row of a window is stored behind that of the next place: ``[attempts]``."""
+    if not len(stream):
+        return np.zeros(len(rows))
+    stored = stream.position[np.clip(rows, 0, len(stream) - 1)]
+    falls = stored[:, 1:] < stored[:, :-1]
+    return np.asarray((falls * np.arange(1, rows.shape[1])).sum(axis=1).astype(np.float64))
