@@ -217,6 +217,6 @@ def battery_scores_recompute(view: ReleaseView) -> Iterator[Check]:
 def no_history_variable_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history ranks an outcome of one action, or what the actions of a group came to."""
     variables, names, targets = view.cached(_history_variables)
-    is_speed = np.array([name.startswith("state speed_mps ") for name in names], np.bool_)
+    columns = [name.partition(" at tick ")[0] for name in names]
     expected = f"a correlation of at most {MAX_OUTCOME_CORRELATION:g}, of a place at most {MAX_CORRELATION:g}"
-    yield _target_check(expected, names, told_outcomes(variables, is_speed, *targets))
+    yield _target_check(expected, names, told_outcomes(variables, columns, *targets))

@@ -6,7 +6,7 @@
   ``1 - r^2 <= 1e-9`` over the groups in which that target is available, with 10 distinct values of both.
 * A variable tells an outcome where it ranks a target of one action, or the least, the mean or the largest of a target
   over the actions, with ``|rho| > 0.999``, or the place of the action with the least or the largest, with 0.98; an
-  outcome that a speed ranks with 0.99 follows from the motion, and is no secret.
+  outcome that a speed, or variables of two other columns, rank with 0.99 follows from the motion, and is no secret.
 * Identifiers tell the partition where more neighbours in their sorted order share one than in all but
   ``alpha`` of 1,999 permutations, ``p = (1 + #) / 2,000``.
 
@@ -55,8 +55,11 @@ _NEIGHBOURS = "leakage/neighbours"
 _MIN_GROUPS = 10
 """Groups, or distinct values, below which a correlation says nothing."""
 
-_KNOWN_CORRELATION = 0.99
-"""Correlation of a speed with an outcome by which the motion itself tells it."""
+_KNOWN_CORRELATION, _NUM_KNOWING = 0.99, 2
+"""Correlation with an outcome, and how many other columns must reach it, by which the motion itself tells it."""
+
+_SPEED = "state speed_mps"
+"""The column that is enough by itself."""
 
 _MIN_RANKED = 12
 """Groups below which a variable may rank one of many outcomes by chance."""
@@ -122,12 +125,12 @@ class _Outcome(NamedTuple):
     is_place: bool
 
 
-def told_outcomes(variables: Array, is_speed: Mask, targets: Array, available: Mask) -> list[TargetLeak]:
+def told_outcomes(variables: Array, columns: Sequence[str], targets: Array, available: Mask) -> list[TargetLeak]:
     """Variables that rank an outcome, each target once; none are looked for among fewer than twelve groups.
 
     Args:
         variables: ``[groups, variables]``, finite.
-        is_speed: Whether a variable is a speed ``[variables]``.
+        columns: The column that each variable is a time of ``[variables]``.
         targets: ``[groups, actions, targets]``; any value where not available.
         available: ``[groups, actions, targets]``.
     """
@@ -138,18 +141,21 @@ def told_outcomes(variables: Array, is_speed: Mask, targets: Array, available: M
     found: dict[tuple[int, int], TargetLeak] = {}
     for target in range(targets.shape[2]):
         for outcome in _outcomes(targets[..., target], available[..., target]):
-            weight = outcome.there.astype(np.float64)
-            y = np.where(outcome.there, outcome.values, 0.0)
-            if weight.sum() < _MIN_RANKED or not _is_rich(y[outcome.there], outcome.is_place):
+            there = outcome.there if outcome.is_place else _single(outcome.values, outcome.there)
+            weight = there.astype(np.float64)
+            y = np.where(there, outcome.values, 0.0)
+            if weight.sum() < _MIN_RANKED or not _is_rich(y[there], outcome.is_place):
                 continue
             if weight.tobytes() not in ranked:
                 ranked[weight.tobytes()] = _centred_ranks(places, weight)
-            rho = _spearman(*ranked[weight.tobytes()], y[:, None], outcome.there[:, None])
+            rho = _spearman(*ranked[weight.tobytes()], y[:, None], there[:, None])
             bound = MAX_CORRELATION if outcome.is_place else MAX_OUTCOME_CORRELATION
-            if (np.abs(rho[is_speed]) > _KNOWN_CORRELATION).any():
+            knowing = {columns[v] for v in np.flatnonzero(np.abs(rho) > _KNOWN_CORRELATION).tolist()}
+            if _SPEED in knowing:
                 continue
             for v in np.flatnonzero(np.abs(rho) > bound).tolist():
-                if _is_rich(places[v][outcome.there], outcome.is_place):
+                is_known = len(knowing - {columns[v]}) >= _NUM_KNOWING
+                if not is_known and _is_rich(places[v][there], outcome.is_place):
                     how = f"a rank correlation of {rho[v]:.4f} with {outcome.name}"
                     found.setdefault((target, v), TargetLeak(v, target, how))
     return list(found.values())
@@ -174,6 +180,15 @@ def _outcomes(values: Array, there: Mask) -> list[_Outcome]:
     for name, y in places.items():
         found.append(_Outcome(name, y.astype(np.float64), anywhere, True))
     return found
+
+
+def _single(values: Array, there: Mask) -> Mask:
+    """Groups whose value no other group has: noise on a copy orders equal ones at random."""
+    own = np.flatnonzero(there)
+    _, place, count = np.unique(values[own], return_inverse=True, return_counts=True)
+    single = np.zeros(len(values), np.bool_)
+    single[own[count[place] == 1]] = True
+    return single
 
 
 def _is_rich(values: NDArray[np.generic], is_place: bool) -> bool:
