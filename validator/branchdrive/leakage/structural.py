@@ -61,7 +61,7 @@ _KNOWN_CORRELATION, _NUM_KNOWING = 0.99, 2
 _SPEED = "state speed_mps"
 """The column that is enough by itself."""
 
-_MIN_RANKED = 12
+_MIN_RANKED = 15
 """Groups below which a variable may rank one of many outcomes by chance."""
 
 _MIN_COMMON = 3
@@ -126,7 +126,7 @@ class _Outcome(NamedTuple):
 
 
 def told_outcomes(variables: Array, columns: Sequence[str], targets: Array, available: Mask) -> list[TargetLeak]:
-    """Variables that rank an outcome, each target once; none are looked for among fewer than twelve groups.
+    """Variables that rank an outcome, each target once; none are looked for among fewer than fifteen groups.
 
     Args:
         variables: ``[groups, variables]``, finite.
