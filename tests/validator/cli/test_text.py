@@ -60,7 +60,7 @@ UNCLAIMED = "\n".join(
         "  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003, "
         "BD-MAP-001,",
         "  BD-MAP-002, BD-MAP-003 and 6 more",
-        "  skipped: no subject - BD-CTL-015, BD-RSP-004",
+        "  skipped: no subject - BD-CTL-015, BD-RPN-003, BD-RSP-004",
         *map(_unclaimed, LAYER_RULES),
     ]
 )
@@ -100,7 +100,7 @@ Means over groups with normal 95 % intervals. Left and faster are positive. The 
 that equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
-Rules: {NUM_RULES - NUM_UNCLAIMED - 2} pass, 2 skipped, {NUM_UNCLAIMED} not-claimed
+Rules: {NUM_RULES - NUM_UNCLAIMED - 3} pass, 3 skipped, {NUM_UNCLAIMED} not-claimed
 {UNCLAIMED}
 Verdict: valid - the dataset conforms to the specification
   descriptor SHA256
@@ -168,7 +168,7 @@ Means over groups with normal 95 % intervals. Left and faster are positive. The 
 that equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
-Rules: {NUM_RULES - NUM_UNCLAIMED - 6} pass, 1 fail, 4 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
+Rules: {NUM_RULES - NUM_UNCLAIMED - 7} pass, 1 fail, 5 skipped, {NUM_UNCLAIMED} not-claimed, 1 noted
 {UNCLAIMED.replace("BD-RSP-004", "BD-RSP-002, BD-RSP-003, BD-RSP-004")}
 Verdict: invalid - the dataset breaks the specification
   descriptor SHA256

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.validator.statistics import random_words
 
-from branchdrive.leakage.structural import affine_targets, neighbours_p, ranked_targets, told_outcomes
+from branchdrive.leakage.structural import affine_targets, neighbours_p, ranked_targets, revealed_outcomes
 
 GROUPS, ACTIONS = 40, 3
 
@@ -97,7 +97,7 @@ def test_a_variable_that_tells_an_outcome_is_found(told: Callable[[np.ndarray], 
     targets, available = outcomes()
     others = np.random.default_rng(12).normal(size=(60, 5))
     variables = np.concatenate([others, np.asarray(told(targets[..., 0]), float)[:, None]], axis=1)
-    (found,) = told_outcomes(variables, list("abcdef"), targets, available)
+    (found,) = revealed_outcomes(variables, list("abcdef"), targets, available)
     assert (found.variable, found.target) == (5, 0)
     assert found.how.endswith(how)
 
@@ -105,15 +105,15 @@ def test_a_variable_that_tells_an_outcome_is_found(told: Callable[[np.ndarray], 
 def test_a_speed_may_follow_an_outcome() -> None:
     targets, available = outcomes()
     noisy = targets[:, 0] + 0.2 * np.random.default_rng(13).normal(size=(60, 1))
-    assert told_outcomes(noisy, ["a"], targets, available) == []
+    assert revealed_outcomes(noisy, ["a"], targets, available) == []
 
 
 def test_outcomes_of_few_groups_or_of_few_places_are_not_examined() -> None:
     targets, available = outcomes(11)
-    assert told_outcomes(targets[:, 0], ["a"], targets, available) == []
+    assert revealed_outcomes(targets[:, 0], ["a"], targets, available) == []
     targets, available = outcomes()
     targets[:, 2] += 100.0
-    assert told_outcomes(targets[..., 0].argmax(axis=1)[:, None] * 1.0, ["a"], targets, available) == []
+    assert revealed_outcomes(targets[..., 0].argmax(axis=1)[:, None] * 1.0, ["a"], targets, available) == []
 
 
 def test_an_outcome_that_follows_from_the_motion_is_no_secret() -> None:
@@ -124,12 +124,12 @@ def test_an_outcome_that_follows_from_the_motion_is_no_secret() -> None:
         (["a", "b", "c"], []),
         (["a", "a", "b"], [0, 1, 2]),
     ):
-        assert [leak.variable for leak in told_outcomes(copies, columns, targets, available)] == told
+        assert [leak.variable for leak in revealed_outcomes(copies, columns, targets, available)] == told
 
 
 def test_noise_may_order_equal_outcomes_as_it_likes() -> None:
     targets, available = outcomes()
     targets[::3, 1] = 0.0
     noisy = targets[:, 1] + 1e-4 * np.random.default_rng(14).normal(size=(60, 1))
-    (leak,) = told_outcomes(noisy, ["a"], targets, available)
+    (leak,) = revealed_outcomes(noisy, ["a"], targets, available)
     assert leak.how.endswith("the value, at action 1,")

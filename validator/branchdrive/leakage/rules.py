@@ -33,7 +33,7 @@ from branchdrive.leakage.structural import (
     affine_targets,
     neighbours_p,
     ranked_targets,
-    told_outcomes,
+    revealed_outcomes,
 )
 from branchdrive.leakage.verify import (
     battery_mismatches,
@@ -221,4 +221,4 @@ def no_history_variable_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     variables, names = variables[:, is_state], [name for name in names if name.startswith("state ")]
     columns = [name.partition(" at tick ")[0] for name in names]
     expected = f"a correlation of at most {MAX_OUTCOME_CORRELATION:g}, of a place at most {MAX_CORRELATION:g}"
-    yield _target_check(expected, names, told_outcomes(variables, columns, *targets))
+    yield _target_check(expected, names, revealed_outcomes(variables, columns, *targets))

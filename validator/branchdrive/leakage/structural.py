@@ -31,7 +31,7 @@ __all__ = [
     "affine_targets",
     "neighbours_p",
     "ranked_targets",
-    "told_outcomes",
+    "revealed_outcomes",
 ]
 
 Array = NDArray[np.float64]
@@ -125,7 +125,7 @@ class _Outcome(NamedTuple):
     is_place: bool
 
 
-def told_outcomes(variables: Array, columns: Sequence[str], targets: Array, available: Mask) -> list[TargetLeak]:
+def revealed_outcomes(variables: Array, columns: Sequence[str], targets: Array, available: Mask) -> list[TargetLeak]:
     """Variables that rank an outcome, each target once; none are looked for among fewer than fifteen groups.
 
     Args:

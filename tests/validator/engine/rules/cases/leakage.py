@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from tests.validator.engine.rules.case import boundary, mutant
-from tests.validator.engine.rules.cases.features import renormalise
 from tests.validator.engine.rules.release import LEAKAGE, ReleaseDraft
 
 from branchdrive.contract.rule import CATALOGUE
@@ -30,20 +27,6 @@ NEED_RAW = ("BD-LKG-002", "BD-LKG-003", "BD-LKG-012")
 def audit(d: ReleaseDraft) -> dict[str, Any]:
     """The document of the audit."""
     return d.documents[LEAKAGE]
-
-
-def hide(d: ReleaseDraft, hidden: Callable[[int, float], float], told: float | None = None) -> None:
-    """Make the speed limit at the branch a function of the rank of a group and of its mean jerk when it brakes.
-
-    With `told` given, that target becomes `told` times the speed limit.
-    """
-    for rank, group in enumerate(d.frame("contexts")["group_id"].tolist()):
-        where = {"group_id": group, "action_key": "brake_0.50"}
-        limit = hidden(rank, d.value("scalars", "mean_jerk_mps3", **where))
-        d.set("state", "speed_limit_mps", limit, group_id=group, offset_ticks=0)
-        if told is not None:
-            d.set("scalars", "mean_jerk_mps3", told * limit, **where)
-    renormalise(d)
 
 
 def way(d: ReleaseDraft, index: int) -> dict[str, Any]:
@@ -164,29 +147,6 @@ def recurrent_tests_of_a_classifier(d: ReleaseDraft) -> None:
         for other in others:
             other.update(score=dict(model["score"]), training={"num_epochs": 3, "best_epoch": 1})
     judge(d)
-
-
-@boundary("BD-LKG-010", base="alone")
-def variable_that_is_nearly_a_target(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: told * (1 + (-1) ** rank * 1e-3))
-
-
-@boundary("BD-LKG-013", base="alone")
-def variable_that_follows_a_target_from_afar(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: told + 3.0 * (rank % 4))
-
-
-@boundary("BD-LKG-010", base="alone")
-def target_of_nine_values(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: 10.0 + rank % 9, 0.5)
-
-
-@boundary("BD-LKG-010", base="alone")
-def target_in_the_history_of_fewer_than_half_of_the_groups(d: ReleaseDraft) -> None:
-    for group in d.frame("contexts")["group_id"].tolist()[:7]:
-        told = d.value("scalars", "mean_jerk_mps3", group_id=group, action_key="brake_0.50")
-        d.set("state", "speed_limit_mps", told, group_id=group, offset_ticks=0)
-    renormalise(d)
 
 
 # BD-LKG-001: groups
@@ -330,49 +290,6 @@ def partitions_in_the_order_of_identifiers(d: ReleaseDraft) -> None:
     for group, home in homes.items():
         d.set("group_quality", "partition", home, group_id=group)
     d.reseal("split")
-
-
-# BD-LKG-009: histories that tell a target
-
-
-@mutant("BD-LKG-009", at={"column": "state speed_limit_mps at tick -75"}, base="alone")
-def history_that_ranks_a_target(d: ReleaseDraft) -> None:
-    groups = d.frame("contexts")["group_id"].tolist()
-    for rank, group in enumerate(np.random.default_rng(3).permutation(groups).tolist()):
-        d.set("state", "speed_limit_mps", 10.0 + rank, group_id=group, offset_ticks=-75)
-        d.set("scalars", "max_yaw_rate_radps", 0.25 + rank**2 / 512, group_id=group)
-    renormalise(d)
-
-
-# BD-LKG-010: histories that hold a target
-
-
-@mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
-def target_hidden_in_the_history(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: told)
-
-
-@mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
-def target_hidden_by_scale_and_offset(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: 3 * told + 1)
-
-
-@mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
-def target_hidden_with_the_other_sign(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: 40 - told)
-
-
-# BD-LKG-013: histories that tell an outcome
-
-
-@mutant("BD-LKG-013", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
-def target_hidden_under_a_little_noise(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: told + 2e-5 * (-1) ** rank)
-
-
-@mutant("BD-LKG-013", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
-def target_hidden_by_a_square(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: told**2)
 
 
 # BD-LKG-011: the protocol
