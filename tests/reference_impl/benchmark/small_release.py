@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from tests.model_release import CANDIDATES, make_frames, write_release
 from tests.reference_impl.learning.small_models import MEAN, small
-from tests.validator.benchmark.samples import paper_document
+from tests.validator.benchmark.samples import paper_protocol
 
 from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.driving.target import TARGETS
@@ -49,7 +49,7 @@ def make_release(root: Path, seed: int = 0) -> Path:
 
 def protocol(**training: Any) -> dict[str, Any]:
     """The models of the paper, but small, and few draws; `training` replaces attributes of the training."""
-    document = json.loads(json.dumps(paper_document()))
+    document = json.loads(json.dumps(paper_protocol()))
     for model in document["models"]:
         found = MEAN if model["id"] == "M0" else small(model["id"], **{"max_epochs": 2, **training})
         model["configuration"] = found.record

@@ -53,6 +53,8 @@ def test_other_texts_are_refused_with_the_names_that_are_known(text: str, proble
     with pytest.raises(UsageError) as caught:
         parse_faults(text, FAULT_PRESETS)
     message = str(caught.value)
-    assert message.startswith(f"--faults {text!r}: {problem}; give one of none, benchmark, paper, or NAME=RATE")
+    assert message.startswith(
+        f"--faults {text!r}: {problem}; give one of none, benchmark, context, paper, or NAME=RATE"
+    )
     assert message.endswith(", ".join(Fault))
     assert "\n" not in message

@@ -17,6 +17,10 @@ CHOSEN = np.s_[:, :, [0, 3, 50, 90, 120, 150, 156, 157]]
 """Discrepancies, ego and controls at some ticks, and availability, which has ties."""
 
 
+TIED = {"rank_max_t", "concordance", "interaction"}
+"""Statistics of ranks, and of products of commands, of which there are none here."""
+
+
 @pytest.fixture(scope="module")
 def size() -> GateSize:
     features = gate_features(replay_inputs(25, seed=7))[0][CHOSEN]
@@ -27,14 +31,14 @@ def size() -> GateSize:
 @pytest.mark.parametrize("name", STATISTICS)
 def test_p_values_are_uniform_over_seeds(size: GateSize, name: str) -> None:
     assert len(size.p_values[name]) == 1000
-    # Ranks tie, and equal statistics count as reached: there p may be larger than uniform, never smaller.
-    alternative = "greater" if name == "rank_max_t" else "two-sided"
+    # Where statistics tie, equal ones count as reached: there p may be larger than uniform, never smaller.
+    alternative = "greater" if name in TIED else "two-sided"
     assert kstest(size.p_values[name], "uniform", alternative=alternative).pvalue > 0.01
 
 
 def test_the_gate_fails_no_more_often_than_it_says(size: GateSize) -> None:
     assert size.failed.mean() < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 1000)
-    assert all(abs(share - 0.2) < 0.04 for share in size.rejected(0.2).values())
+    assert all(share < 0.24 and (name in TIED or share > 0.16) for name, share in size.rejected(0.2).items())
 
 
 def test_seeds_are_independent_and_repeatable() -> None:

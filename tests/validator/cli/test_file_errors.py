@@ -13,6 +13,7 @@ from tests.file_size import at_most
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
+from branchdrive.engine.worker import in_process
 from branchdrive.errors import PlatformError
 from branchdrive.formats import untrusted
 from branchdrive.formats.durable import replace_file
@@ -58,9 +59,7 @@ def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path: Path) -> None:
     assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [("file", b"old")]
 
 
-def test_a_machine_that_cannot_read_makes_no_finding(
-    valid_root: Path, monkeypatch: pytest.MonkeyPatch, quick: None
-) -> None:
+def test_a_machine_that_cannot_read_makes_no_finding(valid_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     true = os.open
 
     def exhausted(path: Any, *arguments: Any, **options: Any) -> int:
@@ -69,6 +68,7 @@ def test_a_machine_that_cannot_read_makes_no_finding(
         return true(path, *arguments, **options)
 
     monkeypatch.setattr(os, "open", exhausted)
+    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
     stdout, stderr = io.StringIO(), io.StringIO()
     assert validate_run([str(valid_root)], stdout, stderr) == 4
     assert stdout.getvalue() == ""

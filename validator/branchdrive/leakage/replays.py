@@ -83,8 +83,8 @@ def replay_facts(
     values = np.stack([np.ma.filled(paired[v.name], np.inf) for v in VARIABLES], axis=1)
     discrepancy[there] = values[row_of[drives[there]]]
     interventions = np.delete(drives, nominal_index, axis=1)
-    numbers = recorded_numbers(view, interventions.ravel()).reshape(*interventions.shape, -1)
-    stream_ranks, stream_spread = ranked(numbers)
+    numbers = recorded_numbers(view, interventions.ravel())
+    stream_ranks, stream_spread = ranked(numbers.reshape(*interventions.shape, numbers.shape[1]))
     return {
         "group_id": np.array(view.group_ids, object)[groups],
         "availability": _availability(view, drives),

@@ -75,7 +75,7 @@ class MaxT:
     @classmethod
     def of(cls, steps: Steps, num_actions: int) -> MaxT:
         """Statistic of a table ``[groups * actions, columns]``."""
-        groups = steps.reshape(-1, num_actions, steps.shape[1])
+        groups = steps.reshape(len(steps) // num_actions, num_actions, steps.shape[1])
         mean = groups.mean(axis=1, dtype=np.float64)
         square = np.einsum("gac,gac->gc", groups, groups, dtype=np.float64) / num_actions
         variance = np.maximum(square - mean**2, 0.0).sum(axis=0)
@@ -196,7 +196,7 @@ class Ridge:
             rows = groups[start:stop].astype(np.float64)
             centre = rows.mean(axis=1, keepdims=True)
             means.append(centre.sum(axis=(0, 1)))
-            rows = (rows - centre).reshape(-1, num_columns)
+            rows = (rows - centre).reshape((stop - start) * num_actions, num_columns)
             grams.append(rows.T @ rows)
         whole = np.sum(grams, axis=0)
         for fold, gram in enumerate(grams):

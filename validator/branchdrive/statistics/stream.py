@@ -99,6 +99,8 @@ def normals(values: Words) -> NDArray[np.float64]:
     Fields are the 16-bit quarters of three words. The variate is a multiple of ``2^-16`` between -6 and 6 and exact
     in float64; its mean is 0, its variance ``1 - 2^-32``, its kurtosis 2.9.
     """
-    fields = np.ascontiguousarray(values).view(np.uint16).reshape(len(values), -1, _FIELDS_PER_NORMAL)
+    num_rows, num_words = values.shape
+    fields = np.ascontiguousarray(values).view(np.uint16)
+    fields = fields.reshape(num_rows, num_words * 4 // _FIELDS_PER_NORMAL, _FIELDS_PER_NORMAL)
     centred = fields.sum(axis=2, dtype=np.int64) - _FIELDS_PER_NORMAL * _LARGEST_FIELD // 2
     return np.asarray(centred * 2.0**-16)

@@ -39,9 +39,12 @@ STEER_LEFT = "g0.steer_left_0.10.a1"
 INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
 """Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 
-NO_SUBJECT = frozenset({"BD-CTL-015", "BD-RSP-004"})
-"""Rules without a subject: of one axis, which nothing declares, and on the first observation that differs, where
-attempts differ from the start."""
+NO_SUBJECT = frozenset({"BD-CTL-015", "BD-RPN-003", "BD-RSP-004"})
+"""Rules without a subject: of one axis and of exact replays, which nothing declares, and on the first observation that
+differs, where attempts differ from the start."""
+
+UNWRITTEN = frozenset({"BD-FID-013"})
+"""Rules on documents that a release may lack, and the drafts of releases do."""
 
 RECOMMENDED = frozenset(rule_id for rule_id, rule in CATALOGUE.items() if rule.level == "SHOULD")
 """Rules whose failure decides nothing: a defect of another rule may well go against a recommendation too."""
