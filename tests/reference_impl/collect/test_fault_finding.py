@@ -48,15 +48,15 @@ def rules(*names: str) -> frozenset[str]:
 EXPECTED = {
     Fault.PARTIAL: Expected("bank", rules("STA-001", "BNK-001"), num_rollouts=3),
     Fault.QUARANTINED: Expected("bank", rules("STA-001", "BNK-001"), num_rollouts=3),
-    Fault.EARLY_BRANCH: Expected("controls", rules("CTL-001", "CTL-002")),
+    Fault.EARLY_BRANCH: Expected("controls", rules("CTL-001", "CTL-002"), rules("RPN-003")),
     Fault.LATE_BRANCH: Expected("controls", rules("CTL-002", "CTL-012")),
     Fault.WRONG_DURATION: Expected("controls", rules("CTL-002"), rules("CTL-012")),
     Fault.TRUNCATED_LOG: Expected("controls", rules("CTL-012", "WIN-003", "WIN-004"), rules("CTL-002")),
-    Fault.DROPPED_FRAME: Expected("integrity", rules("TIC-002", "WIN-004"), rules("WIN-002", "WIN-003")),
+    Fault.DROPPED_FRAME: Expected("integrity", rules("TIC-002", "WIN-004"), rules("WIN-002", "WIN-003", "RPN-003")),
     Fault.UNRETRIED: Expected("", rules()),
     Fault.DUPLICATE: Expected("", rules(), num_rollouts=30),
     Fault.ABANDONED: Expected("bank", rules("BNK-001"), num_rollouts=1),
-    Fault.SEED_DISAGREEMENT: Expected("eligibility", rules("GRP-003")),
+    Fault.SEED_DISAGREEMENT: Expected("eligibility", rules("GRP-003"), rules("RPN-003")),
     Fault.ONLINE_STEERING: Expected("controls", rules("CTL-014", "GRP-007"), rules("CTL-005")),
 }
 

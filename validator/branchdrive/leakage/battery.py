@@ -110,7 +110,7 @@ class Battery:
         features = checked(features)
         layout = layout or Layout.apart(features.shape[2])
         table = tabulate(features)
-        steps = table.steps.reshape(table.num_groups, table.num_actions, -1).astype(np.float64)
+        steps = table.steps.reshape(table.num_groups, table.num_actions, table.steps.shape[1]).astype(np.float64)
         bandwidth = median_distance(steps, unit=table.step) if protocol.bandwidth is None else protocol.bandwidth
         omega = frequencies(len(table.columns), protocol.num_frequencies, seed=seed)
         reference = Reference(table.columns, table.sd, bandwidth, omega, layout)

@@ -93,7 +93,7 @@ class MaxT:
         scores = (labels @ self.steps).astype(np.float64)
         scores -= self.mean
         scores *= self.inverse_sd
-        return np.asarray(scores.reshape(-1, self.num_actions, self.steps.shape[1]))
+        return np.asarray(scores.reshape(len(scores) // self.num_actions, self.num_actions, self.steps.shape[1]))
 
     def __call__(self, labels: NDArray[np.float32]) -> Array:
         """``T`` of every permutation, ``[permutations]``."""

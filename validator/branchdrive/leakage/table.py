@@ -88,7 +88,7 @@ class Table:
     @property
     def values(self) -> Array:
         """Columns as numbers, ``[groups, actions, columns]``."""
-        return self.steps.reshape(self.num_groups, self.num_actions, -1) * np.float64(self.step)
+        return self.steps.reshape(self.num_groups, self.num_actions, self.steps.shape[1]) * np.float64(self.step)
 
 
 def checked(features: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ ALL = tuple(f"BD-SPL-{number:03d}" for number in range(1, 9))
 
 @boundary(*ALL, "BD-FID-010", "BD-LYR-010", "BD-MOD-021")
 def split_with_a_calibration_partition(d: ReleaseDraft) -> None:
-    d.rebuild(BuildOptions(seed=SEED, calibration=Calibration(2, 2)))
+    d.rebuild(BuildOptions(seed=SEED + 1, calibration=Calibration(2, 2)))
     assert d.documents[SPLIT]["partitions"]["calibration"]["clusters"] >= 2
 
 
