@@ -102,7 +102,7 @@ UNCLAIMED = "BD-RPN-003"
 def test_it_claims_every_raw_rule_but_one() -> None:
     raw = [rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None]
     assert _run("--claims").split() == [rule_id for rule_id in raw if rule_id != UNCLAIMED]
-    assert CATALOGUE[UNCLAIMED].kind == "diagnostic"
+    assert CATALOGUE[UNCLAIMED].level == "SHOULD"
 
 
 def test_it_shares_nothing_with_the_validator() -> None:
