@@ -96,7 +96,7 @@ def test_rules_and_places_have_the_form_of_the_report_schema(reports: dict[str, 
 
 
 UNCLAIMED = "BD-RPN-003"
-"""About the order of rows in a file, which a query does not have, and does not decide."""
+"""Not written in SQL yet; it recommends, and decides nothing."""
 
 
 def test_it_claims_every_raw_rule_but_one() -> None:

@@ -81,7 +81,7 @@ def outcomes(num_groups: int = 60) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("told", "how"),
+    ("hidden", "how"),
     [
         (lambda y: y[:, 2] + 1e-3 * np.sin(np.arange(len(y))), "the value, at action 2,"),
         (lambda y: np.round(y[:, 1], 2), "the value, at action 1,"),
@@ -93,10 +93,10 @@ def outcomes(num_groups: int = 60) -> tuple[np.ndarray, np.ndarray]:
         (lambda y: 10.0 - y.argmin(axis=1), "the place of the least value"),
     ],
 )
-def test_a_variable_that_tells_an_outcome_is_found(told: Callable[[np.ndarray], np.ndarray], how: str) -> None:
+def test_a_variable_that_tells_an_outcome_is_found(hidden: Callable[[np.ndarray], np.ndarray], how: str) -> None:
     targets, available = outcomes()
     others = np.random.default_rng(12).normal(size=(60, 5))
-    variables = np.concatenate([others, np.asarray(told(targets[..., 0]), float)[:, None]], axis=1)
+    variables = np.concatenate([others, np.asarray(hidden(targets[..., 0]), float)[:, None]], axis=1)
     (found,) = revealed_outcomes(variables, list("abcdef"), targets, available)
     assert (found.variable, found.target) == (5, 0)
     assert found.how.endswith(how)
@@ -119,12 +119,12 @@ def test_outcomes_of_few_groups_or_of_few_places_are_not_examined() -> None:
 def test_an_outcome_that_follows_from_the_motion_is_no_secret() -> None:
     targets, available = outcomes()
     copies = np.repeat(targets[:, 0], 3, axis=1)
-    for columns, told in (
+    for columns, hidden in (
         (["a", "b", "state speed_mps"], []),
         (["a", "b", "c"], []),
         (["a", "a", "b"], [0, 1, 2]),
     ):
-        assert [leak.variable for leak in revealed_outcomes(copies, columns, targets, available)] == told
+        assert [leak.variable for leak in revealed_outcomes(copies, columns, targets, available)] == hidden
 
 
 def test_noise_may_order_equal_outcomes_as_it_likes() -> None:

@@ -1,7 +1,7 @@
 """Replay rules: replays differ from their nominal as the descriptor declares it.
 
 Two drives are equal where the ego, and what is near it, are equal to the bit at every saved observation that both
-have. Before the branch every recorded value counts, and the order of rows. Source: spec/05-raw-streams.md#replay-noise.
+have. Before the branch every recorded value counts. Source: spec/05-raw-streams.md#replay-noise.
 """
 
 from __future__ import annotations
@@ -140,8 +140,15 @@ def _history_difference(view: ShardView, attempt: int) -> Mismatch | None:
 
 
 def _rows_until(stream: StreamView, attempt: int, last_tick: int) -> NDArray[np.intp]:
+    """Rows of an attempt in the order of their keys, since the order of rows carries no meaning."""
     rows = np.arange(stream.start[attempt], stream.stop[attempt])
-    return rows[: np.searchsorted(stream.tick[rows], last_tick, side="right")]
+    rows = rows[: np.searchsorted(stream.tick[rows], last_tick, side="right")]
+    further = [_sortable(stream, column)[rows] for column in reversed(TABLES[stream.name].key[2:])]
+    return rows[np.lexsort((*further, stream.tick[rows]))]
+
+
+def _sortable(stream: StreamView, column: str) -> NDArray[np.generic]:
+    return stream.categories(column)[0] if stream.is_text(column) else stream[column]
 
 
 def _bits_differ(stream: StreamView, column: str, own: NDArray[np.intp], expected: NDArray[np.intp]) -> Mask:

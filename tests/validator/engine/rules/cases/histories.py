@@ -10,40 +10,40 @@ from tests.validator.engine.rules.cases.features import renormalise
 from tests.validator.engine.rules.release import ReleaseDraft
 
 
-def hide(d: ReleaseDraft, hidden: Callable[[int, float], float], told: float | None = None) -> None:
+def hide(d: ReleaseDraft, hidden: Callable[[int, float], float], outcome: float | None = None) -> None:
     """Make the speed limit at the branch a function of the rank of a group and of its mean jerk when it brakes.
 
-    With `told` given, that target becomes `told` times the speed limit.
+    With `outcome` given, that target becomes `outcome` times the speed limit.
     """
     for rank, group in enumerate(d.frame("contexts")["group_id"].tolist()):
         where = {"group_id": group, "action_key": "brake_0.50"}
         limit = hidden(rank, d.value("scalars", "mean_jerk_mps3", **where))
         d.set("state", "speed_limit_mps", limit, group_id=group, offset_ticks=0)
-        if told is not None:
-            d.set("scalars", "mean_jerk_mps3", told * limit, **where)
+        if outcome is not None:
+            d.set("scalars", "mean_jerk_mps3", outcome * limit, **where)
     renormalise(d)
 
 
 @boundary("BD-LKG-010", base="alone")
 def variable_that_is_nearly_a_target(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: told * (1 + (-1) ** rank * 1e-3))
+    hide(d, lambda rank, outcome: outcome * (1 + (-1) ** rank * 1e-3))
 
 
 @boundary("BD-LKG-013", base="alone")
 def variable_that_follows_a_target_from_afar(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: told + 3.0 * (rank % 4))
+    hide(d, lambda rank, outcome: outcome + 3.0 * (rank % 4))
 
 
 @boundary("BD-LKG-010", base="alone")
 def target_of_nine_values(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: 10.0 + rank % 9, 0.5)
+    hide(d, lambda rank, outcome: 10.0 + rank % 9, 0.5)
 
 
 @boundary("BD-LKG-010", base="alone")
 def target_in_the_history_of_fewer_than_half_of_the_groups(d: ReleaseDraft) -> None:
     for group in d.frame("contexts")["group_id"].tolist()[:7]:
-        told = d.value("scalars", "mean_jerk_mps3", group_id=group, action_key="brake_0.50")
-        d.set("state", "speed_limit_mps", told, group_id=group, offset_ticks=0)
+        outcome = d.value("scalars", "mean_jerk_mps3", group_id=group, action_key="brake_0.50")
+        d.set("state", "speed_limit_mps", outcome, group_id=group, offset_ticks=0)
     renormalise(d)
 
 
@@ -64,17 +64,17 @@ def history_that_ranks_a_target(d: ReleaseDraft) -> None:
 
 @mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
 def target_hidden_in_the_history(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: told)
+    hide(d, lambda _, outcome: outcome)
 
 
 @mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
 def target_hidden_by_scale_and_offset(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: 3 * told + 1)
+    hide(d, lambda _, outcome: 3 * outcome + 1)
 
 
 @mutant("BD-LKG-010", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
 def target_hidden_with_the_other_sign(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: 40 - told)
+    hide(d, lambda _, outcome: 40 - outcome)
 
 
 # BD-LKG-013: histories that tell an outcome
@@ -82,9 +82,9 @@ def target_hidden_with_the_other_sign(d: ReleaseDraft) -> None:
 
 @mutant("BD-LKG-013", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
 def target_hidden_under_a_little_noise(d: ReleaseDraft) -> None:
-    hide(d, lambda rank, told: told + 2e-5 * (-1) ** rank)
+    hide(d, lambda rank, outcome: outcome + 2e-5 * (-1) ** rank)
 
 
 @mutant("BD-LKG-013", at={"column": "state speed_limit_mps at tick 0"}, base="alone")
 def target_hidden_by_a_square(d: ReleaseDraft) -> None:
-    hide(d, lambda _, told: told**2)
+    hide(d, lambda _, outcome: outcome**2)

@@ -119,8 +119,8 @@ def minus_zero_before_the_branch(d: Draft) -> None:
     d.set("controls", "expert_brake", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK - 1)
 
 
-@mutant("BD-RPN-003", at={"table": "actors", "column": "actor_id", "rollout_id": BRAKE})
-def order_of_actors_tells_the_action(d: Draft) -> None:
+@boundary("BD-RPN-003")
+def actors_in_another_order(d: Draft) -> None:
     _repeat_exactly(d)
     folder = d.folder_of(BRAKE)
 
