@@ -84,6 +84,8 @@ class ShardTask:
         spool: Where rows for the derived layers go; ``None`` where they need none.
         links: Folders that links may lead into.
     """
+        repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
+        split_groups: Its groups that lie in other shards too, once that is known.
 
     root: Path
     folder: str
@@ -94,6 +96,8 @@ class ShardTask:
     spool: Spool | None = None
     links: Links = None
 
+    repeated_rollouts: frozenset[str] = frozenset()
+    split_groups: frozenset[str] = frozenset()
 
 @dataclass
 class ShardResult(ShardFacts):
@@ -209,7 +213,12 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     if task.is_hashed:
         result.attempts = attempt_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
-    tallies, examination = examine(view, None if task.spool else task.selected)
+    tallies, examination = examine(
+        view,
+        None if task.spool else task.selected,
+        repeated_rollouts=task.repeated_rollouts,
+        split_groups=task.split_groups,
+    )
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
     result.judged = {
@@ -231,6 +240,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     else:
         for name, frame in raw_rows_of(view, examination).items():
             task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
+    broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.split_groups)
             result.frames += (name,)
 
 
