@@ -132,6 +132,7 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
             else:
                 result.digests.update(outcome.digests)
                 result.unreadable.update(outcome.unreadable)
+                result.stored_code.update(outcome.stored_code)
                 result.undecodable.update(outcome.undecodable)
                 result.over_limit.update(outcome.over_limit)
                 result.present += outcome.present

@@ -44,6 +44,7 @@ class ShardFacts:
         maps: Digest of the map of each town, where its rows could be judged.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
+        stored_code: Media that hold code, and of which kind.
         scenario_types: Scenario types of the attempts, where their rows could be judged.
     """
 
@@ -70,6 +71,7 @@ class ShardFacts:
     maps: dict[str, str] = field(default_factory=dict)
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)
+    stored_code: dict[str, str] = field(default_factory=dict)
     scenario_types: frozenset[str] = frozenset()
 
 
