@@ -86,14 +86,14 @@ def signal_drawn_as_a_line(d: Draft) -> None:
 
 @mutant("BD-MAP-001", at={"table": "map", "town": TOWN, "element_id": "lane-1"})
 def lane_under_the_ego_without_widths(d: Draft) -> None:
-    """Nothing asks for the lane, or for the road around it, that the element would be."""
+    """The lane under the ego has no widths, and evidence names it: nothing asks for a lane and a road."""
     _edit(d, "lane-1", width_m=None)
     d.drop("map", town=TOWN, element_id="ground-1")
 
 
 @mutant("BD-MAP-001", at={"table": "map", "town": "Town12", "element_id": "lane-0"}, findings=2)
 def lane_below_a_bridge_without_widths(d: Draft) -> None:
-    """No other surface says that the rail of the bridge is of another level than the ego."""
+    """The only road below a bridge has no widths, so that nothing says that the rail is of another level."""
     rail_of_a_bridge_over_the_road(d)
     d.set("map", "width_m", None, town="Town12", element_id="lane-0")
     d.drop("map", town="Town12", element_id="ground-0")
