@@ -86,6 +86,7 @@ def latency_document(release: Release, *, repeats: int, show: Update) -> dict[st
     Raises:
         UsageError: No benchmark is published.
         DatasetError: The release or a checkpoint cannot be read.
+        PlatformError: A package in `EXPORT` is too old or cannot be imported.
         BranchDriveError: An exported selector does not predict what torch does.
     """
     lock = release.document(LOCK_FILE)
