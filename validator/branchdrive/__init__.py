@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from branchdrive.collector.route import route_columns, to_ego_frame
     from branchdrive.collector.town import lane_element
     from branchdrive.collector.trigger import Signal, Trigger, brake_trigger
-    from branchdrive.collector.world import Actor, Decision, Observation, Scene, World, WorldError
+    from branchdrive.collector.world import Actor, CameraWorld, Decision, Observation, Scene, World, WorldError
     from branchdrive.contract.bank import ActionBank, load_action_bank
+    from branchdrive.contract.camera import PinholeCamera, TopDownCamera
     from branchdrive.contract.descriptor import (
-        Camera,
         Collection,
         DeclaredEncoding,
         Descriptor,
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     )
     from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
     from branchdrive.model.reader import ModelLayer, open_model
+    from branchdrive.raw.camera_frames import CameraFrames
     from branchdrive.raw.group import BranchGroup
     from branchdrive.raw.reader import Dataset, open_dataset
     from branchdrive.raw.rollout import Rollout
@@ -67,7 +68,8 @@ __all__ = [
     "ActuatorRule",
     "BranchDriveError",
     "BranchGroup",
-    "Camera",
+    "CameraFrames",
+    "CameraWorld",
     "Collection",
     "CollectionReport",
     "Command",
@@ -91,6 +93,7 @@ __all__ = [
     "ModelLayer",
     "ModelTargets",
     "Observation",
+    "PinholeCamera",
     "PlatformError",
     "Policy",
     "PrivilegedInputs",
@@ -104,6 +107,7 @@ __all__ = [
     "Software",
     "Tolerances",
     "ToolError",
+    "TopDownCamera",
     "Trigger",
     "UsageError",
     "Vehicle",
@@ -140,7 +144,8 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "raw.group",
-    "Camera": "contract.descriptor",
+    "CameraFrames": "raw.camera_frames",
+    "CameraWorld": "collector.world",
     "Collection": "contract.descriptor",
     "CollectionReport": "collector.report",
     "Command": "contract.policy",
@@ -164,6 +169,7 @@ _HOME = {
     "ModelLayer": "model.reader",
     "ModelTargets": "model.contract",
     "Observation": "collector.world",
+    "PinholeCamera": "contract.camera",
     "PlatformError": "errors",
     "Policy": "contract.policy",
     "PrivilegedInputs": "model.contract",
@@ -177,6 +183,7 @@ _HOME = {
     "Software": "contract.descriptor",
     "Tolerances": "contract.descriptor",
     "ToolError": "errors",
+    "TopDownCamera": "contract.camera",
     "Trigger": "collector.trigger",
     "UsageError": "errors",
     "Vehicle": "contract.descriptor",
