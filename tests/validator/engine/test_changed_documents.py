@@ -69,18 +69,20 @@ def test_every_document_of_a_release_is_changed_here(release: ChangedRelease) ->
         assert {tally.status for tally in tallies} <= {"pass", "skipped", "fail", "inconclusive"}, path
 
 
-def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease) -> None:
+@pytest.mark.parametrize("share", [3, pytest.param(1, marks=pytest.mark.thorough)])
+def test_a_document_with_one_change_ends_in_a_verdict(release: ChangedRelease, share: int) -> None:
+    """Of all these changes, or of every third."""
     errors: list[tuple[str, Place, Any, str]] = []
     conforming: Counter[str] = Counter()
     for path, document in release.documents.items():
-        for place, new in sample(path, document, NUM_CHANGES.get(path, MOST)):
+        for place, new in sample(path, document, NUM_CHANGES.get(path, MOST))[::share]:
             other = changed(document, place, new)
             if schema_mismatches(other, schema_of(path)):
                 continue
             conforming[path] += 1
             errors += [(path, place, new, error) for error in failures(release, path, other)]
     assert errors == []
-    assert all(conforming[path] > 2 for path in release.documents), conforming
+    assert all(conforming[path] for path in release.documents), conforming
 
 
 READ_BY_COMMANDS = {"descriptor", "action-bank", "action-encoding", "policy", "waivers"}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
+from tests.content_cache import kept_folder
 from tests.sampling import sampled
 from tests.synthetic import seal_dataset, write_dataset
 from tests.synthetic_release import NUM_GROUPS, SEED, raw_descriptor, raw_tables
@@ -30,9 +31,12 @@ CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonic
 @pytest.fixture(scope="module")
 def rebuilt(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Root of the same release after a second build with another seed; read-only by agreement."""
-    root = shutil.copytree(built, tmp_path_factory.mktemp("rebuilt") / "dataset")
-    build(root, seed=1)
-    return root
+
+    def rebuild(root: Path) -> None:
+        shutil.copytree(built, root)
+        build(root, seed=1)
+
+    return kept_folder("opened-release", rebuild, tmp_path_factory.mktemp("rebuilt") / "dataset")
 
 
 def entries(root: Path) -> list[dict[str, object]]:

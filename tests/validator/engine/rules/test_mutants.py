@@ -35,7 +35,7 @@ def _parameters() -> Iterator[Any]:
         yield pytest.param(mutant, id=f"{mutant.rule}-{mutant.name}", marks=() if is_kept else THOROUGH)
 
 
-@pytest.mark.parametrize("mutant", _parameters())
+@pytest.mark.parametrize("mutant", [*_parameters()])
 def test_mutant_fails_exactly_its_rule(mutant: Mutant, tmp_path: Path) -> None:
     draft = new_draft(mutant.base)
     mutant.edit(draft)
