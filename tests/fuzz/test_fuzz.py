@@ -85,7 +85,7 @@ def test_damaged_datasets_end_in_verdicts(
     assert command.main([*arguments, "--cases", str(NUM_CASES)]) == 0  # goes on where it stopped
     figures = json.loads((output / "report.json").read_text())
     assert (figures["tried"], figures["failures"]) == (NUM_CASES, [])
-    assert figures["sealed"] >= NUM_CASES / 2
+    assert figures["sealed"] >= NUM_CASES / 3
     assert {"invalid", "valid"} <= set(figures["verdicts"]) <= {"invalid", "valid", "partial", "refused"}
     text = (output / "report.txt").read_text()
     assert f"fuzz: {NUM_CASES} of {NUM_CASES} damaged datasets" in text
