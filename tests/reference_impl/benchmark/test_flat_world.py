@@ -72,6 +72,7 @@ def test_what_it_does_not_record_is_no_number_and_tells_nothing(release: Path) -
     assert names[8] == "speed_limit_mps"
 
 
+@pytest.mark.thorough
 def test_an_exported_selector_ignores_what_is_not_recorded(release: Path, tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     invoke("export", release, "--output", tmp_path / "selector.onnx")  # compares it with torch
