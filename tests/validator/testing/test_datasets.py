@@ -64,6 +64,7 @@ def test_a_rule_without_defects_is_named() -> None:
         find(defects(rule="BD-ENC"), lambda found: True, settings=ANY)
 
 
+@pytest.mark.thorough
 def test_the_smallest_dataset_is_small() -> None:
     smallest = find(datasets(), lambda dataset: True, settings=settings(database=None))
     assert len(smallest.scenes) == 1
