@@ -54,11 +54,11 @@ example-highway: setup
 	$(BIN)/branchdrive-validate build/highway --jobs $(JOBS)
 	$(BIN)/branchdrive pilot build/highway || [ $$? -eq 1 ]
 
-## the whole test suite
+## the tests, of alike cases a sample
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
 
-## the whole breadth of what tests of the suite sample: kills anywhere, every kernel, every change
+## the whole breadth of what tests of the suite sample: every defect, kills anywhere, every kernel, every change
 thorough: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal -m thorough
 
