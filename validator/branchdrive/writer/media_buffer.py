@@ -19,7 +19,7 @@ from branchdrive.contract.text import quote
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.errors import ContractError, DecodeError, UsageError
 from branchdrive.formats.file_error import named
-from branchdrive.formats.image_header import disagreement, image_header
+from branchdrive.formats.image_header import disagreement, is_whole, read_header
 from branchdrive.raw.media_folder import FRAMES, MediaFolder, image_checksum, places_of
 from branchdrive.raw.rollout import Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer
@@ -46,7 +46,6 @@ class MediaBuffer:
         self._path = path
         self._cameras = folder.cameras
         self._stream: BinaryIO | None = None
-        self._num_bytes = 0
         self._rows: dict[tuple[int, str], dict[str, object]] = {}
 
     def append(self, tick: int, camera: str, image: bytes) -> None:
@@ -61,7 +60,12 @@ class MediaBuffer:
         declared = self._cameras.get(camera)
         if declared is None:
             raise UsageError(f"{where}: the descriptor declares the cameras {sorted(self._cameras)}; name one of them")
-        if not isinstance(tick, int | np.integer) or tick < 0 or tick % OBSERVATION_STRIDE_TICKS:
+        if (
+            isinstance(tick, bool)
+            or not isinstance(tick, int | np.integer)
+            or tick < 0
+            or tick % OBSERVATION_STRIDE_TICKS
+        ):
             raise UsageError(f"{where}: observations are saved at ticks 0, 5, 10 and so on; give the tick of one")
         if (int(tick), camera) in self._rows:
             raise UsageError(f"{where}: the camera has an image of this observation already; give each once")
@@ -76,17 +80,19 @@ class MediaBuffer:
         if len(image) > spec_limits().max_image_bytes:
             raise ContractError(f"{where}: has {len(image)} bytes; the limit is {spec_limits().max_image_bytes}")
         try:
-            header = image_header(image)
+            header = read_header(bytes(image))
         except DecodeError as error:
             raise ContractError(f"{where}: {error}; give a whole PNG or JPEG") from error
         expected = disagreement(header, camera)
         if expected is not None:
             raise ContractError(f"{where}: expected {expected}, found {header}")
+        if not is_whole(bytes(image), header.encoding):
+            raise ContractError(f"{where}: is cut off or damaged; give the whole {header.encoding.upper()}")
         with named(self._path):
             if self._stream is None:
                 self._stream = self._path.open("wb")
+            offset = self._stream.tell()
             self._stream.write(image)
-        offset, self._num_bytes = self._num_bytes, self._num_bytes + len(image)
         return {
             "file": STAGED_MEDIA, "offset_bytes": offset, "size_bytes": len(image), "checksum": image_checksum(image),
             "encoding": header.encoding,
