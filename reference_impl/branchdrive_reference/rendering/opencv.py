@@ -6,10 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SUBPIXEL_BITS", "Image", "cv2", "fixed_point"]
+__all__ = ["OPENCV_VERSION", "SUBPIXEL_BITS", "Image", "cv2", "fixed_point"]
 
 cv2.setNumThreads(1)
 cv2.ocl.setUseOpenCL(False)
+
+OPENCV_VERSION: str = cv2.__version__
+"""Versions draw and encode alike, but promise no equal bytes."""
 
 Image = NDArray[np.uint8]
 """Rows from above, ``[height, width, 3]`` in the order blue, green, red, or ``[height, width]``."""

@@ -99,7 +99,7 @@ class Patch:
 
     @cached_property
     def to_world(self) -> Array:
-        """Pixels ``(column, row, 1)`` of `ground` to world points ``(x, y, 1)``; centres are whole numbers ``[3, 3]``."""
+        """Pixels ``(column, row, 1)`` of `ground` to world points ``(x, y, 1)``, by their centres ``[3, 3]``."""
         step_m = 1.0 / PX_PER_M
         x, y = self.origin_m + step_m / 2
         return np.array([[step_m, 0, x], [0, step_m, y], [0, 0, 1.0]])
