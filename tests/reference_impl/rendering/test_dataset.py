@@ -7,6 +7,7 @@ import tarfile
 from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
@@ -16,7 +17,7 @@ from tests.synthetic_map import map_descriptor, map_tables
 from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.errors import DatasetError, UsageError
+from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
@@ -149,6 +150,14 @@ def _interrupt(num_done: int, _: int) -> None:
 def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> None:
     render_dataset(copy, PLAN, jobs=2)
     assert files(copy) == files(rendered.root)
+
+
+def test_media_that_do_not_fit_on_the_disk_are_refused(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    before = files(copy)
+    with pytest.raises(PlatformError, match=r"about 0\.0 GB do not fit"):
+        render_dataset(copy, PLAN)
+    assert files(copy) == before
 
 
 def test_changed_files_are_refused(copy: Path) -> None:
