@@ -130,8 +130,12 @@ class _Rendering:
         return self._report()
 
     def _is_done(self, descriptor: Descriptor) -> bool:
-        """Whether the dataset has the media of this plan already."""
-        return descriptor.cameras == self._plan.cameras
+        """Whether the dataset has the media of this plan already, or more of them."""
+        if descriptor.cameras != self._plan.cameras:
+            return False
+        shards = find_shards(self._root)
+        wanted = sum(_num_observations(shard, self._plan) for shard in shards) * len(self._plan.cameras)
+        return self._plan.offsets is not None or sum(shard.table(FRAMES).num_rows for shard in shards) >= wanted
 
     def _prepare(self, area: Path, descriptor: Descriptor) -> None:
         """Render what is missing; the area then holds everything that is to be installed."""
@@ -235,8 +239,8 @@ def _num_observations(shard: Shard, plan: MediaPlan) -> int:
     """Observations of a shard that are rendered, at most."""
     rollouts = shard.decode(ROLLOUTS)
     if plan.offsets is None:
-        return sum(rollouts.column("num_observations").to_pylist())
-    return len(plan.offsets) * (len(rollouts) - rollouts.column("branch_tick").null_count)
+        return int(sum(rollouts.column("num_observations").to_pylist()))
+    return int(len(plan.offsets) * (len(rollouts) - rollouts.column("branch_tick").null_count))
 
 
 def _observation_bytes(plan: MediaPlan) -> float:

@@ -172,6 +172,11 @@ def test_other_media_are_refused(rendered: RenderReport) -> None:
         render_dataset(rendered.root, MediaPlan(cameras_of(("rgb_surround",))))
 
 
+def test_further_observations_are_other_media(rendered: RenderReport) -> None:
+    with pytest.raises(UsageError, match="has media already"):
+        render_dataset(rendered.root, MediaPlan(PLAN.cameras, "all"))
+
+
 def command(*arguments: object) -> tuple[int, str, str]:
     stdout, stderr = StringIO(), StringIO()
     return run(["render", *map(str, arguments)], stdout, stderr), stdout.getvalue(), stderr.getvalue()
