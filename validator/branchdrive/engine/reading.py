@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from branchdrive.contract.media import MediaMode
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_layers
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
@@ -45,6 +46,7 @@ def read_dataset(
     *,
     spool: Spool | None = None,
     layers: LayerFilesTask | None = None,
+    media: MediaMode = "full",
 ) -> Reading:
     """Read and judge all shards, and read the derived layers beside them.
 
@@ -55,12 +57,15 @@ def read_dataset(
         progress: Called after every shard.
         spool: Where shards put rows for the derived layers; ``None`` where nobody needs them.
         layers: The derived layers, of this dataset or of another.
+        media: How many images are decoded.
     """
     tasks: list[ShardTask | LayerFilesTask] = [] if layers is None else [layers]
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
         tasks.append(
-            ShardTask(survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links)
+            ShardTask(
+                survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links, media
+            )
         )
     results: dict[int, ShardResult] = {}
     reading = Reading([], None, [])

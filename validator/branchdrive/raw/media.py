@@ -1,4 +1,7 @@
-"""Images of a shard against their index: every image lies where the frames table says, with its checksum.
+"""Media files of a shard: digested and compared with the index in one pass, and their images looked at on the way.
+
+Every byte is read once; no more than a part of a file and one image are held. What an image claims to be bounds what
+decoding it may take, so its header is compared with the camera before anything is decoded.
 
 Source: spec/05-raw-streams.md#media.
 """
@@ -6,71 +9,269 @@ Source: spec/05-raw-streams.md#media.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.camera import Camera
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.media import SAMPLE_STEP, MediaMode
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.text import quote
-from branchdrive.errors import DatasetError
+from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.formats.image_header import ImageHeader, is_whole, read_header
+from branchdrive.formats.pixels import MISSING_EXTRA, decode_pixels, has_decoder
 from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["CHECKSUM_DIGITS", "media_mismatches"]
+__all__ = ["CHECKSUM_DIGITS", "Look", "MediaReading", "read_media"]
 
 _FILE_NAME = re.compile(PATTERNS["file"].removeprefix("^").removesuffix("$"))
+_PIECE_BYTES = 1 << 20
 
 CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
+Look: TypeAlias = Callable[[int, NDArray[np.uint8]], "tuple[str, str] | None"]
+"""What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
 
-def media_mismatches(
-    root: Path, folder: str, files: Sequence[str], frames: pa.Table, links: Links = None
-) -> Iterator[Mismatch]:
-    """Images that are not where the index of the shard `folder` says, file by file.
+
+class _Image(NamedTuple):
+    """One row of the index; sorted by place in the file."""
+
+    offset: int
+    size: int
+    checksum: str
+    rollout_id: str
+    tick: int
+    camera: str
+    encoding: str
+    row: int
+
+
+@dataclass(eq=False)
+class MediaReading:
+    """What became of the media files of a shard.
+
+    Attributes:
+        digests: SHA-256 of the files that are digested here.
+        unreadable: Why files could not be read.
+        over_limit: How files exceed the limits.
+        mismatches: Images that are not where the index says.
+        images: What the images say; ``None`` where the shard has no index that can be read.
+    """
+
+    digests: dict[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    over_limit: dict[str, str] = field(default_factory=dict)
+    mismatches: list[Mismatch] = field(default_factory=list)
+    images: Images | None = None
+
+
+def read_media(
+    root: Path,
+    folder: str,
+    files: Collection[str],
+    frames: pa.Table | None,
+    cameras: Mapping[str, Camera],
+    *,
+    digested: Collection[str] = (),
+    mode: MediaMode = "full",
+    look: Look | None = None,
+    links: Links = None,
+) -> MediaReading:
+    """Read the media files of a shard.
 
     Args:
         root: The dataset folder.
         folder: The shard's folder, relative to the root.
-        files: Regular files of the shard, relative to the root.
-        frames: The shard's frames table with its declared columns.
+        files: Its regular files, relative to the root.
+        digested: Those of them that are digested here: no tables, and none where no digest is wanted.
+        frames: Its media index with the declared columns; ``None`` if it has none that can be read.
+        cameras: Cameras of the descriptor by name.
+        mode: Which images are decoded.
+        look: Called with the pixels of every decoded image of a map of the ground.
         links: Folders that links may lead into.
     """
-    listed = set(files)
-    columns = ("file", "offset_bytes", "size_bytes", "checksum", "rollout_id", "tick")
-    rows = zip(*(frames[name].to_pylist() for name in columns), strict=True)
-    by_file: dict[str, list[tuple[int, int, str, str, int]]] = {}
-    for name, offset, size, checksum, rollout_id, tick in rows:
-        if None in (name, offset, size, checksum, rollout_id, tick) or not _FILE_NAME.fullmatch(name):
-            continue  # nulls and unsafe names are reported by other rules
-        by_file.setdefault(f"{folder}/{name}", []).append((offset, size, checksum, rollout_id, tick))
-    for path, images in sorted(by_file.items()):
-        if path not in listed:
-            yield Mismatch({"file": path}, "a file of the shard", "no such file", len(images))
+    reading = MediaReading()
+    by_file: dict[str, list[_Image]] = {}
+    if frames is not None:
+        reading.images = Images.none(frames.num_rows)
+        by_file = _by_file(folder, frames)
+    eye = _Eye(reading, frames, cameras, mode, look)
+    for path in sorted({*by_file, *digested}):
+        images = sorted(by_file.get(path, ()))
+        if path not in files:
+            reading.mismatches.append(Mismatch({"file": path}, "a file of the shard", "no such file", len(images)))
             continue
         try:
-            yield from _of_file(root, path, images, links)
+            with open_file(root, path, links) as stream:
+                size = os.fstat(stream.fileno()).st_size
+                if path in digested and size > spec_limits().max_media_bytes:
+                    reading.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
+                part = _Part(stream, path in digested and path not in reading.over_limit)
+                for image in images:
+                    eye.see(path, image, part)
+                if part.digest is not None:
+                    reading.digests[path] = part.finish()
         except (DatasetError, OSError) as error:
-            yield Mismatch({"file": path}, "a file that can be read", str(error), len(images))
+            if path in digested:
+                reading.unreadable[path] = str(error)
+            if images:
+                reading.mismatches.append(Mismatch({"file": path}, "a file that can be read", str(error), len(images)))
+    return reading
 
 
-def _of_file(root: Path, path: str, images: list[tuple[int, int, str, str, int]], links: Links) -> Iterator[Mismatch]:
-    max_bytes = spec_limits().max_image_bytes
-    with open_file(root, path, links) as stream:
-        for offset, size, checksum, rollout_id, tick in sorted(images):
-            place: Location = {"file": path, "table": "frames", "rollout_id": rollout_id, "tick": tick}
-            if not (offset >= 0 and 0 < size <= max_bytes):
-                yield Mismatch(place, f"1 .. {max_bytes} bytes of the file", f"{size} bytes from {offset}")
-                continue
-            stream.seek(offset)
-            content = stream.read(size)
-            digest = hashlib.sha256(content).hexdigest()[:CHECKSUM_DIGITS]
-            if len(content) < size:
-                yield Mismatch(place, f"{size} bytes from {offset}", f"{len(content)} bytes: the file ends")
-            elif digest != checksum:
-                yield Mismatch(place, f"checksum {digest}", quote(checksum))
+def _by_file(folder: str, frames: pa.Table) -> dict[str, list[_Image]]:
+    columns = ("file", *_Image._fields[:-1])
+    names = ("file", "offset_bytes", "size_bytes", *columns[3:])
+    by_file: dict[str, list[_Image]] = {}
+    for row, (name, *cells) in enumerate(zip(*(frames[column].to_pylist() for column in names), strict=True)):
+        if None in (name, *cells) or not _FILE_NAME.fullmatch(name):
+            continue  # nulls and unsafe names are reported by other rules
+        by_file.setdefault(f"{folder}/{name}", []).append(_Image(*cells, row))
+    return by_file
+
+
+class _Part:
+    """A part of a file that is read from its start on, once."""
+
+    def __init__(self, stream: BufferedReader, is_hashed: bool) -> None:
+        self._stream = stream
+        self._base, self._bytes = 0, b""
+        self.digest = hashlib.sha256() if is_hashed else None
+
+    def bytes_at(self, offset: int, size: int) -> bytes:
+        """Bytes of the file, fewer where it ends; offsets do not fall from call to call."""
+        stop = offset + size
+        while self._base + len(self._bytes) < stop:
+            if self.digest is None and offset > self._base + len(self._bytes):
+                self._stream.seek(offset)
+                self._base, self._bytes = offset, b""
+            piece = self._stream.read(max(_PIECE_BYTES, min(stop - self._base - len(self._bytes), size)))
+            if not piece:
+                break
+            if self.digest is not None:
+                self.digest.update(piece)
+            kept = self._bytes[max(offset - self._base, 0) :]
+            self._base += len(self._bytes) - len(kept)
+            self._bytes = kept + piece
+        return self._bytes[max(offset - self._base, 0) : stop - self._base]
+
+    def finish(self) -> str:
+        """Digest of the whole file; reads the rest of it."""
+        if self.digest is None:
+            raise ValueError("the file is not digested")
+        while piece := self._stream.read(_PIECE_BYTES):
+            self.digest.update(piece)
+        return self.digest.hexdigest()
+
+
+class _Eye:
+    """Looks at images one after the other; the same bytes, which follow each other, are looked at once."""
+
+    def __init__(
+        self,
+        reading: MediaReading,
+        frames: pa.Table | None,
+        cameras: Mapping[str, Camera],
+        mode: MediaMode,
+        look: Look | None,
+    ) -> None:
+        self._reading, self._cameras, self._look = reading, cameras, look
+        self._chosen = np.zeros(0, bool) if frames is None else chosen_rows(frames, mode)
+        self._headers: dict[str, tuple[bytes, ImageHeader]] = {}
+        self._last: tuple[tuple[str, int, int], bytes, str] | None = None
+        self._pixels: NDArray[np.uint8] | str | None = None
+        if reading.images is not None:
+            if mode == "index":
+                reading.images.unjudged = "images were not decoded"
+            elif not has_decoder():
+                reading.images.unjudged = MISSING_EXTRA
+                self._chosen[:] = False
+            elif mode == "sample":
+                reading.images.unjudged = f"one image in {SAMPLE_STEP} was decoded, {self._chosen.sum():,} of a shard"
+
+    def see(self, path: str, image: _Image, part: _Part) -> None:
+        """Compare an image with the index, and look at it."""
+        images, max_bytes = self._reading.images, spec_limits().max_image_bytes
+        if images is None:
+            return
+        place: Location = {"file": path, "table": "frames", "rollout_id": image.rollout_id, "tick": image.tick}
+        if not (image.offset >= 0 and 0 < image.size <= max_bytes):
+            found = f"{image.size} bytes from {image.offset}"
+            self._reading.mismatches.append(Mismatch(place, f"1 .. {max_bytes} bytes of the file", found))
+            return
+        key = (path, image.offset, image.size)
+        if self._last is None or self._last[0] != key:
+            content = part.bytes_at(image.offset, image.size)
+            self._last = key, content, hashlib.sha256(content).hexdigest()[:CHECKSUM_DIGITS]
+            self._pixels = None
+        _, content, digest = self._last
+        if len(content) < image.size:
+            expected = f"{image.size} bytes from {image.offset}"
+            self._reading.mismatches.append(Mismatch(place, expected, f"{len(content)} bytes: the file ends"))
+        elif digest != image.checksum:
+            self._reading.mismatches.append(Mismatch(place, f"checksum {digest}", quote(image.checksum)))
+        else:
+            images.is_read[image.row] = True
+            camera = self._cameras.get(image.camera)
+            if camera is not None and self._is_sound(image, camera, content, images) and self._chosen[image.row]:
+                self._decode(image, camera, content, images)
+
+    def _is_sound(self, image: _Image, camera: Camera, content: bytes, images: Images) -> bool:
+        """Whether an image has the form of its camera, and all of its bytes."""
+        begin, header = self._headers.get(image.camera, (b"", None))
+        if header is None or not content.startswith(begin):
+            try:
+                header = read_header(content)
+            except DecodeError as error:
+                images.form[image.row] = _form(camera, image.encoding), str(error)
+                return False
+            self._headers[image.camera] = content[: header.num_bytes], header
+        channels = 1 if camera.stream == "semantic_bev" else 3
+        form = (image.encoding, camera.width_px, camera.height_px, channels)
+        if header[:4] != form or (channels == 1 and image.encoding != "png"):
+            images.form[image.row] = _form(camera, image.encoding), header.text
+            return False
+        if camera.width_px * camera.height_px > spec_limits().max_image_pixels:
+            images.form[image.row] = f"at most {spec_limits().max_image_pixels:,} pixels", header.text
+            return False
+        if not is_whole(content, image.encoding):
+            images.cut.add(image.row)
+            return False
+        return True
+
+    def _decode(self, image: _Image, camera: Camera, content: bytes, images: Images) -> None:
+        if self._pixels is None:
+            try:
+                self._pixels = decode_pixels(content, image.encoding)
+            except DecodeError as error:
+                self._pixels = str(error)
+        images.is_decoded[image.row] = True
+        if isinstance(self._pixels, str):
+            images.undecodable[image.row] = self._pixels
+            return
+        images.cells[image.row] = cell_means(self._pixels)
+        if camera.stream != "semantic_bev":
+            if is_flat(self._pixels):
+                images.flat.add(image.row)
+        elif self._look is not None and (found := self._look(image.row, self._pixels)):
+            images.contradicted[image.row] = found
+
+
+def _form(camera: Camera, encoding: str) -> str:
+    if camera.stream == "semantic_bev":
+        return ImageHeader("png", camera.width_px, camera.height_px, 1, 0).text
+    return ImageHeader(encoding, camera.width_px, camera.height_px, 3, 0).text
