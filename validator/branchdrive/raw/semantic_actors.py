@@ -1,7 +1,7 @@
 """Vehicles of semantic maps against the boxes of the actors table, image by image.
 
 Every recorded vehicle or cycle whose centre lies on the map shows there, and every pixel of another vehicle lies on
-the box of a recorded actor: both within a tolerance in pixels, and at the moments and within the range in which all actors
+the box of a recorded actor: both within a tolerance in pixels, and when and where all actors
 are recorded.
 
 Source: spec/05-raw-streams.md#media.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -88,21 +89,23 @@ def cameras_keep_their_encoding(view: ShardView) -> Iterator[Check]:
 @rule("BD-WIN-006")
 def surround_views_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """An image of every surround camera at the saved observations of ``t_b - 75 .. t_b + 50``."""
-    yield from _covered(view, subjects, ("rgb_surround",))
+    yield from _covered(view, subjects, STREAMS["rgb_surround"].cameras)
 
 
 @rule("BD-FRM-004")
 def other_views_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """The same of cameras from above."""
-    yield from _covered(view, subjects, ("rgb_top_down", "semantic_bev"))
+    """The same of all other cameras."""
+    surround = STREAMS["rgb_surround"].cameras
+    cameras = [camera.name for camera in view.descriptor.cameras if camera.name not in surround]
+    if cameras:
+        yield from _covered(view, subjects, cameras)
 
 
-def _covered(view: ShardView, subjects: Mask, streams: tuple[str, ...]) -> Iterator[Check]:
-    """Images of the cameras of some streams at the saved observations of the window."""
+def _covered(view: ShardView, subjects: Mask, cameras: Sequence[str]) -> Iterator[Check]:
+    """Images of some cameras at the saved observations of the window."""
     if "frames" not in view:
         return
     frames, judged = view.stream("frames"), subjects & view.branched
-    cameras = [camera.name for camera in view.descriptor.cameras if camera.stream in streams]
     rollouts = np.flatnonzero(judged)
     ticks = view.branch_tick[rollouts][:, None] + np.asarray(EVIDENCE_OFFSETS)
     owners = np.broadcast_to(rollouts[:, None], ticks.shape)
