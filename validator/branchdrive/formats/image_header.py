@@ -9,12 +9,13 @@ Source: ISO/IEC 15948 (PNG), clause 11.2.2; ITU-T T.81 (JPEG), annex B.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from typing import NamedTuple
 from zlib import crc32
 
 from branchdrive.errors import DecodeError
 
-__all__ = ["CHANNELS", "SIGNATURES", "ImageHeader", "is_whole", "read_header"]
+__all__ = ["CHANNELS", "SIGNATURES", "ImageHeader", "is_whole", "png_chunks", "read_header"]
 
 SIGNATURES = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
 """First bytes of an image by its encoding."""
@@ -23,6 +24,7 @@ CHANNELS = {1: "grey", 3: "RGB"}
 """Number of channels that an image may have, and what it is called."""
 
 _JPEG_END = b"\xff\xd9"
+_PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 _PNG_HEADER = struct.Struct(">I4sIIBBBBB")
 _PNG_CHANNELS = {0: 1, 2: 3}
 _FRAMES = {0xC0: "baseline", 0xC2: "progressive"}
@@ -75,16 +77,20 @@ def is_whole(content: bytes, encoding: str) -> bool:
     """Whether an image ends as its encoding demands; every part of a PNG has the checksum that it names, too."""
     if encoding == "jpeg":
         return content.endswith(_JPEG_END)
+    chunks = [kind for kind, _ in png_chunks(content)]
+    return chunks.count(b"IEND") == 1 and chunks[-1] == b"IEND" and content.endswith(_PNG_END)
+
+
+def png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and body of the chunks of a PNG, up to the first that is cut short or has another checksum, or the end."""
     place = len(SIGNATURES["png"])
     while place + 12 <= len(content):
         length, kind = struct.unpack_from(">I4s", content, place)
         stop = place + 8 + length
         if stop + 4 > len(content) or content[stop : stop + 4] != crc32(content[place + 4 : stop]).to_bytes(4, "big"):
-            return False
-        if kind == b"IEND":
-            return stop + 4 == len(content)
+            return
+        yield kind, content[place + 8 : stop]
         place = stop + 4
-    return False
 
 
 def _png_header(content: bytes) -> ImageHeader:

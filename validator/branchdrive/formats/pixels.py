@@ -5,6 +5,7 @@ An image is decoded as what its header says, by that decoder alone, and only aft
 
 from __future__ import annotations
 
+import zlib
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.errors import DecodeError
+from branchdrive.formats.image_header import png_chunks, read_header
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,6 +52,8 @@ def decode_pixels(content: bytes, encoding: str) -> NDArray[np.uint8]:
     opener = _opener()
     if opener is None:
         raise DecodeError(MISSING_EXTRA)
+    if encoding == "png" and not _has_all_rows(content):
+        raise DecodeError("png that holds fewer or more rows than its header says")
     try:
         with opener(BytesIO(content), formats=_FORMATS[encoding]) as image:
             image.load()
@@ -58,3 +62,15 @@ def decode_pixels(content: bytes, encoding: str) -> NDArray[np.uint8]:
         raise
     except Exception as error:  # decoders of damaged images raise whatever they come upon
         raise DecodeError(f"{encoding} that does not decode: {str(error) or type(error).__name__}") from error
+
+
+def _has_all_rows(content: bytes) -> bool:
+    """Whether the rows of a whole PNG are as many as its header says; decoders take missing ones for black."""
+    header = read_header(content)
+    wanted = header.height_px * (1 + header.width_px * header.channels)
+    stream = zlib.decompressobj()
+    try:
+        rows = stream.decompress(b"".join(body for kind, body in png_chunks(content) if kind == b"IDAT"), wanted + 1)
+    except zlib.error:
+        return False
+    return stream.eof and len(rows) == wanted

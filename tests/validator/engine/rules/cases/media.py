@@ -263,8 +263,8 @@ MAP_AT = {"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK}
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
-def map_that_is_mirrored(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[:, ::-1]))
+def map_that_is_turned_around(d: Draft) -> None:
+    _semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
