@@ -13,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "BEV_CAMERA", "BEV_SIDE_PX", "CHANNEL_MEANING", "CLASS_MEANING", "PX_PER_M", "SemanticChannel", "SemanticClass",
-    "channels_of", "classes_of",
+    "BEV_CAMERA", "BEV_SIDE_PX", "CHANNEL_MEANING", "CLASS_MEANING", "PX_PER_M", "SEMANTIC_STREAM", "SemanticChannel",
+    "SemanticClass", "channels_of", "classes_of",
 ]  # fmt: skip
 
+SEMANTIC_STREAM = "semantic_bev"
+"""Name of the stream."""
+
 BEV_CAMERA = "bev"
-"""Name of the camera of the stream `semantic_bev`."""
+"""Name of the stream's camera."""
 
 BEV_SIDE_PX = 256
 """Rows and columns of a view."""

@@ -1,119 +1,145 @@
-"""Headers of encoded images: what an image claims to be, read from its first bytes without decoding it.
+"""Headers of PNG and JPEG images: what an image is, without decoding it.
 
-What a header says is a claim; it bounds what decoding may take. Only forms that every decoder reads are known: PNG of
-8 bits, RGB or grey, without interlacing; baseline and progressive JPEG of 8 bits and three channels.
-
-Source: ISO/IEC 15948 (PNG), clause 11.2.2; ITU-T T.81 (JPEG), annex B.
+Sources: PNG, third edition, 5.2 and 11.2.1 (https://www.w3.org/TR/png-3/); ITU-T T.81, B.1 and B.2.2.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Literal
 from zlib import crc32
 
+from branchdrive.contract.camera import Camera
+from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.errors import DecodeError
 
-__all__ = ["CHANNELS", "SIGNATURES", "ImageHeader", "is_whole", "png_chunks", "read_header"]
+__all__ = ["ImageHeader", "disagreement", "image_header", "is_whole", "png_chunks", "read_header"]
 
-SIGNATURES = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
-"""First bytes of an image by its encoding."""
-
-CHANNELS = {1: "grey", 3: "RGB"}
-"""Number of channels that an image may have, and what it is called."""
-
-_JPEG_END = b"\xff\xd9"
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
-_PNG_HEADER = struct.Struct(">I4sIIBBBBB")
-_PNG_CHANNELS = {0: 1, 2: 3}
-_FRAMES = {0xC0: "baseline", 0xC2: "progressive"}
-_OTHER_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_SCAN, _END = 0xDA, 0xD9
-_MAX_SEGMENTS = 256
+_PNG_COLOURS = {0: "grey", 2: "rgb", 3: "palette", 4: "grey with alpha", 6: "rgb with alpha"}
+
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_JPEG_COLOURS = {1: "grey", 3: "rgb", 4: "cmyk"}
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of JPEG that begin a frame, which has the size."""
+
+_CODINGS = frozenset({0xC0, 0xC2})
+"""Those of them that every decoder reads: baseline and progressive."""
+
+_BARE = frozenset({0x01, *range(0xD0, 0xD8)})
+"""Markers of JPEG that no length follows."""
 
 
-class ImageHeader(NamedTuple):
-    """What an image claims to be.
+@dataclass(frozen=True)
+class ImageHeader:
+    """What the header of an image says.
 
     Attributes:
-        encoding: ``jpeg`` or ``png``.
+        encoding: How it is encoded, as the media index names it.
         width_px: Columns.
         height_px: Rows.
-        channels: 3 for RGB, 1 for grey.
-        num_bytes: Bytes of the image that were read for it.
+        colour: ``grey``, ``rgb``, or what no image of a dataset may be.
+        bit_depth: Bits of a channel.
+        num_bytes: Bytes of the image that say so.
     """
 
-    encoding: str
+    encoding: Literal["jpeg", "png"]
     width_px: int
     height_px: int
-    channels: int
-    num_bytes: int
+    colour: str
+    bit_depth: int
+    num_bytes: int = field(default=0, compare=False)
 
-    @property
-    def text(self) -> str:
-        """In words."""
-        return f"{self.encoding} of {self.width_px} x {self.height_px} px, {CHANNELS[self.channels]}"
+    def __str__(self) -> str:
+        kind = f"{self.encoding.upper()}, {self.colour}, {self.bit_depth} bits"
+        return f"{self.width_px} x {self.height_px} pixels ({kind})"
 
 
-def read_header(content: bytes) -> ImageHeader:
-    """Header of an encoded image.
+def image_header(image: bytes | memoryview) -> ImageHeader:
+    """Header of an encoded image that has an end.
 
     Raises:
-        DecodeError: It is no image of a known form; the message says what it is.
+        DecodeError: The bytes are no PNG or JPEG, or are cut off.
     """
-    start = content[:8]
-    try:
-        if start == SIGNATURES["png"]:
-            return _png_header(content)
-        if start.startswith(SIGNATURES["jpeg"]):
-            return _jpeg_header(content)
-    except struct.error:
-        raise DecodeError("a header that ends early") from None
-    raise DecodeError(f"no image of a known encoding: it begins with {start.hex() or 'nothing'}")
+    image = bytes(image)
+    header = read_header(image)
+    if not _has_end(image, header.encoding):
+        raise DecodeError(f"a {header.encoding.upper()} that is cut off")
+    return header
 
 
-def is_whole(content: bytes, encoding: str) -> bool:
-    """Whether an image ends as its encoding demands; every part of a PNG has the checksum that it names, too."""
+def read_header(image: bytes) -> ImageHeader:
+    """Header of an encoded image, whatever follows it.
+
+    Raises:
+        DecodeError: The bytes are no PNG or JPEG, or their header is cut off.
+    """
+    if image.startswith(_PNG_SIGNATURE):
+        return _png(image)
+    if image.startswith(_JPEG_START):
+        return _jpeg(image)
+    raise DecodeError(f"neither a PNG nor a JPEG: {len(image)} bytes that begin with {image[:8]!r}")
+
+
+def is_whole(image: bytes, encoding: str) -> bool:
+    """Whether an image ends as its encoding demands, and every part of a PNG has the checksum that it names."""
     if encoding == "jpeg":
-        return content.endswith(_JPEG_END)
-    chunks = [kind for kind, _ in png_chunks(content)]
-    return chunks.count(b"IEND") == 1 and chunks[-1] == b"IEND" and content.endswith(_PNG_END)
+        return _has_end(image, encoding)
+    kinds = [kind for kind, _ in png_chunks(image)]
+    return kinds.count(b"IEND") == 1 and kinds[-1] == b"IEND" and _has_end(image, encoding)
 
 
-def png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kind and body of the chunks of a PNG, up to the first that is cut short or has another checksum, or the end."""
-    place = len(SIGNATURES["png"])
-    while place + 12 <= len(content):
-        length, kind = struct.unpack_from(">I4s", content, place)
+def png_chunks(image: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and body of the chunks of a PNG, up to the first that is cut short or has another checksum."""
+    place = len(_PNG_SIGNATURE)
+    while place + 12 <= len(image):
+        length, kind = struct.unpack_from(">I4s", image, place)
         stop = place + 8 + length
-        if stop + 4 > len(content) or content[stop : stop + 4] != crc32(content[place + 4 : stop]).to_bytes(4, "big"):
+        if stop + 4 > len(image) or image[stop : stop + 4] != crc32(image[place + 4 : stop]).to_bytes(4, "big"):
             return
-        yield kind, content[place + 8 : stop]
+        yield kind, image[place + 8 : stop]
         place = stop + 4
 
 
-def _png_header(content: bytes) -> ImageHeader:
-    length, kind, width, height, depth, colour, compression, method, interlace = _PNG_HEADER.unpack_from(content, 8)
-    if (length, kind) != (13, b"IHDR"):
-        raise DecodeError("a png without a header")
-    if depth != 8 or colour not in _PNG_CHANNELS or compression or method or interlace:
-        raise DecodeError(f"a png of {depth} bits, colour type {colour}, interlacing {interlace}")
-    return ImageHeader("png", width, height, _PNG_CHANNELS[colour], 8 + _PNG_HEADER.size)
+def _has_end(image: bytes, encoding: str) -> bool:
+    return image.endswith(_PNG_END) if encoding == "png" else image.rstrip(b"\x00").endswith(_JPEG_END)
 
 
-def _jpeg_header(content: bytes) -> ImageHeader:
-    place = 2
-    for _ in range(_MAX_SEGMENTS):
-        mark, code, length = struct.unpack_from(">BBH", content, place)
-        if mark != 0xFF or code in (_SCAN, _END) or length < 2:
-            raise DecodeError("a jpeg without a frame header")
-        if code in _FRAMES:
-            depth, height, width, channels = struct.unpack_from(">BHHB", content, place + 4)
-            if depth != 8 or channels != 3:
-                raise DecodeError(f"a jpeg of {depth} bits and {channels} channels")
-            return ImageHeader("jpeg", width, height, channels, place + 2 + length)
-        if code in _OTHER_FRAMES:
-            raise DecodeError(f"a jpeg that is neither baseline nor progressive (marker ff{code:02x})")
-        place += 2 + length
-    raise DecodeError(f"a jpeg without a frame header among its first {_MAX_SEGMENTS} segments")
+def _png(image: bytes) -> ImageHeader:
+    if len(image) < 33 or image[8:16] != b"\x00\x00\x00\rIHDR":
+        raise DecodeError("a PNG without its header")
+    width, height, bit_depth, colour, _, _, interlacing = struct.unpack_from(">IIBBBBB", image, 16)
+    name = _PNG_COLOURS.get(colour, f"colour type {colour}") + (", interlaced" if interlacing else "")
+    return ImageHeader("png", width, height, name, bit_depth, 29)
+
+
+def _jpeg(image: bytes) -> ImageHeader:
+    position = len(_JPEG_START)
+    while position + 4 <= len(image) and image[position] == 0xFF:
+        marker = image[position + 1]
+        if marker == 0xFF or marker in _BARE:  # a fill byte, or a marker alone
+            position += 1 if marker == 0xFF else 2
+            continue
+        (length,) = struct.unpack_from(">H", image, position + 2)
+        if marker in _FRAMES and position + 10 <= len(image):
+            bit_depth, height, width, channels = struct.unpack_from(">BHHB", image, position + 4)
+            name = _JPEG_COLOURS.get(channels, f"{channels} channels")
+            name += "" if marker in _CODINGS else f", neither baseline nor progressive (ff{marker:02x})"
+            return ImageHeader("jpeg", width, height, name, bit_depth, position + 10)
+        if length < 2 or marker in (0xD9, 0xDA):  # the end, or pixels, before any frame
+            break
+        position += 2 + length
+    raise DecodeError("a JPEG without the header of a frame")
+
+
+def disagreement(header: ImageHeader, camera: Camera) -> str | None:
+    """What keeps an image from being one of the camera, as what was expected; ``None`` if nothing does."""
+    if (header.width_px, header.height_px) != (camera.width_px, camera.height_px):
+        return f"{camera.width_px} x {camera.height_px} pixels, as camera `{camera.name}` is declared"
+    if camera.stream == SEMANTIC_STREAM:
+        is_fit = (header.encoding, header.colour, header.bit_depth) == ("png", "grey", 8)
+        return None if is_fit else "a PNG of one channel of 8 bits"
+    return None if (header.colour, header.bit_depth) == ("rgb", 8) else "three channels of 8 bits"

@@ -96,4 +96,4 @@ def cell_means(pixels: Pixels) -> NDArray[np.float32]:
     sums = np.add.reduceat(pixels.reshape(height, width * channels), rows[:-1], axis=0, dtype=np.uint32)
     sums = np.add.reduceat(sums, columns[:-1] * channels, axis=1)
     counts = np.outer(np.diff(rows), np.diff(columns)) * channels
-    return (sums / counts).astype(np.float32).ravel()
+    return np.asarray(sums / counts, np.float32).ravel()

@@ -27,8 +27,8 @@ from branchdrive.contract.media import SAMPLE_STEP, MediaMode
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.image_header import ImageHeader, is_whole, read_header
-from branchdrive.formats.pixels import MISSING_EXTRA, decode_pixels, has_decoder
+from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
+from branchdrive.formats.image_header import ImageHeader, disagreement, is_whole, read_header
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat
 
@@ -140,7 +140,7 @@ def _by_file(folder: str, frames: pa.Table) -> dict[str, list[_Image]]:
     for row, (name, *cells) in enumerate(zip(*(frames[column].to_pylist() for column in names), strict=True)):
         if None in (name, *cells) or not _FILE_NAME.fullmatch(name):
             continue  # nulls and unsafe names are reported by other rules
-        by_file.setdefault(f"{folder}/{name}", []).append(_Image(*cells, row))
+        by_file.setdefault(f"{folder}/{name}", []).append(_Image._make((*cells, row)))
     return by_file
 
 
@@ -197,8 +197,8 @@ class _Eye:
         if reading.images is not None:
             if mode == "index":
                 reading.images.unjudged = "images were not decoded"
-            elif not has_decoder():
-                reading.images.unjudged = MISSING_EXTRA
+            elif not can_decode():
+                reading.images.unjudged = NO_DECODER
                 self._chosen[:] = False
             elif mode == "sample":
                 reading.images.unjudged = f"one image in {SAMPLE_STEP} was decoded, {self._chosen.sum():,} of a shard"
@@ -237,16 +237,14 @@ class _Eye:
             try:
                 header = read_header(content)
             except DecodeError as error:
-                images.form[image.row] = _form(camera, image.encoding), str(error)
+                images.form[image.row] = f"a {image.encoding} of camera {image.camera}", str(error)
                 return False
             self._headers[image.camera] = content[: header.num_bytes], header
-        channels = 1 if camera.stream == "semantic_bev" else 3
-        form = (image.encoding, camera.width_px, camera.height_px, channels)
-        if header[:4] != form or (channels == 1 and image.encoding != "png"):
-            images.form[image.row] = _form(camera, image.encoding), header.text
-            return False
-        if camera.width_px * camera.height_px > spec_limits().max_image_pixels:
-            images.form[image.row] = f"at most {spec_limits().max_image_pixels:,} pixels", header.text
+        expected = f"a {image.encoding}" if header.encoding != image.encoding else disagreement(header, camera)
+        if expected is None and header.width_px * header.height_px > spec_limits().max_image_pixels:
+            expected = f"at most {spec_limits().max_image_pixels:,} pixels"
+        if expected is not None:
+            images.form[image.row] = expected, str(header)
             return False
         if not is_whole(content, image.encoding):
             images.cut.add(image.row)
@@ -256,7 +254,7 @@ class _Eye:
     def _decode(self, image: _Image, camera: Camera, content: bytes, images: Images) -> None:
         if self._pixels is None:
             try:
-                self._pixels = decode_pixels(content, image.encoding)
+                self._pixels = decode_image(content)
             except DecodeError as error:
                 self._pixels = str(error)
         images.is_decoded[image.row] = True
@@ -269,9 +267,3 @@ class _Eye:
                 images.flat.add(image.row)
         elif self._look is not None and (found := self._look(image.row, self._pixels)):
             images.contradicted[image.row] = found
-
-
-def _form(camera: Camera, encoding: str) -> str:
-    if camera.stream == "semantic_bev":
-        return ImageHeader("png", camera.width_px, camera.height_px, 1, 0).text
-    return ImageHeader(encoding, camera.width_px, camera.height_px, 3, 0).text
