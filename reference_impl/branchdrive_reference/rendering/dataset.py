@@ -12,8 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from branchdrive.raw.media_folder import FRAMES
-
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, layer_of, shard_name
@@ -25,6 +23,7 @@ from branchdrive.formats.manifest import Manifest, build_manifest, parse_manifes
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted import read_file
+from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards

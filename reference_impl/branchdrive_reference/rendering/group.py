@@ -13,7 +13,6 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-from branchdrive.raw.media_folder import FRAMES, image_checksum
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.limits import spec_limits
@@ -22,6 +21,7 @@ from branchdrive.formats.durable import durable_stream, replace_file
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import decode_table, encode_table
 from branchdrive.formats.table_file import conform
+from branchdrive.raw.media_folder import FRAMES, image_checksum
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP, Rollout
 from branchdrive_reference.rendering.encoding import encoded, encoding_of
