@@ -6,7 +6,7 @@ from branchdrive_reference.rendering.opencv import Image, cv2
 
 __all__ = ["JPEG_QUALITY", "encoded", "encoding_of"]
 
-JPEG_QUALITY = 90
+JPEG_QUALITY = 75
 
 _PNG_LEVEL = 6
 
@@ -21,5 +21,5 @@ def encoded(image: Image) -> bytes:
     if encoding_of(image) == "png":
         suffix, options = ".png", [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL]
     else:
-        suffix, options = ".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        suffix, options = ".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
     return bytes(cv2.imencode(suffix, image, options)[1])

@@ -45,7 +45,7 @@ NOTHING, ROAD, PARKING, SHOULDER, SIDEWALK, KERB = range(6)
 """What a pixel of the ground is."""
 
 _LOOKS = ("grass", "road", "parking", "shoulder", "sidewalk", "kerb")
-_ROUGHNESS = (26.0, 9.0, 9.0, 9.0, 8.0, 4.0)
+_ROUGHNESS = (24.0, 7.0, 7.0, 7.0, 6.0, 3.0)
 """Largest change of brightness by noise, for each kind of ground."""
 
 _SIDEWALK_M = 2.2
@@ -250,7 +250,7 @@ def _noise() -> NDArray[np.float32]:
         wrapped = np.pad(few, 2, mode="wrap")
         whole = cv2.resize(wrapped, None, fx=cell, fy=cell, interpolation=cv2.INTER_CUBIC)
         cloud += share * whole[2 * cell : -2 * cell, 2 * cell : -2 * cell]
-    return np.asarray(0.45 * fine + 0.55 * cloud, np.float32)
+    return np.asarray(0.3 * fine + 0.7 * cloud, np.float32)
 
 
 def _hashed(row: NDArray[np.uint32], column: NDArray[np.uint32]) -> NDArray[np.float32]:
