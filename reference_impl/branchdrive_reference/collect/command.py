@@ -17,7 +17,7 @@ from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.interrupt import deferred_interrupt, heeded_termination
-from branchdrive_reference.collect.fault import FAULT_RATES, Fault
+from branchdrive_reference.collect.fault import FAULT_RATES
 from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS
 from branchdrive_reference.simulation.branch_kind import BRANCH_SHARES
 
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrong.add_argument(
         "--faults",
         metavar="SPEC",
-        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(Fault)}; "
+        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(FAULT_RATES.names)}; "
         "docs/reference-world.md describes them",
     )
     work = parser.add_argument_group("how to work")

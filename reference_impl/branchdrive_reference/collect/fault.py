@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
+from branchdrive_reference.rendering.fault import ImageFault
 from branchdrive_reference.share_list import ShareList
 
 __all__ = ["ATTEMPT_FAULTS", "DESCRIPTIONS", "FAILURES", "FAULT_RATES", "Fault"]
@@ -63,5 +64,5 @@ ATTEMPT_FAULTS = (
 """Faults of one attempt, in the order in which they are drawn."""
 
 
-FAULT_RATES = ShareList("--faults", tuple(Fault), "rate", "is no fault", "NAME=RATE,... with the names")
+FAULT_RATES = ShareList("--faults", (*Fault, *ImageFault), "rate", "is no fault", "NAME=RATE,... with the names")
 """The option that names faults, each with its rate."""

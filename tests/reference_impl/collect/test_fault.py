@@ -11,6 +11,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
 from branchdrive_reference.collect.fault import ATTEMPT_FAULTS, DESCRIPTIONS, FAILURES, FAULT_RATES, Fault
 from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
+from branchdrive_reference.rendering.fault import ImageFault
 
 
 def test_every_fault_is_described_and_may_stand_in_a_descriptor() -> None:
@@ -56,5 +57,5 @@ def test_other_texts_are_refused_with_the_names_that_are_known(text: str, proble
     assert message.startswith(
         f"--faults {text!r}: {problem}; give one of none, benchmark, context, paper, or NAME=RATE"
     )
-    assert message.endswith(", ".join(Fault))
+    assert message.endswith(", ".join([*Fault, *ImageFault]))
     assert "\n" not in message

@@ -7,15 +7,16 @@ collection's seed and of the identity of the attempt alone, so that images may b
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from itertools import pairwise
 from typing import TypeAlias
 
+from branchdrive.contract.descriptor import Collection
 from branchdrive.formats.image_header import read_header
 from branchdrive_reference.noise import Purpose, uniform
 
-__all__ = ["DESCRIPTIONS", "ImageFault", "Images", "drawn_image_fault", "with_image_fault"]
+__all__ = ["DESCRIPTIONS", "ImageFault", "Images", "drawn_image_fault", "with_drawn_fault", "with_image_fault"]
 
 Images: TypeAlias = dict[tuple[int, str], bytes]
 """Encoded images of an attempt by tick and camera."""
@@ -39,6 +40,22 @@ DESCRIPTIONS: Mapping[ImageFault, str] = {
     ImageFault.SWAPPED: "per attempt: at one observation, two cameras show what the other sees",
 }
 """What a rate counts, and what the fault does."""
+
+
+def with_drawn_fault(images: Images, cameras: Sequence[str], rollout_id: str, collection: Collection) -> Images:
+    """Images of an attempt as its cameras give them, with the fault that is drawn for it, if one is.
+
+    Args:
+        images: The images.
+        cameras: Cameras with images of one size, of which a fault takes one; those without images take none.
+        rollout_id: Identity of the attempt.
+        collection: What the collection switched on: its seed and its rates.
+    """
+    fault = drawn_image_fault(rollout_id, collection.seed, collection.faults)
+    own = tuple(camera for camera in cameras if any(name == camera for _, name in images))
+    if fault is None or len(own) < 2:
+        return images
+    return with_image_fault(images, own, fault, rollout_id, collection.seed)
 
 
 def drawn_image_fault(rollout_id: str, seed: int, rates: Mapping[str, float]) -> ImageFault | None:

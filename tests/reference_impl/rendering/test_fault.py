@@ -6,7 +6,7 @@ import pytest
 
 from branchdrive.formats.image_header import is_whole, read_header
 from branchdrive.testing.media import view
-from branchdrive_reference.collect.image_fault import (
+from branchdrive_reference.rendering.fault import (
     DESCRIPTIONS,
     ImageFault,
     Images,
