@@ -69,11 +69,17 @@ def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
     """Rows of the index whose images are decoded; a sample depends on the order of keys, not on that of rows."""
     if mode != "sample":
         return np.full(frames.num_rows, mode == "full")
-    order = frames.select(["rollout_id", "tick", "camera"]).append_column("row", [np.arange(frames.num_rows)])
-    order = order.sort_by([("rollout_id", "ascending"), ("tick", "ascending"), ("camera", "ascending")])
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    keys = {name: frames[name].cast(pa.string()) for name in ("rollout_id", "camera")}
+    order = pc.sort_indices(
+        pa.table({**keys, "tick": frames["tick"]}),
+        sort_keys=[(name, "ascending") for name in ("rollout_id", "tick", "camera")],
+    )
     drawn = below(words(0, "media/sample", frames.num_rows, 1)[:, 0], SAMPLE_STEP) == 0
     chosen = np.zeros(frames.num_rows, bool)
-    chosen[order["row"].to_numpy()] = drawn
+    chosen[order.to_numpy()] = drawn
     return chosen
 
 
