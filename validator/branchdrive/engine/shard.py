@@ -87,6 +87,8 @@ class ShardTask:
         spool: Where rows for the derived layers go; ``None`` where they need none.
         links: Folders that links may lead into.
         media: How many images are decoded.
+        repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
+        split_groups: Its groups that lie in other shards too, once that is known.
     """
 
     root: Path
@@ -98,6 +100,8 @@ class ShardTask:
     spool: Spool | None = None
     links: Links = None
     media: MediaMode = "full"
+    repeated_rollouts: frozenset[str] = frozenset()
+    split_groups: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -162,14 +166,16 @@ def _read_media(
         task.files,
         frames,
         {camera.name: camera for camera in task.descriptor.cameras} if task.descriptor else {},
-        digested=media if task.is_hashed else (),
+        media=media,
         mode=task.media,
+        is_hashed=task.is_hashed,
         look=_look(view),
         links=task.links,
     )
     result.digests |= reading.digests
     result.unreadable |= reading.unreadable
     result.over_limit |= reading.over_limit
+    result.stored_code |= reading.stored_code
     result.num_images = 0 if frames is None else frames.num_rows
     result.media_mismatches = reading.mismatches
     return reading.images
@@ -238,7 +244,12 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     if task.is_hashed:
         result.attempts = attempt_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
-    tallies, examination = examine(view, None if task.spool else task.selected)
+    tallies, examination = examine(
+        view,
+        None if task.spool else task.selected,
+        repeated_rollouts=task.repeated_rollouts,
+        split_groups=task.split_groups,
+    )
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
     result.judged = {
@@ -253,6 +264,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
+    broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.split_groups)
     if broken:
         result.no_frames = f"the raw layer breaks {broken[0]}"
     elif any(tally.errors for tally in tallies.values()):

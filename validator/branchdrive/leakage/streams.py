@@ -21,7 +21,7 @@ from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, 
 from branchdrive.raw.images import GRID
 
 __all__ = [
-    "COUNT", "IMAGES", "ORDER", "WINDOWS", "StreamColumn", "Streams", "examined_cameras", "ranked", "stream_columns",
+    "COUNT", "IMAGES", "WINDOWS", "StreamColumn", "Streams", "examined_cameras", "ranked", "stream_columns",
     "value_columns",
 ]  # fmt: skip
 
@@ -38,8 +38,8 @@ WINDOWS: dict[str, tuple[int, ...]] = {
 IMAGES = "frames"
 """Table whose columns are the cells of images, at the times of the evidence."""
 
-COUNT, ORDER = "number of rows", "order of rows"
-"""What is read of the rows of a table beside their values: how many actors a moment has, and how rows are stored."""
+COUNT = "number of rows"
+"""What is read of the actors of a moment beside their values: how many there are."""
 
 
 class StreamColumn(NamedTuple):
@@ -47,13 +47,13 @@ class StreamColumn(NamedTuple):
 
     Attributes:
         table: Its table.
-        name: Its name, or `COUNT` or `ORDER`.
-        offset_ticks: Offset from ``t_b``; None where it is of the whole window.
+        name: Its name, or `COUNT`.
+        offset_ticks: Offset from ``t_b``.
     """
 
     table: str
     name: str
-    offset_ticks: int | None
+    offset_ticks: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,9 +113,8 @@ def stream_columns(tables: tuple[str, ...], cameras: tuple[str, ...] = ()) -> tu
             continue
         at_moments = [column.name for column in value_columns(table)]
         if table == "actors":
-            at_moments += [COUNT, ORDER]
+            at_moments.append(COUNT)
         found += [StreamColumn(table, name, offset) for name in at_moments for offset in offsets]
-        found.append(StreamColumn(table, ORDER, None))
     cells = [f"{camera} {row}.{column}" for camera in cameras for row, column in np.ndindex(GRID, GRID)]
     found += [StreamColumn(IMAGES, cell, offset) for cell in cells for offset in HISTORY_OFFSETS]
     return tuple(found)

@@ -29,6 +29,7 @@ from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
 from branchdrive.formats.image_header import ImageHeader, disagreement, is_whole, read_header
+from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat
 
@@ -68,6 +69,7 @@ class MediaReading:
         digests: SHA-256 of the files that are digested here.
         unreadable: Why files could not be read.
         over_limit: How files exceed the limits.
+        stored_code: Files that hold code, and of which kind.
         mismatches: Images that are not where the index says.
         images: What the images say; ``None`` where the shard has no index that can be read.
     """
@@ -75,6 +77,7 @@ class MediaReading:
     digests: dict[str, str] = field(default_factory=dict)
     unreadable: dict[str, str] = field(default_factory=dict)
     over_limit: dict[str, str] = field(default_factory=dict)
+    stored_code: dict[str, str] = field(default_factory=dict)
     mismatches: list[Mismatch] = field(default_factory=list)
     images: Images | None = None
 
@@ -86,8 +89,9 @@ def read_media(
     frames: pa.Table | None,
     cameras: Mapping[str, Camera],
     *,
-    digested: Collection[str] = (),
+    media: Collection[str] = (),
     mode: MediaMode = "full",
+    is_hashed: bool = True,
     look: Look | None = None,
     links: Links = None,
 ) -> MediaReading:
@@ -97,10 +101,11 @@ def read_media(
         root: The dataset folder.
         folder: The shard's folder, relative to the root.
         files: Its regular files, relative to the root.
-        digested: Those of them that are digested here: no tables, and none where no digest is wanted.
+        media: Those of them that are no tables.
         frames: Its media index with the declared columns; ``None`` if it has none that can be read.
         cameras: Cameras of the descriptor by name.
         mode: Which images are decoded.
+        is_hashed: Whether what is no table is digested.
         look: Called with the pixels of every decoded image of a map of the ground.
         links: Folders that links may lead into.
     """
@@ -110,23 +115,25 @@ def read_media(
         reading.images = Images.none(frames.num_rows)
         by_file = _by_file(folder, frames)
     eye = _Eye(reading, frames, cameras, mode, look)
-    for path in sorted({*by_file, *digested}):
+    for path in sorted({*by_file, *media}):
         images = sorted(by_file.get(path, ()))
         if path not in files:
             reading.mismatches.append(Mismatch({"file": path}, "a file of the shard", "no such file", len(images)))
             continue
+        is_digested = is_hashed and path in media
         try:
             with open_file(root, path, links) as stream:
-                size = os.fstat(stream.fileno()).st_size
-                if path in digested and size > spec_limits().max_media_bytes:
+                if is_digested and os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
                     reading.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
-                part = _Part(stream, path in digested and path not in reading.over_limit)
+                part = _Part(stream, is_digested and path not in reading.over_limit)
+                if path in media and (kind := stored_code(path, part.bytes_at(0, HEAD_BYTES))):
+                    reading.stored_code[path] = kind
                 for image in images:
                     eye.see(path, image, part)
                 if part.digest is not None:
                     reading.digests[path] = part.finish()
         except (DatasetError, OSError) as error:
-            if path in digested:
+            if is_digested:
                 reading.unreadable[path] = str(error)
             if images:
                 reading.mismatches.append(Mismatch({"file": path}, "a file that can be read", str(error), len(images)))
