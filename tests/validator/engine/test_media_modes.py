@@ -50,7 +50,7 @@ def test_all_images_are_decoded_by_default(whole: Report) -> None:
     ("mode", "reason", "condition"),
     [
         ("index", "images were not decoded", "no image is decoded"),
-        ("sample", f"one image in {SAMPLE_STEP} was decoded", f"a drawn image in {SAMPLE_STEP} is decoded"),
+        ("sample", f"one image in {SAMPLE_STEP:,} was decoded", f"a drawn image in {SAMPLE_STEP:,} is decoded"),
     ],
 )
 def test_rules_on_pixels_have_not_passed_where_not_all_were_looked_at(

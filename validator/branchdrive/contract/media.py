@@ -10,13 +10,13 @@ __all__ = ["MEDIA_MODES", "SAMPLE_STEP", "MediaMode"]
 
 MediaMode: TypeAlias = Literal["full", "sample", "index"]
 
-SAMPLE_STEP = 256
+SAMPLE_STEP = 1024
 """One image in so many is decoded where a sample is."""
 
 MEDIA_MODES: Mapping[MediaMode, str] = MappingProxyType(
     {
         "full": "every image is decoded",
-        "sample": f"a drawn image in {SAMPLE_STEP} is decoded",
+        "sample": f"a drawn image in {SAMPLE_STEP:,} is decoded",
         "index": "no image is decoded",
     }
 )

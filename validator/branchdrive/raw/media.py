@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,17 +48,10 @@ Look: TypeAlias = Callable[[int, NDArray[np.uint8]], "tuple[str, str] | None"]
 """What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
 
 
-class _Image(NamedTuple):
-    """One row of the index; sorted by place in the file."""
+_Image: TypeAlias = tuple[int, int, str, str, int, str, str, int]
+"""Offset, size, checksum, rollout, tick, camera and encoding of an image, and its row of the index."""
 
-    offset: int
-    size: int
-    checksum: str
-    rollout_id: str
-    tick: int
-    camera: str
-    encoding: str
-    row: int
+_COLUMNS = ("file", "offset_bytes", "size_bytes", "checksum", "rollout_id", "tick", "camera", "encoding")
 
 
 @dataclass(eq=False)
@@ -110,13 +103,10 @@ def read_media(
         links: Folders that links may lead into.
     """
     reading = MediaReading()
-    by_file: dict[str, list[_Image]] = {}
-    if frames is not None:
-        reading.images = Images.none(frames.num_rows)
-        by_file = _by_file(folder, frames)
-    eye = _Eye(reading, frames, cameras, mode, look)
+    by_file = {} if frames is None else _by_file(folder, frames)
+    eye = None if frames is None else _Eye(reading, frames, cameras, mode, look)
     for path in sorted({*by_file, *media}):
-        images = sorted(by_file.get(path, ()))
+        images = by_file.get(path, [])
         if path not in files:
             reading.mismatches.append(Mismatch({"file": path}, "a file of the shard", "no such file", len(images)))
             continue
@@ -128,8 +118,9 @@ def read_media(
                 part = _Part(stream, is_digested and path not in reading.over_limit)
                 if path in media and (kind := stored_code(path, part.bytes_at(0, HEAD_BYTES))):
                     reading.stored_code[path] = kind
-                for image in images:
-                    eye.see(path, image, part)
+                if eye is not None:
+                    for image in images:
+                        eye.see(path, image, part)
                 if part.digest is not None:
                     reading.digests[path] = part.finish()
         except (DatasetError, OSError) as error:
@@ -137,18 +128,20 @@ def read_media(
                 reading.unreadable[path] = str(error)
             if images:
                 reading.mismatches.append(Mismatch({"file": path}, "a file that can be read", str(error), len(images)))
+    if eye is not None:
+        eye.finish()
     return reading
 
 
 def _by_file(folder: str, frames: pa.Table) -> dict[str, list[_Image]]:
-    columns = ("file", *_Image._fields[:-1])
-    names = ("file", "offset_bytes", "size_bytes", *columns[3:])
+    """Images of every file, by place; nulls and unsafe names are reported by other rules."""
     by_file: dict[str, list[_Image]] = {}
-    for row, (name, *cells) in enumerate(zip(*(frames[column].to_pylist() for column in names), strict=True)):
-        if None in (name, *cells) or not _FILE_NAME.fullmatch(name):
-            continue  # nulls and unsafe names are reported by other rules
-        by_file.setdefault(f"{folder}/{name}", []).append(_Image._make((*cells, row)))
-    return by_file
+    has_nulls = any(frames[column].null_count for column in _COLUMNS)
+    names, *cells = (frames[column].to_pylist() for column in _COLUMNS)
+    for name, *image in zip(names, *cells, range(frames.num_rows), strict=True):
+        if not (has_nulls and None in (name, *image)):
+            by_file.setdefault(name, []).append(tuple(image))
+    return {f"{folder}/{name}": sorted(by_file[name]) for name in by_file if _FILE_NAME.fullmatch(name)}
 
 
 class _Part:
@@ -191,86 +184,96 @@ class _Eye:
     def __init__(
         self,
         reading: MediaReading,
-        frames: pa.Table | None,
+        frames: pa.Table,
         cameras: Mapping[str, Camera],
         mode: MediaMode,
         look: Look | None,
     ) -> None:
-        self._reading, self._cameras, self._look = reading, cameras, look
-        self._chosen = np.zeros(0, bool) if frames is None else chosen_rows(frames, mode)
+        images = reading.images = Images.none(frames.num_rows)
+        chosen = chosen_rows(frames, mode)
+        if mode == "index":
+            images.unjudged = "images were not decoded"
+        elif not can_decode():
+            images.unjudged = NO_DECODER
+            chosen[:] = False
+        elif mode == "sample":
+            images.unjudged = f"one image in {SAMPLE_STEP:,} was decoded, {chosen.sum():,} of a shard"
+        self._reading, self._images, self._cameras, self._look = reading, images, cameras, look
+        self._chosen, self._max_bytes = chosen.tolist(), spec_limits().max_image_bytes
         self._headers: dict[str, tuple[bytes, ImageHeader]] = {}
-        self._last: tuple[tuple[str, int, int], bytes, str] | None = None
+        self._read: list[int] = []
+        self._place: tuple[str, int, int] | None = None
+        self._content, self._digest = b"", ""
         self._pixels: NDArray[np.uint8] | str | None = None
-        if reading.images is not None:
-            if mode == "index":
-                reading.images.unjudged = "images were not decoded"
-            elif not can_decode():
-                reading.images.unjudged = NO_DECODER
-                self._chosen[:] = False
-            elif mode == "sample":
-                reading.images.unjudged = f"one image in {SAMPLE_STEP} was decoded, {self._chosen.sum():,} of a shard"
 
     def see(self, path: str, image: _Image, part: _Part) -> None:
         """Compare an image with the index, and look at it."""
-        images, max_bytes = self._reading.images, spec_limits().max_image_bytes
-        if images is None:
+        offset, size, checksum, _, _, camera_name, _, row = image
+        if not (offset >= 0 and 0 < size <= self._max_bytes):
+            self._blame(path, image, f"1 .. {self._max_bytes} bytes of the file", f"{size} bytes from {offset}")
             return
-        place: Location = {"file": path, "table": "frames", "rollout_id": image.rollout_id, "tick": image.tick}
-        if not (image.offset >= 0 and 0 < image.size <= max_bytes):
-            found = f"{image.size} bytes from {image.offset}"
-            self._reading.mismatches.append(Mismatch(place, f"1 .. {max_bytes} bytes of the file", found))
-            return
-        key = (path, image.offset, image.size)
-        if self._last is None or self._last[0] != key:
-            content = part.bytes_at(image.offset, image.size)
-            self._last = key, content, hashlib.sha256(content).hexdigest()[:CHECKSUM_DIGITS]
+        if self._place != (path, offset, size):
+            self._place = path, offset, size
+            self._content = part.bytes_at(offset, size)
+            self._digest = hashlib.sha256(self._content).hexdigest()[:CHECKSUM_DIGITS]
             self._pixels = None
-        _, content, digest = self._last
-        if len(content) < image.size:
-            expected = f"{image.size} bytes from {image.offset}"
-            self._reading.mismatches.append(Mismatch(place, expected, f"{len(content)} bytes: the file ends"))
-        elif digest != image.checksum:
-            self._reading.mismatches.append(Mismatch(place, f"checksum {digest}", quote(image.checksum)))
+        if len(self._content) < size:
+            self._blame(path, image, f"{size} bytes from {offset}", f"{len(self._content)} bytes: the file ends")
+        elif self._digest != checksum:
+            self._blame(path, image, f"checksum {self._digest}", quote(checksum))
         else:
-            images.is_read[image.row] = True
-            camera = self._cameras.get(image.camera)
-            if camera is not None and self._is_sound(image, camera, content, images) and self._chosen[image.row]:
-                self._decode(image, camera, content, images)
+            self._read.append(row)
+            camera = self._cameras.get(camera_name)
+            if camera is not None and self._is_sound(image, camera) and self._chosen[row]:
+                self._decode(row, camera)
 
-    def _is_sound(self, image: _Image, camera: Camera, content: bytes, images: Images) -> bool:
+    def finish(self) -> None:
+        """Note which images were read."""
+        self._images.is_read[self._read] = True
+
+    def _blame(self, path: str, image: _Image, expected: str, found: str) -> None:
+        place: Location = {"file": path, "table": "frames", "rollout_id": image[3], "tick": image[4]}
+        self._reading.mismatches.append(Mismatch(place, expected, found))
+
+    def _is_sound(self, image: _Image, camera: Camera) -> bool:
         """Whether an image has the form of its camera, and all of its bytes."""
-        begin, header = self._headers.get(image.camera, (b"", None))
-        if header is None or not content.startswith(begin):
+        encoding, row = image[6:]
+        begin, header = self._headers.get(camera.name, (b"", None))
+        if header is None or not self._content.startswith(begin):
             try:
-                header = read_header(content)
+                header = read_header(self._content)
             except DecodeError as error:
-                images.form[image.row] = f"a {image.encoding} of camera {image.camera}", str(error)
+                self._images.form[row] = f"a {encoding} of camera {camera.name}", str(error)
                 return False
-            self._headers[image.camera] = content[: header.num_bytes], header
-        expected = f"a {image.encoding}" if header.encoding != image.encoding else disagreement(header, camera)
-        if expected is None and header.width_px * header.height_px > spec_limits().max_image_pixels:
-            expected = f"at most {spec_limits().max_image_pixels:,} pixels"
-        if expected is not None:
-            images.form[image.row] = expected, str(header)
+            expected = disagreement(header, camera)
+            if expected is None and header.width_px * header.height_px > spec_limits().max_image_pixels:
+                expected = f"at most {spec_limits().max_image_pixels:,} pixels"
+            if expected is not None:
+                self._images.form[row] = expected, str(header)
+                return False
+            self._headers[camera.name] = self._content[: header.num_bytes], header
+        if header.encoding != encoding:
+            self._images.form[row] = f"a {encoding}", str(header)
             return False
-        if not is_whole(content, image.encoding):
-            images.cut.add(image.row)
+        if not is_whole(self._content, encoding):
+            self._images.cut.add(row)
             return False
         return True
 
-    def _decode(self, image: _Image, camera: Camera, content: bytes, images: Images) -> None:
+    def _decode(self, row: int, camera: Camera) -> None:
+        images = self._images
         if self._pixels is None:
             try:
-                self._pixels = decode_image(content)
+                self._pixels = decode_image(self._content)
             except DecodeError as error:
                 self._pixels = str(error)
-        images.is_decoded[image.row] = True
+        images.is_decoded[row] = True
         if isinstance(self._pixels, str):
-            images.undecodable[image.row] = self._pixels
+            images.undecodable[row] = self._pixels
             return
-        images.cells[image.row] = cell_means(self._pixels)
+        images.cells[row] = cell_means(self._pixels)
         if camera.stream != "semantic_bev":
             if is_flat(self._pixels):
-                images.flat.add(image.row)
-        elif self._look is not None and (found := self._look(image.row, self._pixels)):
-            images.contradicted[image.row] = found
+                images.flat.add(row)
+        elif self._look is not None and (found := self._look(row, self._pixels)):
+            images.contradicted[row] = found

@@ -140,7 +140,7 @@ def test_consequences_are_few() -> None:
     assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 8
 
 
-MEDIA_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-FRM")}
+MEDIA_RULES = {rule.id for rule in CATALOGUE.values() if set(rule.streams) & {"rgb_surround", "semantic_bev"}}
 MAP_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-MAP")}
 
 
