@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-import pytest
+from collections import Counter
+from pathlib import Path
 
+import pytest
+from tests.synthetic import write_dataset
+from tests.synthetic_map import map_descriptor, map_tables
+
+from branchdrive import open_dataset
 from branchdrive.formats.image_header import is_whole, read_header
+from branchdrive.formats.parquet import decode_table
 from branchdrive.testing.media import view
 from branchdrive_reference.rendering.fault import (
     DESCRIPTIONS,
@@ -13,6 +20,9 @@ from branchdrive_reference.rendering.fault import (
     drawn_image_fault,
     with_image_fault,
 )
+from branchdrive_reference.rendering.group import GroupRenderer, piece_paths
+from branchdrive_reference.rendering.plan import MediaPlan
+from branchdrive_reference.rendering.rig import cameras_of
 
 CAMERAS = ("front", "left", "right")
 TICKS = tuple(range(0, 50, 5))
@@ -71,3 +81,18 @@ def test_draws_are_of_seed_and_attempt_alone_and_keep_their_rate() -> None:
     assert 120 < drawn.count(ImageFault.LATE) < 200
     assert drawn.count(None) == 400 - drawn.count(ImageFault.DROPPED) - drawn.count(ImageFault.LATE)
     assert {drawn_image_fault(f"g{k}.nominal.a1", SEED, {}) for k in range(9)} == {None}
+
+
+def test_faults_are_drawn_where_images_are_rendered(tmp_path: Path) -> None:
+    document = map_descriptor()
+    document["collection"]["faults"] = {"image_dropped": 1.0}
+    write_dataset(tmp_path / "dataset", {"raw/shard-00000": map_tables()["raw/shard-00001"]}, document)
+    cameras = tuple(
+        camera for camera in cameras_of(["rgb_surround"], width_px=16, height_px=8) if camera.name in ("front", "rear")
+    )
+    renderer = GroupRenderer(open_dataset(tmp_path / "dataset"), MediaPlan(cameras))
+    renderer.write_piece(tmp_path, 0, 0, "g2", lambda: None)
+    _, index = piece_paths(tmp_path, 0)
+    counts = Counter(decode_table(index.read_bytes(), "frames")["rollout_id"].to_pylist())
+    assert len(counts) == 15
+    assert set(counts.values()) == {2 * 26 - 1}
