@@ -57,11 +57,11 @@ example-highway: setup
 	$(BIN)/python -m examples.highway_env.filmed build/highway-filmed --groups 2 --jobs $(JOBS)
 	$(BIN)/branchdrive-validate build/highway-filmed --jobs $(JOBS)
 
-## the whole test suite
+## the tests, of alike cases a sample
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
 
-## the whole breadth of what tests of the suite sample: kills anywhere, every kernel, every change
+## the whole breadth of what tests of the suite sample: every defect, kills anywhere, every kernel, every change
 thorough: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal -m thorough
 

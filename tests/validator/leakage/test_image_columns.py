@@ -101,6 +101,6 @@ def test_sentences_say_which_cameras_were_examined() -> None:
     leakage = {"gate": gate, "inputs": {"variables": variables}, "battery": {"ways": []}, "not_run": []}
     text = " ".join(leakage_sentences(leakage))
     assert "Images before the branch were examined by the means of 4 x 4 cells: front, rear_left." in text
-    assert "Not examined by the gate: what of a camera frame no mean of a cell shows, a code" in text
+    assert "Not examined by the gate: what of a camera frame no mean of a cell shows, which actor" in text
     variables["streams"] = variables["streams"][:1]
-    assert "Not examined by the gate: camera frames, a code" in " ".join(leakage_sentences(leakage))
+    assert "Not examined by the gate: camera frames, which actor" in " ".join(leakage_sentences(leakage))
