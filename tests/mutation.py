@@ -28,6 +28,7 @@ from tests.validator.engine.rules.cases import (
     layout,
     leakage,
     maps,
+    media,
     model,
     nulls,
     places,
@@ -51,7 +52,7 @@ __all__ = [
 
 AREAS = (
     layout, places, companions, documents, tables, values, nulls, keys, attempts, controls, axis, windows, evidence,
-    extents, world, trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features,
+    extents, world, trigger, groups, media, maps, layers, canonical, quality, split, fidelity, model, targets, features,
     leakage, histories, battery, release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases; the first mutant of a rule is that of the first of them that has one."""

@@ -21,7 +21,7 @@ from tests.scenes import SCENES
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.resources import load_resource
 from branchdrive.testing import dataset
-from branchdrive.testing.dataset import media_document, seal_dataset, table_files
+from branchdrive.testing.dataset import seal_dataset, table_files
 from branchdrive.testing.drive import (
     BRANCH_TICK,
     EGO_BOX_M,
@@ -33,21 +33,14 @@ from branchdrive.testing.drive import (
     group_name,
     plans,
 )
-from branchdrive.testing.group import (
-    MEDIA_FILE,
-    Tables,
-    concat,
-    evidence_columns,
-    frames_table,
-    route_polyline,
-    to_table,
-)
+from branchdrive.testing.group import Tables, concat, evidence_columns, route_polyline, to_table
 from branchdrive.testing.group import make_group as group_of
+from branchdrive.testing.media import MEDIA_FILE, frame_columns, media_document
 
 __all__ = [
     "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",
     "Tables", "bare_descriptor", "bare_tables", "base_tables", "concat", "descriptor", "evidence_columns",
-    "frames_table", "group_name", "make_group", "media_descriptor", "media_tables", "plans",
+    "group_name", "make_group", "media_descriptor", "media_tables", "plans",
     "route_polyline", "seal_dataset", "shared", "to_table", "write_dataset",
 ]  # fmt: skip
 
@@ -86,10 +79,12 @@ def descriptor() -> dict[str, Any]:
 
 @cache
 def media_tables() -> dict[str, Tables]:
-    """`base_tables` with an index of images: one set of views of every nominal rollout."""
-    return shared(
-        {folder: {**base_tables()[folder], "frames": frames_table(groups)} for folder, groups in SHARDS.items()}
-    )
+    """`base_tables` with an index of images: the six views of every attempt in the whole window."""
+    return shared({folder: {**tables, "frames": _frames(tables)} for folder, tables in base_tables().items()})
+
+
+def _frames(tables: Tables) -> pa.Table:
+    return to_table("frames", frame_columns(tables["rollouts"]))
 
 
 def media_descriptor() -> dict[str, Any]:

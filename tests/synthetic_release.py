@@ -13,10 +13,11 @@ from typing import Any
 
 from tests.content_cache import kept
 from tests.scenes import ACTORS, ROUTES
-from tests.synthetic import Tables, concat, frames_table, make_group, media_descriptor, shared
+from tests.synthetic import Tables, concat, descriptor, make_group, shared, to_table
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import Scene, group_name
+from branchdrive.testing.media import frame_columns, media_document
 
 __all__ = [
     "LOST", "MOVED", "NEAR_DUPLICATE", "NOISY", "NUM_GROUPS", "RELEASE_SHARDS", "SEED", "TWINS", "raw_descriptor",
@@ -29,6 +30,9 @@ RELEASE_SHARDS = {f"raw/shard-{k:05d}": tuple(range(7 * k, 7 * k + 7)) for k in 
 
 SEED = 6
 """Seed of the split: with it, training holds all groups that are named below but for those of other partitions."""
+
+DEBUG_CAMERA = "top_down"
+"""Camera of the one image of every nominal, at its branch."""
 
 LOST = {"bank": "g3", "controls": "g7", "integrity": "g11", "eligibility": "g15"}
 """The group that is lost at each stage; the last is a training group, and its replays are the noisiest there."""
@@ -77,10 +81,10 @@ def raw_tables() -> dict[str, Tables]:
 
 
 def _made_tables() -> dict[str, Tables]:
-    shards = {
-        folder: {**concat([_group(index) for index in groups]), "frames": frames_table(groups)}
-        for folder, groups in RELEASE_SHARDS.items()
-    }
+    shards = {folder: concat([_group(index) for index in groups]) for folder, groups in RELEASE_SHARDS.items()}
+    for tables in shards.values():
+        frames = frame_columns(tables["rollouts"], cameras=[DEBUG_CAMERA], roles=["nominal"], offsets=[0])
+        tables["frames"] = to_table("frames", frames)
     d = Draft(shards, raw_descriptor())
     _lose_groups(d)
     _repeat_attempts(d)
@@ -112,4 +116,8 @@ def _repeat_attempts(d: Draft) -> None:
 
 def raw_descriptor() -> dict[str, Any]:
     """Descriptor of the raw layer, a fresh copy."""
-    return {**media_descriptor(), "dataset_id": "synthetic-release", "title": "A small valid release"}
+    return {
+        **media_document(descriptor(), "rgb_top_down"),
+        "dataset_id": "synthetic-release",
+        "title": "A small valid release",
+    }

@@ -226,7 +226,8 @@ class Judgement:
             self._prepare("walls")
             self._prepare("surfaces")
         for rule in RULES:
-            if rule["kind"] == "qualification" and rule["grain"] == "rollout" and self._is_about(rule):
+            is_judged = rule["id"] in claims() and self._is_about(rule)
+            if rule["kind"] == "qualification" and rule["grain"] == "rollout" and is_judged:
                 self._count_attempts(rule)
                 self._judge_rule(rule, _script(rule["id"]))
                 failing = [[rule["id"], place["rollout_id"]] for place in self.outcomes[rule["id"]].locations]

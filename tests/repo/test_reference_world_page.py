@@ -11,6 +11,7 @@ from tests.repo.checkout import ROOT
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive_reference.collect.fault import DESCRIPTIONS
 from branchdrive_reference.collect.plan import FAULT_PRESETS
+from branchdrive_reference.rendering import fault as image_fault
 from branchdrive_reference.scenarios.registry import SCENARIOS, scenario_routes
 from branchdrive_reference.simulation import branch_kind, placement, replay_noise
 from branchdrive_reference.town.lane import LANE_WIDTH_M, RoadClass
@@ -110,7 +111,8 @@ def test_the_replay_noise_is_that_of_the_code() -> None:
 
 
 def test_the_faults_are_those_of_the_code() -> None:
-    assert table("fault") == [[str(fault), text] for fault, text in DESCRIPTIONS.items()]
+    described = {**DESCRIPTIONS, **image_fault.DESCRIPTIONS}
+    assert table("fault") == [[str(fault), text] for fault, text in described.items()]
     assert all(preset in FAULT_PRESETS for preset in re.findall(r"--faults ([a-z]+)`", PAGE))
 
 

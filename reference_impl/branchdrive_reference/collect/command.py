@@ -17,9 +17,9 @@ from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.interrupt import deferred_interrupt, heeded_termination
-from branchdrive_reference.collect.fault import Fault, parse_faults
+from branchdrive_reference.collect.fault import FAULT_RATES
 from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS
-from branchdrive_reference.simulation.branch_kind import BranchKind, parse_shares
+from branchdrive_reference.simulation.branch_kind import BRANCH_SHARES
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport
@@ -55,7 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     presets = ", ".join(f"{name} ({preset.num_groups:,} groups)" for name, preset in PRESETS.items())
     fault_presets, branch_presets = " or ".join(FAULT_PRESETS), " or ".join(BRANCH_PRESETS)
-    kinds = ", ".join(kind for kind in BranchKind if kind is not BranchKind.ONSET)
     parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
     what = parser.add_argument_group("what to collect")
     what.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
@@ -75,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--branches",
         metavar="SPEC",
         help=f"shares of groups that branch elsewhere than at the expert's manoeuvre: none, {branch_presets}, or "
-        f"KIND=SHARE,... of {kinds}; docs/reference-world.md describes them",
+        f"KIND=SHARE,... of {', '.join(BRANCH_SHARES.names)}; docs/reference-world.md describes them",
     )
     what.add_argument(
         "--media",
@@ -89,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrong.add_argument(
         "--faults",
         metavar="SPEC",
-        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(Fault)}; "
+        help=f"declared faults to inject: none, {fault_presets}, or NAME=RATE,... of {', '.join(FAULT_RATES.names)}; "
         "docs/reference-world.md describes them",
     )
     work = parser.add_argument_group("how to work")
@@ -115,10 +114,10 @@ def _choose(args: argparse.Namespace) -> _Choice:
         raise UsageError(f"how many groups? give --groups N or --preset {'|'.join(PRESETS)}")
     noise = args.replay_noise if args.replay_noise is not None else (preset.replay_noise if preset else 0.0)
     text = args.faults if args.faults is not None else (args.preset if args.preset in FAULT_PRESETS else "none")
-    faults = parse_faults(text, FAULT_PRESETS)
+    faults = FAULT_RATES.parse(text, FAULT_PRESETS)
     kinds = args.branches if args.branches is not None else (args.preset if args.preset in BRANCH_PRESETS else "none")
     scenario_types = tuple(args.scenario or (preset.scenario_types if preset else ()))
-    return _Choice(num_groups, noise, faults, parse_shares(kinds, BRANCH_PRESETS), scenario_types)
+    return _Choice(num_groups, noise, faults, BRANCH_SHARES.parse(kinds, BRANCH_PRESETS), scenario_types)
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:

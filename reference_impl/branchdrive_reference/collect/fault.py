@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from branchdrive.errors import UsageError
+from branchdrive_reference.rendering.fault import ImageFault
+from branchdrive_reference.share_list import ShareList
 
-__all__ = ["ATTEMPT_FAULTS", "DESCRIPTIONS", "FAILURES", "Fault", "parse_faults"]
+__all__ = ["ATTEMPT_FAULTS", "DESCRIPTIONS", "FAILURES", "FAULT_RATES", "Fault"]
 
 
 class Fault(StrEnum):
@@ -63,39 +64,5 @@ ATTEMPT_FAULTS = (
 """Faults of one attempt, in the order in which they are drawn."""
 
 
-def parse_faults(text: str, presets: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Rates of a text: ``none``, a preset's name, or ``NAME=RATE`` separated by commas.
-
-    Args:
-        text: What the user wrote.
-        presets: Rates by the name of their preset.
-
-    Returns:
-        Rates by the name of the fault; those that are 0 are left out.
-
-    Raises:
-        UsageError: A name is unknown or comes twice, or a rate is not a number of 0 to 1.
-    """
-    if text == "none":
-        return {}
-    if text in presets:
-        return dict(presets[text])
-    rates: dict[str, float] = {}
-    for part in text.split(","):
-        name, _, rate = (piece.strip() for piece in part.partition("="))
-        if name not in list(Fault):
-            raise _refused(text, f"{name!r} is no fault", presets)
-        if name in rates:
-            raise _refused(text, f"{name!r} comes twice", presets)
-        try:
-            rates[name] = float(rate)
-        except ValueError:
-            raise _refused(text, f"{rate!r} is no rate of {name!r}", presets) from None
-        if not 0 <= rates[name] <= 1:
-            raise _refused(text, f"the rate {rate} of {name!r} is not in 0 .. 1", presets)
-    return {name: rate for name, rate in rates.items() if rate > 0}
-
-
-def _refused(text: str, problem: str, presets: Mapping[str, Mapping[str, float]]) -> UsageError:
-    wholes, names = ", ".join(["none", *presets]), ", ".join(Fault)
-    return UsageError(f"--faults {text!r}: {problem}; give one of {wholes}, or NAME=RATE,... with the names {names}")
+FAULT_RATES = ShareList("--faults", (*Fault, *ImageFault), "rate", "is no fault", "NAME=RATE,... with the names")
+"""The option that names faults, each with its rate."""

@@ -14,17 +14,19 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from branchdrive.contract.columns import table_schema
+from branchdrive.contract.columns import STREAMS, table_schema
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError
 from branchdrive.formats.durable import durable_stream, replace_file
+from branchdrive.formats.image_header import read_header
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import decode_table, encode_table
 from branchdrive.formats.table_file import conform
 from branchdrive.raw.media_folder import FRAMES, image_checksum
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP, Rollout
-from branchdrive_reference.rendering.encoding import encoded, encoding_of
+from branchdrive_reference.rendering.encoding import encoded
+from branchdrive_reference.rendering.fault import Images, with_drawn_fault
 from branchdrive_reference.rendering.patch import Town
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.renderer import Renderer
@@ -34,6 +36,7 @@ from branchdrive_reference.town.recorded import recorded_elements
 __all__ = ["GroupRenderer", "joined_pieces", "piece_paths"]
 
 _COPIED_BYTES = 1 << 20
+_SURROUND = STREAMS["rgb_surround"].cameras
 
 
 def piece_paths(folder: Path, number: int) -> tuple[Path, Path]:
@@ -91,20 +94,24 @@ class GroupRenderer:
         record = rollout.record
         renderer = self._renderer(shard, record["town"], record["environment"])
         recording = Recording(rollout)
+        images: Images = {}
         for tick in recording.window(self._plan.offsets):
-            images = renderer.images(recording.at(tick))
-            for camera in sorted(images):
-                image, encoding = encoded(images[camera]), encoding_of(images[camera])
-                yield {
-                    "rollout_id": rollout.rollout_id,
-                    "tick": tick,
-                    "camera": camera,
-                    "file": MEDIA_FILE,
-                    "offset_bytes": archive.add(member_name(rollout.rollout_id, tick, camera, encoding), image),
-                    "size_bytes": len(image),
-                    "checksum": image_checksum(image),
-                    "encoding": encoding,
-                }
+            seen = renderer.images(recording.at(tick))
+            images |= {(tick, camera): encoded(seen[camera]) for camera in sorted(seen)}
+        collection = self._dataset.descriptor.collection
+        images = with_drawn_fault(images, _SURROUND, rollout.rollout_id, collection)
+        for (tick, camera), image in images.items():
+            encoding = read_header(image).encoding
+            yield {
+                "rollout_id": rollout.rollout_id,
+                "tick": tick,
+                "camera": camera,
+                "file": MEDIA_FILE,
+                "offset_bytes": archive.add(member_name(rollout.rollout_id, tick, camera, encoding), image),
+                "size_bytes": len(image),
+                "checksum": image_checksum(image),
+                "encoding": encoding,
+            }
 
 
 def joined_pieces(folder: Path, numbers: Sequence[int], target: Path) -> pa.Table:

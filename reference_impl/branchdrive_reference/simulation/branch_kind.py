@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from branchdrive.errors import UsageError
 from branchdrive_reference.noise import Purpose, uniform
+from branchdrive_reference.share_list import ShareList
 
-__all__ = ["DESCRIPTIONS", "EARLY_TICKS", "BranchKind", "drawn_kind", "parse_shares"]
+__all__ = ["BRANCH_SHARES", "DESCRIPTIONS", "EARLY_TICKS", "BranchKind", "drawn_kind"]
 
 
 class BranchKind(StrEnum):
@@ -51,46 +51,12 @@ def drawn_kind(shares: Mapping[str, float], seed: int, index: int) -> BranchKind
     return BranchKind.ONSET
 
 
-def parse_shares(text: str, presets: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Shares of a text: ``none``, a preset's name, or ``KIND=SHARE`` separated by commas.
-
-    Args:
-        text: What the user wrote.
-        presets: Shares by the name of their preset.
-
-    Returns:
-        Shares by the name of the kind; those that are 0 are left out.
-
-    Raises:
-        UsageError: A kind is unknown or comes twice, a share is not a number of 0 to 1, or they add up to more than 1.
-    """
-    if text == "none":
-        return {}
-    if text in presets:
-        return dict(presets[text])
-    shares: dict[str, float] = {}
-    for part in text.split(","):
-        name, _, share = (piece.strip() for piece in part.partition("="))
-        if name not in _ASKED:
-            raise _refused(text, f"{name!r} is no kind that can be asked for", presets)
-        if name in shares:
-            raise _refused(text, f"{name!r} comes twice", presets)
-        try:
-            shares[name] = float(share)
-        except ValueError:
-            raise _refused(text, f"{share!r} is no share of {name!r}", presets) from None
-        if not 0 <= shares[name] <= 1:
-            raise _refused(text, f"the share {share} of {name!r} is not in 0 .. 1", presets)
-    if sum(shares.values()) > 1:
-        raise _refused(text, f"the shares add up to {sum(shares.values()):g}, which is more than 1", presets)
-    return {name: share for name, share in shares.items() if share > 0}
-
-
-_ASKED = tuple(str(kind) for kind in BranchKind if kind is not BranchKind.ONSET)
-
-
-def _refused(text: str, problem: str, presets: Mapping[str, Mapping[str, float]]) -> UsageError:
-    wholes = ", ".join(["none", *presets])
-    return UsageError(
-        f"--branches {text!r}: {problem}; give one of {wholes}, or KIND=SHARE,... with the kinds {', '.join(_ASKED)}"
-    )
+BRANCH_SHARES = ShareList(
+    "--branches",
+    tuple(kind for kind in BranchKind if kind is not BranchKind.ONSET),
+    "share",
+    "is no kind that can be asked for",
+    "KIND=SHARE,... with the kinds",
+    is_division=True,
+)
+"""The option that names kinds of branch, each with its share of the groups."""

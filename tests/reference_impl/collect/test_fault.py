@@ -9,8 +9,9 @@ from tests.each import each
 
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
-from branchdrive_reference.collect.fault import ATTEMPT_FAULTS, DESCRIPTIONS, FAILURES, Fault, parse_faults
+from branchdrive_reference.collect.fault import ATTEMPT_FAULTS, DESCRIPTIONS, FAILURES, FAULT_RATES, Fault
 from branchdrive_reference.collect.plan import FAULT_PRESETS, PRESETS
+from branchdrive_reference.rendering.fault import ImageFault
 
 
 def test_every_fault_is_described_and_may_stand_in_a_descriptor() -> None:
@@ -31,7 +32,7 @@ def test_every_fault_is_described_and_may_stand_in_a_descriptor() -> None:
     ],
 )
 def test_rates_are_read(text: str, rates: dict[str, float]) -> None:
-    assert parse_faults(text, FAULT_PRESETS) == rates
+    assert FAULT_RATES.parse(text, FAULT_PRESETS) == rates
 
 
 @each(
@@ -51,10 +52,10 @@ def test_rates_are_read(text: str, rates: dict[str, float]) -> None:
 )
 def test_other_texts_are_refused_with_the_names_that_are_known(text: str, problem: str) -> None:
     with pytest.raises(UsageError) as caught:
-        parse_faults(text, FAULT_PRESETS)
+        FAULT_RATES.parse(text, FAULT_PRESETS)
     message = str(caught.value)
     assert message.startswith(
         f"--faults {text!r}: {problem}; give one of none, benchmark, context, paper, or NAME=RATE"
     )
-    assert message.endswith(", ".join(Fault))
+    assert message.endswith(", ".join([*Fault, *ImageFault]))
     assert "\n" not in message

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 
 from branchdrive.errors import UsageError
-from branchdrive_reference.simulation.branch_kind import BranchKind, drawn_kind, parse_shares
+from branchdrive_reference.simulation.branch_kind import BRANCH_SHARES, BranchKind, drawn_kind
 
 SHARES = {"early": 0.2, "quiet": 0.3}
 
@@ -35,7 +35,7 @@ def test_a_kind_depends_on_seed_and_place_alone() -> None:
     [("none", {}), ("mixed", SHARES), ("early=0.25", {"early": 0.25}), ("quiet=1, early=0", {"quiet": 1.0})],
 )
 def test_shares_are_read(text: str, shares: dict[str, float]) -> None:
-    assert parse_shares(text, {"mixed": SHARES}) == shares
+    assert BRANCH_SHARES.parse(text, {"mixed": SHARES}) == shares
 
 
 @pytest.mark.parametrize(
@@ -50,6 +50,6 @@ def test_shares_are_read(text: str, shares: dict[str, float]) -> None:
 )
 def test_other_shares_are_refused_with_what_is_possible(text: str, problem: str) -> None:
     with pytest.raises(UsageError) as refused:
-        parse_shares(text, {"mixed": SHARES})
+        BRANCH_SHARES.parse(text, {"mixed": SHARES})
     assert problem in str(refused.value)
     assert str(refused.value).endswith("give one of none, mixed, or KIND=SHARE,... with the kinds early, quiet")

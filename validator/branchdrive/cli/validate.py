@@ -14,6 +14,7 @@ from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
+from branchdrive.contract.media import MEDIA_MODES
 
 SUMMARY = "check a dataset against the specification"
 
@@ -49,6 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rules.add_argument("--select", metavar="RULE", action="append", help="run only these rules or areas (repeatable)")
     rules.add_argument("--ignore", metavar="RULE", action="append", default=[], help="leave these out (repeatable)")
     rules.add_argument("--no-hash", action="store_true", help="skip digests; the verdict is at best partial")
+    rules.add_argument(
+        "--media", choices=[*MEDIA_MODES], default="full",
+        help="which images to decode: "
+        + "; ".join(f"{mode}: {meaning}" for mode, meaning in MEDIA_MODES.items())
+        + "; their bytes are compared with the index in any case, and unless all are decoded the verdict on a dataset "
+        "with media is at best partial (default: full)",
+    )  # fmt: skip
     verdict = parser.add_argument_group("what to accept")
     verdict.add_argument("--waivers", metavar="FILE", type=Path, help="accepted failures, see spec/07-rules.md")
     verdict.add_argument("--require-groups", metavar="N", type=at_least(0), help="exit 1 unless N groups qualify")
@@ -87,6 +95,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             select=args.select,
             ignore=args.ignore,
             hash_files=not args.no_hash,
+            media=args.media,
             waivers=waivers,
             require_groups=args.require_groups,
             strict=args.strict,

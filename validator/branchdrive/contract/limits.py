@@ -33,6 +33,7 @@ class Limits:
     max_table_decoded_bytes: int
     max_table_columns: int
     max_image_bytes: int
+    max_image_pixels: int
     max_media_bytes: int
     max_shard_rollouts: int
     max_route_vertices: int
@@ -69,6 +70,8 @@ class Bounds:
     route_end_m: float
     wall_margin_m: float
     route_distance_m: float
+    bev_px: float
+    moved_m: float
     driving_mps: float
     body_m: float
     pedestrian_m: float

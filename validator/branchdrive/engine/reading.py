@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from branchdrive.contract.media import MediaMode
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_layers
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
@@ -48,6 +49,7 @@ def read_dataset(
     *,
     spool: Spool | None = None,
     layers: LayerFilesTask | None = None,
+    media: MediaMode = "full",
 ) -> Reading:
     """Read and judge all shards, and read the derived layers beside them.
 
@@ -58,12 +60,15 @@ def read_dataset(
         progress: Called after every shard.
         spool: Where shards put rows for the derived layers; ``None`` where nobody needs them.
         layers: The derived layers, of this dataset or of another.
+        media: How many images are decoded.
     """
     shards: list[ShardTask] = []
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
         shards.append(
-            ShardTask(survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links)
+            ShardTask(
+                survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links, media
+            )
         )
     reading = Reading([], None, [])
     if progress:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from branchdrive.contract.descriptor import Tolerances
+from branchdrive.contract.media import MEDIA_MODES, MediaMode
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted, quote
@@ -62,6 +63,7 @@ class RunOptions:
     require_groups: int | None
     is_strict: bool = False
     links: tuple[str, ...] | None = None
+    media: MediaMode = "full"
 
 
 def _deciding(rule_ids: Sequence[str]) -> int:
@@ -136,6 +138,8 @@ class Report:
             lines.append(f"{counted(len(deselected), 'rule')} deselected, of them {_deciding(deselected)} that decide")
         if not self.options.hashed:
             lines.append("digests of files were not compared")
+        if self.options.media != "full":
+            lines.append(MEDIA_MODES[self.options.media])
         if waived:
             num_waived = sum(tally.places(f for f in tally.findings if f.waived) for tally in waived)
             lines.append(f"{counted(num_waived, 'violation')} of {counted(len(waived), 'rule')} waived")
@@ -164,6 +168,7 @@ class Report:
                 "selected": None if self.options.selected is None else list(self.options.selected),
                 "ignored": list(self.options.ignored),
                 "hashed": self.options.hashed,
+                "media": self.options.media,
                 "require_groups": self.options.require_groups,
                 "strict": self.options.is_strict,
                 "links": None if self.options.links is None else list(self.options.links),

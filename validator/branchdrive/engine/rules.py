@@ -15,6 +15,7 @@ from branchdrive.raw.rules import (
     evidence,
     extents,
     groups,
+    images,
     keys,
     maps,
     media,
@@ -32,7 +33,7 @@ from branchdrive.raw.rules import (
 
 RULE_MODULES = (
     file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    replays, media, maps, route, motion, tracks, extents, results, layer_rules, canonical_rules, quality_rules,
+    replays, media, images, maps, route, motion, tracks, extents, results, layer_rules, canonical_rules, quality_rules,
     split_rules, fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

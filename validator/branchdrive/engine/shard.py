@@ -23,6 +23,7 @@ from branchdrive.canonical.record import attempts, records
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.media import MediaMode
 from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.engine.examine import VIEW_RULES, examine
 from branchdrive.engine.spool import Spool
@@ -30,7 +31,6 @@ from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.inputs import inputs_of
@@ -43,8 +43,10 @@ from branchdrive.raw.calibration import calibration
 from branchdrive.raw.content import attempt_content
 from branchdrive.raw.extent import vehicle_widths
 from branchdrive.raw.funnel import Funnel
-from branchdrive.raw.media import media_mismatches
+from branchdrive.raw.images import Images
+from branchdrive.raw.media import Look, read_media
 from branchdrive.raw.response import observed_extremes, responses, tracks
+from branchdrive.raw.semantic_actors import SemanticActors
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import map_digests
 from branchdrive.tables.frame import Frame
@@ -84,6 +86,7 @@ class ShardTask:
         is_hashed: Whether to digest the files.
         spool: Where rows for the derived layers go; ``None`` where they need none.
         links: Folders that links may lead into.
+        media: How many images are decoded.
         repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
         split_groups: Its groups that lie in other shards too, once that is known.
     """
@@ -96,6 +99,7 @@ class ShardTask:
     is_hashed: bool
     spool: Spool | None = None
     links: Links = None
+    media: MediaMode = "full"
     repeated_rollouts: frozenset[str] = frozenset()
     split_groups: frozenset[str] = frozenset()
 
@@ -131,7 +135,6 @@ def audit_shard(task: ShardTask) -> ShardResult:
     for path in task.files:
         name = table_of.get(path)
         if name is None:
-            _look_at_media(task, path, result)
             continue
         result.num_tables += 1
         result.present = (*result.present, name)
@@ -142,31 +145,48 @@ def audit_shard(task: ShardTask) -> ShardResult:
             result.metadata_mismatches[path] = [] if wrong else list(metadata_mismatches(table.schema, name))
             result.trace_mismatches[path] = list(trace_mismatches(table.schema))
             tables[name] = table
-    frames = tables.get("frames")
-    if frames is not None and not result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
-        result.num_images = frames.num_rows
-        result.media_mismatches = list(media_mismatches(task.root, task.folder, task.files, frames, task.links))
-    _judge(task, tables, result)
+    view = _view(task, tables, result)
+    images = _read_media(task, tables, view, [path for path in task.files if path not in table_of], result)
+    if view is not None:
+        view.images = images
+        _judge(task, view, result)
     return result
 
 
-def _look_at_media(task: ShardTask, path: str, result: ShardResult) -> None:
-    """Digest a file that is no table, and see whether it holds code."""
-    try:
-        with open_file(task.root, path, task.links) as stream:
-            kind = stored_code(path, stream.read(HEAD_BYTES))
-            if kind is not None:
-                result.stored_code[path] = kind
-            if not task.is_hashed:
-                return
-            if os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
-                result.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
-                return
-            stream.seek(0)
-            result.digests[path] = hashlib.file_digest(stream, "sha256").hexdigest()
-    except (DatasetError, OSError) as error:
-        if task.is_hashed:
-            result.unreadable[path] = str(error)
+def _read_media(
+    task: ShardTask, tables: dict[str, pa.Table], view: ShardView | None, media: list[str], result: ShardResult
+) -> Images | None:
+    """Read what is no table, and say what the images show; ``None`` without an index that can be read."""
+    frames = tables.get("frames")
+    if frames is not None and result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
+        frames = None
+    reading = read_media(
+        task.root,
+        task.folder,
+        task.files,
+        frames,
+        {camera.name: camera for camera in task.descriptor.cameras} if task.descriptor else {},
+        media=media,
+        mode=task.media,
+        is_hashed=task.is_hashed,
+        look=_look(view),
+        links=task.links,
+    )
+    result.digests |= reading.digests
+    result.unreadable |= reading.unreadable
+    result.over_limit |= reading.over_limit
+    result.stored_code |= reading.stored_code
+    result.num_images = 0 if frames is None else frames.num_rows
+    result.media_mismatches = reading.mismatches
+    return reading.images
+
+
+def _look(view: ShardView | None) -> Look | None:
+    """What semantic maps are compared with; ``None`` where the shard has none, or no actors."""
+    if view is None or "frames" not in view or "actors" not in view:
+        return None
+    cameras = {c.name: c for c in view.descriptor.cameras if c.stream == "semantic_bev"}
+    return SemanticActors(view, cameras) if cameras else None
 
 
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
@@ -196,7 +216,8 @@ def _release_memory() -> None:
     pa.default_memory_pool().release_unused()
 
 
-def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> None:
+def _view(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> ShardView | None:
+    """The shard's rows; ``None`` where they cannot be judged, for a reason that every rule on rows then has."""
     reason = None
     if task.descriptor is None:
         reason = "the descriptor is unusable"
@@ -212,9 +233,12 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
         result.tallies = {
             rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected
         }
-        return
+        return None
     claimed = {name: tables[name] for name in task.descriptor.tables}
-    view = ShardView(claimed, task.descriptor, file_prefix=task.folder)
+    return ShardView(claimed, task.descriptor, file_prefix=task.folder)
+
+
+def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
     if task.is_hashed:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
+from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
 from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
@@ -64,6 +65,7 @@ def validate(
     select: Sequence[str] | None = None,
     ignore: Sequence[str] = (),
     hash_files: bool = True,
+    media: MediaMode = "full",
     waivers: Sequence[Waiver] = (),
     require_groups: int | None = None,
     strict: bool = False,
@@ -81,6 +83,7 @@ def validate(
         select: Rule ids or prefixes to run; all by default.
         ignore: Rule ids or prefixes to leave out.
         hash_files: Whether to compare digests; without them the verdict is at best partial.
+        media: How many images are decoded; unless all are, the verdict on a dataset with media is at best partial.
         waivers: Accepted failures.
         require_groups: Groups that must qualify for exit code 0.
         strict: Whether exit code 0 takes that no diagnostic and no recommendation fails.
@@ -108,7 +111,13 @@ def validate(
     with Spool.temporary() if is_layered else nullcontext() as spool:
         layers = layer_files_task(survey, spool)
         reading = read_dataset(
-            source, selected, executor, progress, spool=spool if needs_raw(survey, selected) else None, layers=layers
+            source,
+            selected,
+            executor,
+            progress,
+            spool=spool if needs_raw(survey, selected) else None,
+            layers=layers,
+            media=media,
         )
         results, errors = reading.shards, reading.errors
         source = source.with_shards(tuple(results))
@@ -120,7 +129,7 @@ def validate(
     funnel = Funnel()
     for result in results:
         funnel.add(result.funnel)
-    is_read = not any(tally.unjudged for result in results for tally in result.tallies.values())
+    is_read = not any(t.unjudged and t.rule_id in qualifying for result in results for t in result.tallies.values())
     is_judged = source.descriptor is not None and is_whole and is_read and bool(results or source.has_raw)
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
@@ -133,6 +142,7 @@ def validate(
             require_groups,
             strict,
             _shown(links),
+            media,
         ),
         tuple(tallies.values()),
         funnel if is_judged else None,

@@ -105,7 +105,9 @@ def png_chunks(image: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _has_end(image: bytes, encoding: str) -> bool:
-    return image.endswith(_PNG_END) if encoding == "png" else image.rstrip(b"\x00").endswith(_JPEG_END)
+    if encoding == "png":
+        return image.endswith(_PNG_END)
+    return image.endswith(_JPEG_END) or image.rstrip(b"\x00").endswith(_JPEG_END)
 
 
 def _png(image: bytes) -> ImageHeader:

@@ -2,7 +2,8 @@
 
 A number stays what it is, a flag is 0 or 1, and a text is its place among the declared ones or, where any text may
 stand, a number of 48 bits of its SHA-256. The rows of a moment's actors are summed up in whole steps of ``2^-16``,
-exactly and in any order, beside their count: the order in which rows are stored carries no meaning and is not read.
+exactly and in any order, beside their count: the order in which rows are stored carries no meaning and is not read. An
+image is the means of the cells of a grid.
 
 Source: spec/13-leakage.md#streams.
 """
@@ -16,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import Column
-from branchdrive.leakage.streams import WINDOWS, value_columns
+from branchdrive.contract.timing import HISTORY_OFFSETS
+from branchdrive.leakage.streams import IMAGES, WINDOWS, examined_cameras, value_columns
+from branchdrive.raw.images import GRID
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.view import StreamView
 
-__all__ = ["recorded_numbers"]
+__all__ = ["has_all_images", "recorded_numbers"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,7 +37,31 @@ _HASHED_BYTES = 6
 def recorded_numbers(view: ShardView, attempts: Index) -> Array:
     """Numbers ``[attempts, columns]`` in the order of `stream_columns`, NaN where null or not recorded."""
     blocks = [_of_table(view, table, attempts) for table in WINDOWS if table in view]
+    blocks += [_of_camera(view, camera, attempts) for camera in examined_cameras(view.descriptor)]
     return np.concatenate(blocks, axis=1)
+
+
+def has_all_images(view: ShardView) -> bool:
+    """Whether the numbers of images are those of all of them."""
+    return not examined_cameras(view.descriptor) or (view.images is not None and view.images.unjudged is None)
+
+
+def _of_camera(view: ShardView, camera: str, attempts: Index) -> Array:
+    """Means of the cells of a camera's images ``[attempts, cells * times]``, NaN where there is no sound image."""
+    shape = (len(attempts), GRID * GRID, len(HISTORY_OFFSETS))
+    if view.images is None or IMAGES not in view:
+        return np.full((shape[0], shape[1] * shape[2]), np.nan)
+    frames = view.stream(IMAGES)
+    own = np.flatnonzero(frames.equals("camera", camera) & (frames.rollout >= 0))
+    ticks = view.branch_tick[attempts][:, None] + np.asarray(HISTORY_OFFSETS)
+    wanted = (attempts[:, None] << 32) + ticks
+    key = (frames.rollout[own] << 32) + frames.tick[own]  # rows are in this order
+    place = np.minimum(np.searchsorted(key, wanted), max(len(own) - 1, 0))
+    cells = np.full((*wanted.shape, GRID * GRID), np.nan)
+    if len(own):
+        is_there = key[place] == wanted
+        cells[is_there] = view.images.cells[frames.position[own[place[is_there]]]]
+    return cells.transpose(0, 2, 1).reshape(len(attempts), -1)
 
 
 def _of_table(view: ShardView, table: str, attempts: Index) -> Array:

@@ -23,8 +23,8 @@ from branchdrive.driving.angle import cos_sin, wrap_rad
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW
 from branchdrive.driving.target import STEP_S
 from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.recording import recorded_numbers
-from branchdrive.leakage.streams import Streams, ranked, stream_columns
+from branchdrive.leakage.recording import has_all_images, recorded_numbers
+from branchdrive.leakage.streams import Streams, examined_cameras, ranked, stream_columns
 from branchdrive.quality.replay import Pairs
 from branchdrive.quality.threshold import VARIABLES
 from branchdrive.raw.shard_view import ShardView
@@ -94,6 +94,7 @@ def replay_facts(
         "has_nominal_replay": there[:, nominal_index],
         "stream_ranks": stream_ranks,
         "stream_spread": stream_spread,
+        "has_images": np.full(len(groups), has_all_images(view)),
     }
 
 
@@ -191,7 +192,7 @@ def replay_inputs(replays: Frame, groups: Frame, descriptor: Descriptor) -> Repl
         descriptor: Of the dataset, which names the action bank and the recorded tables.
 
     Raises:
-        ValueError: A core-valid group is not integrity-complete.
+        ValueError: A core-valid group is not integrity-complete, or images were not all decoded.
     """
     valid = np.asarray(groups["core_valid"], bool)
     home = dict(
@@ -202,6 +203,8 @@ def replay_inputs(replays: Frame, groups: Frame, descriptor: Descriptor) -> Repl
     if not set(chosen) <= place.keys():
         raise ValueError(f"group {min(set(chosen) - place.keys())!r} is core-valid and not integrity-complete")
     rows = np.array([place[group] for group in chosen], np.intp)
+    if not replays["has_images"][rows].all():
+        raise ValueError("not all images were decoded")
     return inputs_of_facts(replays, rows, tuple(home[group] for group in chosen), descriptor)
 
 
@@ -230,5 +233,9 @@ def inputs_of_facts(
         replays["ego"][rows],
         replays["controls"][rows],
         replays["has_nominal_replay"][rows],
-        Streams(stream_columns(descriptor.tables), replays["stream_ranks"][rows], replays["stream_spread"][rows]),
+        Streams(
+            stream_columns(descriptor.tables, examined_cameras(descriptor)),
+            replays["stream_ranks"][rows],
+            replays["stream_spread"][rows],
+        ),
     )

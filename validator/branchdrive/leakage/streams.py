@@ -2,6 +2,7 @@
 
 A column of a stream at one time is a number of every replay. Of a group's interventions their ranks are kept, and
 how far apart the numbers lie: that is all a code needs to be seen, and it holds text and flags as well as metres.
+Of an image, the numbers are the means of the cells of a grid, so that a mark in any corner moves one.
 
 Source: this project's choice; spec/13-leakage.md#streams.
 """
@@ -14,10 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import TABLES, Column
+from branchdrive.contract.columns import STREAMS, TABLES, Column
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
+from branchdrive.raw.images import GRID
 
-__all__ = ["COUNT", "WINDOWS", "StreamColumn", "Streams", "ranked", "stream_columns", "value_columns"]
+__all__ = [
+    "COUNT", "IMAGES", "WINDOWS", "StreamColumn", "Streams", "examined_cameras", "ranked", "stream_columns",
+    "value_columns",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -28,6 +34,9 @@ WINDOWS: dict[str, tuple[int, ...]] = {
     "controls": tuple(range(-CONTROL_HISTORY_TICKS, 0)),
 }
 """Offsets from ``t_b`` at which a table is read, by table in the order of columns."""
+
+IMAGES = "frames"
+"""Table whose columns are the cells of images, at the times of the evidence."""
 
 COUNT = "number of rows"
 """What is read of the actors of a moment beside their values: how many there are."""
@@ -90,8 +99,14 @@ def value_columns(table: str) -> tuple[Column, ...]:
     return tuple(column for column in TABLES[table].columns if column.name not in ("rollout_id", "tick"))
 
 
-def stream_columns(tables: tuple[str, ...]) -> tuple[StreamColumn, ...]:
-    """Columns of the given tables: by table, by column in declared order, and by time."""
+def examined_cameras(descriptor: Descriptor) -> tuple[str, ...]:
+    """Cameras whose images models may read, in declared order: those of views for debugging are not among them."""
+    tracks = {"sensor", "privileged"}
+    return tuple(camera.name for camera in descriptor.cameras if STREAMS[camera.stream].track in tracks)
+
+
+def stream_columns(tables: tuple[str, ...], cameras: tuple[str, ...] = ()) -> tuple[StreamColumn, ...]:
+    """Columns of the given tables: by table, by column in declared order, and by time; then those of cameras."""
     found: list[StreamColumn] = []
     for table, offsets in WINDOWS.items():
         if table not in tables:
@@ -100,6 +115,8 @@ def stream_columns(tables: tuple[str, ...]) -> tuple[StreamColumn, ...]:
         if table == "actors":
             at_moments.append(COUNT)
         found += [StreamColumn(table, name, offset) for name in at_moments for offset in offsets]
+    cells = [f"{camera} {row}.{column}" for camera in cameras for row, column in np.ndindex(GRID, GRID)]
+    found += [StreamColumn(IMAGES, cell, offset) for cell in cells for offset in HISTORY_OFFSETS]
     return tuple(found)
 
 

@@ -6,6 +6,9 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
+from branchdrive.leakage.streams import IMAGES
+from branchdrive.raw.images import GRID
+
 __all__ = ["leakage_sentences"]
 
 _PLACES_SHOWN = 3
@@ -27,7 +30,7 @@ _VERDICTS = {
 
 
 _NOT_EXAMINED = (
-    "Not examined by the gate: camera frames, which actor is which, spreads of recorded columns that are no features, "
+    "Not examined by the gate: {images}, which actor is which, spreads of recorded columns that are no features, "
     "digits below the noise, relations between columns other than products of two commands, relations between "
     "actions, orders of actions that groups do not share, and a code in fewer than one group of thirty that hides in "
     "noise. A smaller effect, or one of another form, may be there; in one column of few groups it takes more than in "
@@ -57,7 +60,18 @@ def leakage_sentences(leakage: Mapping[str, Any] | None) -> list[str]:
         sentences += [_place_sentence(place) for place in gate["places"][:_PLACES_SHOWN]]
         alpha = leakage["protocol"]["gate"]["alpha"]
         sentences += [_code_sentence(code) for code in gate["codes"] if code["p"] <= alpha][:_PLACES_SHOWN]
-    return [sentence for sentence in [*sentences, *_effect(gate), _NOT_EXAMINED, *_battery(leakage)] if sentence]
+    sentences += [*_effect(gate), *_images(leakage), *_battery(leakage)]
+    return [sentence for sentence in sentences if sentence]
+
+
+def _images(leakage: Mapping[str, Any]) -> list[str]:
+    """What the gate saw of images, and what it did not examine."""
+    cells = [name.split("/")[1] for name in leakage["inputs"]["variables"]["streams"] if name.startswith(f"{IMAGES}/")]
+    if not cells:
+        return [_NOT_EXAMINED.format(images="camera frames")]
+    cameras = dict.fromkeys(cell.rpartition(" ")[0] for cell in cells)
+    seen = f"Images before the branch were examined by the means of {GRID} x {GRID} cells: {', '.join(cameras)}."
+    return [seen, _NOT_EXAMINED.format(images="what of a camera frame no mean of a cell shows")]
 
 
 def _battery(leakage: Mapping[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ from branchdrive.leakage.parity import PARTITIONS
 from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, Protocol
 from branchdrive.leakage.score import MEASURES, judged_battery
 from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, offsets_of
-from branchdrive.leakage.streams import WINDOWS, stream_columns
+from branchdrive.leakage.streams import IMAGES, WINDOWS, stream_columns
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import critical_rank
 
@@ -97,9 +97,10 @@ def count_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
 
 
 def _num_columns(names: Sequence[str]) -> int:
-    """Columns that the tables of recorded columns ``TABLE/COLUMN`` give."""
+    """Columns that the tables of recorded columns ``TABLE/COLUMN`` give, and the cells of images among them."""
     tables = {name.partition("/")[0] for name in names}
-    return len(stream_columns(tuple(table for table in WINDOWS if table in tables)))
+    num_cells = sum(name.startswith(f"{IMAGES}/") for name in names)
+    return len(stream_columns(tuple(table for table in WINDOWS if table in tables))) + num_cells * HISTORY_OBSERVATIONS
 
 
 def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:

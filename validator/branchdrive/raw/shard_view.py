@@ -20,6 +20,8 @@ from branchdrive.tables.view import StreamView, TableView
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from branchdrive.raw.images import Images
+
 __all__ = ["ShardView"]
 
 Index = NDArray[np.int64]
@@ -35,11 +37,13 @@ class ShardView:
         descriptor: The dataset's descriptor.
         file_prefix: Folder of the shard relative to the root, ``""`` in memory.
         rollouts: The rollouts table, one row per attempt.
+        images: What bytes and pixels of its images say, in the order of the stored index; ``None`` if nobody looked.
     """
 
     def __init__(self, tables: Mapping[str, pa.Table], descriptor: Descriptor, *, file_prefix: str = "") -> None:
         self.descriptor = descriptor
         self.file_prefix = file_prefix
+        self.images: Images | None = None
         self._tables = tables
         self.rollouts = TableView("rollouts", tables["rollouts"])
         self.num_rollouts = len(self.rollouts)

@@ -22,13 +22,15 @@ from branchdrive.contract.document import parse_json
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
-from branchdrive.errors import DatasetError
+from branchdrive.errors import DatasetError, PlatformError
 from branchdrive.formats.durable import delete, make_dir, replace_file
+from branchdrive.formats.image_codec import NO_DECODER, can_decode
 from branchdrive.formats.untrusted import read_file
 from branchdrive.leakage.audit import Progress, audit_key
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable, sequence_classifier
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.leakage.replays import replay_inputs
+from branchdrive.leakage.streams import examined_cameras
 from branchdrive.release.audit_process import AuditTask, audit_in_own_process
 from branchdrive.release.layers import BuiltLayers
 from branchdrive.release.scan import RawScan
@@ -60,8 +62,11 @@ def build_leakage(
         progress: Called with parts done, parts in total, and the name of the next.
 
     Raises:
+        PlatformError: There are images to examine, and nothing that decodes them.
         ToolError: The audit's process died.
     """
+    if examined_cameras(scan.descriptor) and not can_decode():
+        raise PlatformError(NO_DECODER)
     inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor)
     classifier = classifier or sequence_classifier()
     key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)

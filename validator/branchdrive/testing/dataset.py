@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import LAYER_TABLES, STREAMS, TABLES
+from branchdrive.contract.columns import LAYER_TABLES, TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
@@ -22,12 +22,13 @@ from branchdrive.formats.manifest import build_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of
 from branchdrive.testing.drive import BRANCH_TICK, NUM_TICKS, Scene, plans
-from branchdrive.testing.group import MEDIA_FILE, Tables, concat, frames_table, make_group
+from branchdrive.testing.group import Tables, concat, make_group, to_table
+from branchdrive.testing.media import MEDIA_FILE, SURROUND, frame_columns, media_bytes, media_document
 from branchdrive.testing.town import with_map
 
-__all__ = ["SmallDataset", "descriptor", "media_document", "seal_dataset", "show_call", "table_files", "write_dataset"]
+__all__ = ["SmallDataset", "descriptor", "seal_dataset", "show_call", "table_files", "write_dataset"]
 
-_EVIDENCE, _MEDIA, _MAP = "actor_risk_evidence", "rgb_surround", "map"
+_EVIDENCE, _MEDIA, _MAP = "actor_risk_evidence", SURROUND, "map"
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,7 +78,7 @@ class SmallDataset:
     def _shard(self, groups: range) -> Tables:
         tables = concat([self._group(index) for index in groups])
         if _MEDIA in self.streams:
-            tables["frames"] = frames_table(groups, self.branch_tick)
+            tables["frames"] = to_table("frames", frame_columns(tables["rollouts"]))
         if _MAP in self.streams:
             tables = with_map(tables, [self.scenes[index].town for index in groups], dict(enumerate(self.scenes)))
         if _EVIDENCE not in self.streams:
@@ -139,19 +140,6 @@ def descriptor(bank: ActionBank | None = None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def media_document(document: Mapping[str, Any]) -> dict[str, Any]:
-    """A descriptor that claims media as well, with the cameras of the stream."""
-    lens = {"projection": "pinhole", "fx_px": 32.0, "fy_px": 32.0, "cx_px": 32.0, "cy_px": 24.0}
-    pose = {"x_m": 1.0, "y_m": 0.0, "z_m": 1.5, "yaw_rad": 0.0, "pitch_rad": 0.0}
-    image = {"stream": _MEDIA, "width_px": 64, "height_px": 48}
-    cameras = [{"name": name, **image, **lens, **pose} for name in _cameras()]
-    return {**document, "streams": [*document["streams"], _MEDIA], "cameras": cameras}
-
-
-def _cameras() -> tuple[str, ...]:
-    return STREAMS[_MEDIA].cameras
-
-
 def table_files(name: str, table: pa.Table) -> dict[str, bytes]:
     """Parquet files of a table by name: one, or one for each partition."""
     parts = parts_of(name, table) if name in LAYER_TABLES else {TABLES[name].file_name: table}
@@ -184,7 +172,7 @@ def write_dataset(
             for file_name, content in files(name, table).items():
                 (root / folder / file_name).write_bytes(content)
         if "frames" in shard:
-            (root / folder / MEDIA_FILE).write_bytes(bytes(8 * len(_cameras())))
+            (root / folder / MEDIA_FILE).write_bytes(media_bytes(shard["frames"]))
     if seal:
         seal_dataset(root)
 

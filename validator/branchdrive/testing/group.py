@@ -5,7 +5,6 @@ Nothing here calls the functions of the rules, the risk evidence excepted.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,10 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import STREAMS, table_schema
+from branchdrive.contract.columns import table_schema
 from branchdrive.driving.risk import risk_evidence
 from branchdrive.testing.drive import (
-    BRANCH_TICK,
     EGO_BOX_M,
     NUM_TICKS,
     STRIDE,
@@ -34,13 +32,10 @@ from branchdrive.testing.drive import (
 )
 
 __all__ = [
-    "MEDIA_FILE", "Tables", "concat", "evidence_columns", "frames_table", "make_group", "route_polyline", "to_table",
+    "Tables", "concat", "evidence_columns", "make_group", "route_polyline", "to_table",
 ]  # fmt: skip
 
 Tables = dict[str, pa.Table]
-
-MEDIA_FILE = "media.bin"
-"""File of a shard that holds all its images, of eight zero bytes each."""
 
 
 def _actor_columns(scene: Scene, ticks: Array, moved_m: float) -> dict[str, Any]:
@@ -253,16 +248,3 @@ def make_group(
 def concat(parts: Sequence[Tables]) -> Tables:
     """Tables of several groups in one."""
     return {name: pa.concat_tables([part[name] for part in parts]).combine_chunks() for name in parts[0]}
-
-
-def frames_table(groups: Sequence[int], branch_tick: int = BRANCH_TICK) -> pa.Table:
-    """Index of one set of views of the nominal rollout of each group."""
-    rows = [(group_name(g), k, camera) for g in groups for k, camera in enumerate(STREAMS["rgb_surround"].cameras)]
-    frames = {
-        "rollout_id": [f"{group_id}.nominal.a1" for group_id, _, _ in rows], "tick": [branch_tick] * len(rows),
-        "camera": [camera for _, _, camera in rows], "file": [MEDIA_FILE] * len(rows),
-        "offset_bytes": [8 * k for _, k, _ in rows], "size_bytes": [8] * len(rows),
-        "checksum": [hashlib.sha256(bytes(8)).hexdigest()[:16] for _ in rows],
-        "encoding": ["jpeg"] * len(rows),
-    }  # fmt: skip
-    return to_table("frames", frames)

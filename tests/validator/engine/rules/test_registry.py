@@ -140,14 +140,21 @@ def test_consequences_are_few() -> None:
     assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 8
 
 
-MEDIA_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-FRM")}
+MEDIA_RULES = {rule.id for rule in CATALOGUE.values() if set(rule.streams) & {"rgb_surround", "semantic_bev"}}
 MAP_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-MAP")}
+
+
+UNCLAIMED_OF_IMAGES = ({"BD-FRM-009", "BD-WIN-006"}, {"BD-FRM-004", "BD-FRM-009"})
+"""Rules on streams of images that releases do not claim, and the dataset with six views does not."""
+
+OF_RELEASE = INHERITED | {"BD-FRM-004"}
+"""Rules that fail on the valid release, which has an image of every nominal alone."""
 
 
 def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
     """On the raw layer, where all is good, and on a release, where some attempts and groups are not."""
     bases: tuple[tuple[Base, frozenset[str]], ...] = (
-        ("media", frozenset()), ("map", frozenset()), ("release", INHERITED), ("benchmark", INHERITED)
+        ("media", frozenset()), ("map", frozenset()), ("release", OF_RELEASE), ("benchmark", OF_RELEASE)
     )  # fmt: skip
     for base, failing in bases:
         folder = tmp_path / base
@@ -155,12 +162,12 @@ def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -
         report = judged(new_draft(base), folder)
         assert report.errors == ()
         layers = {"release": BUILT, "benchmark": LAYERS}.get(base, [])
-        absent = MEDIA_RULES if base == "map" else MAP_RULES
+        absent = MEDIA_RULES if base == "map" else MAP_RULES | UNCLAIMED_OF_IMAGES[base == "media"]
         claimed = {rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None or rule.layer in layers}
         claimed -= absent
         words = {tally.rule_id: tally.status for tally in report.tallies}
         assert {rule_id for rule_id, word in words.items() if word != "not-claimed"} == claimed
-        assert {rule_id for rule_id in claimed if words[rule_id] == "skipped"} == NO_SUBJECT | (UNWRITTEN & claimed)
+        assert {rule_id for rule_id in claimed if words[rule_id] == "skipped"} == (NO_SUBJECT | UNWRITTEN) & claimed
         claimed -= NO_SUBJECT | UNWRITTEN
         assert {rule_id for rule_id in claimed if words[rule_id] != "pass"} == failing
         assert {rule_id for rule_id in claimed if words[rule_id] == "fail"} == failing
@@ -185,5 +192,7 @@ def test_rules_on_streams_that_are_not_claimed_say_so(tmp_path: Path) -> None:
     status = {tally.rule_id: tally.status for tally in report.tallies}
     assert {rule_id for rule_id, word in status.items() if word == "not-claimed"} == unclaimed
     # Every mask is a mask of evidence.
-    assert {rule_id for rule_id, word in status.items() if word == "skipped"} == {"BD-NUL-002"} | NO_SUBJECT
+    assert {rule_id for rule_id, word in status.items() if word == "skipped"} == {"BD-NUL-002"} | (
+        NO_SUBJECT - unclaimed
+    )
     assert (report.verdict, report.exit_code) == ("valid", 0)

@@ -1,16 +1,18 @@
-"""Media rules: the index of images. Source: spec/05-raw-streams.md#media."""
+"""Media rules: the index of images, and which images of a window it has. Source: spec/05-raw-streams.md#media."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from branchdrive.contract.mismatch import Check
+from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import EVIDENCE_OFFSETS
 
 
 @rule("BD-FRM-001")
@@ -58,3 +60,70 @@ def images_belong_to_observations(view: ShardView) -> Iterator[Check]:
             np.flatnonzero(orphan | repeated),
             lambda row: ("one image per camera, at an observation", "none" if orphan[row] else "a second image"),
         )
+
+
+@rule("BD-FRM-007")
+def cameras_keep_their_encoding(view: ShardView) -> Iterator[Check]:
+    """All images of a camera in an attempt have one encoding."""
+    if "frames" not in view:
+        return
+    frames = view.stream("frames")
+    cameras, encodings = frames.categories("camera")[0], frames.categories("encoding")[0]
+    order = np.lexsort((np.arange(len(frames)), cameras, frames.rollout))
+    begins = np.ones(len(order), bool)
+    begins[1:] = (np.diff(frames.rollout[order]) != 0) | (np.diff(cameras[order]) != 0)
+    first = order[np.maximum.accumulate(np.where(begins, np.arange(len(order)), 0))] if len(order) else order
+    differs = np.zeros(len(frames), bool)
+    differs[order] = (encodings[order] != encodings[first]) & (frames.rollout[order] >= 0)
+    of_first = np.empty(len(frames), np.int64)
+    of_first[order] = first
+    yield Check.of_rows(
+        "frames",
+        "encoding",
+        len(frames),
+        np.flatnonzero(differs),
+        lambda row: (f"{frames['encoding'][of_first[row]]} as before", str(frames["encoding"][row])),
+    )
+
+
+@rule("BD-WIN-006")
+def surround_views_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """An image of every surround camera at the saved observations of ``t_b - 75 .. t_b + 50``."""
+    yield from _covered(view, subjects, STREAMS["rgb_surround"].cameras)
+
+
+@rule("BD-FRM-004")
+def other_views_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The same of all other cameras."""
+    surround = STREAMS["rgb_surround"].cameras
+    cameras = [camera.name for camera in view.descriptor.cameras if camera.name not in surround]
+    if cameras:
+        yield from _covered(view, subjects, cameras)
+
+
+def _covered(view: ShardView, subjects: Mask, cameras: Sequence[str]) -> Iterator[Check]:
+    """Images of some cameras at the saved observations of the window."""
+    if "frames" not in view:
+        return
+    frames, judged = view.stream("frames"), subjects & view.branched
+    rollouts = np.flatnonzero(judged)
+    ticks = view.branch_tick[rollouts][:, None] + np.asarray(EVIDENCE_OFFSETS)
+    owners = np.broadcast_to(rollouts[:, None], ticks.shape)
+    is_saved = view.observations.find(owners, ticks) >= 0
+    key = (owners << 32) + ticks
+    lacks = np.zeros((*ticks.shape, len(cameras)), bool)
+    for place, name in enumerate(cameras):
+        rows = frames.equals("camera", name) & (frames.rollout >= 0)
+        lacks[..., place] = is_saved & ~np.isin(key, (frames.rollout[rows] << 32) + frames.tick[rows])
+    bad = np.zeros(view.num_rollouts, bool)
+    bad[rollouts] = lacks.any(axis=(1, 2))
+    place_of = {int(rollout): place for place, rollout in enumerate(rollouts)}
+
+    def describe(i: int) -> Mismatch:
+        own = lacks[place_of[i]]
+        moment = int(np.argmax(own.any(axis=1)))
+        names = [name for name, lacking in zip(cameras, own[moment], strict=True) if lacking]
+        place: Location = {"table": "frames", "tick": int(ticks[place_of[i], moment])}
+        return Mismatch(place, f"an image of {', '.join(names)}", "none", int(own.sum()))
+
+    yield Check.of_subjects(judged, bad, describe)

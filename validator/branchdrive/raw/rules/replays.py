@@ -172,3 +172,43 @@ def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check
     differing = np.zeros(view.num_rollouts, bool)
     differing[[*differences]] = True
     yield Check.of_subjects(judged, differing, differences.__getitem__)
+
+
+@rule("BD-RPN-004")
+def exact_images_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where replays are declared to be exact, an intervention holds the images of its nominal before the branch."""
+    if "frames" not in view:
+        return
+    frames, judged = view.stream("frames"), _intervened(view, subjects)
+    if view.descriptor.collection.replay_noise.kind != "exact":
+        judged[:] = False
+    rows = np.flatnonzero((frames.rollout >= 0) & np.append(judged, False)[frames.rollout])
+    rows = rows[frames.tick[rows] <= view.branch_tick[frames.rollout[rows]]]
+    camera, checksum = frames.categories("camera")[0].astype(np.int64), frames.categories("checksum")[0]
+    key = _moment(frames.rollout, camera, frames.tick)
+    order = np.argsort(key, kind="stable")
+    wanted = _moment(view.nominal[frames.rollout[rows]], camera[rows], frames.tick[rows])
+    place = np.minimum(np.searchsorted(key[order], wanted), max(len(order) - 1, 0))
+    of_nominal = order[place]
+    has_both = key[of_nominal] == wanted
+    rows, of_nominal = rows[has_both], of_nominal[has_both]
+    differs = np.zeros(len(frames), bool)
+    differs[rows[checksum[rows] != checksum[of_nominal]]] = True
+    compared = np.zeros(len(frames), bool)
+    compared[rows] = True
+    summary = frames.by_rollout(differs)
+    judged = judged & frames.by_rollout(compared).any
+
+    def describe(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        location: Location = {"table": "frames", "column": "checksum", "tick": int(frames.tick[row])}
+        name = frames["camera"][row]
+        found = f"another image of {name}"
+        return Mismatch(location, f"the image of {name} of the nominal", found, int(summary.count[i]))
+
+    yield Check.of_subjects(judged, judged & summary.any, describe)
+
+
+def _moment(rollout: NDArray[np.int64], camera: NDArray[np.int64], tick: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number for every attempt, camera and tick: cameras are fewer than 2 ** 12, ticks than 2 ** 21."""
+    return (rollout << 33) + (camera << 21) + tick

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
@@ -205,42 +206,7 @@ def camera_twice(d: Draft) -> None:
 @boundary("BD-DOC-004", "BD-FRM-001", base="media")
 def camera_that_no_claimed_stream_needs(d: Draft) -> None:
     d.descriptor["cameras"].append({**d.descriptor["cameras"][0], "name": "dashboard"})
-    d.set("frames", "camera", "dashboard", rollout_id="g0.nominal.a1", camera="rear")
-
-
-@mutant("BD-FRM-002", base="media", at={"table": "frames", "rollout_id": "g0.nominal.a1"})
-def checksum_of_another_image(d: Draft) -> None:
-    d.set("frames", "checksum", "0" * 16, rollout_id="g0.nominal.a1", camera="rear")
-
-
-@mutant("BD-FRM-002", base="media", at={"table": "frames", "rollout_id": "g0.nominal.a1"})
-def image_beyond_the_end_of_its_file(d: Draft) -> None:
-    d.set("frames", "offset_bytes", 48, rollout_id="g0.nominal.a1", camera="rear")
-
-
-@mutant("BD-FRM-002", base="media", at={"file": "raw/shard-00001/elsewhere.bin"})
-def image_in_a_file_that_is_not_there(d: Draft) -> None:
-    d.set("frames", "file", "elsewhere.bin", rollout_id="g2.nominal.a1", camera="rear")
-
-
-@boundary("BD-FRM-002", base="media")
-def image_that_ends_with_its_file(d: Draft) -> None:
-    d.set("frames", "offset_bytes", 40, rollout_id="g0.nominal.a1", camera="front")
-
-
-@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": "g0.nominal.a1"})
-def two_images_of_one_camera(d: Draft) -> None:
-    d.duplicate("frames", rollout_id="g0.nominal.a1", camera="rear")
-
-
-@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": "g0.nominal.a1", "tick": 3})
-def image_between_observations(d: Draft) -> None:
-    d.set("frames", "tick", 3, rollout_id="g0.nominal.a1", camera="rear")
-
-
-@boundary("BD-FRM-003", base="media")
-def image_at_the_first_observation(d: Draft) -> None:
-    d.set("frames", "tick", 0, rollout_id="g0.nominal.a1", camera="rear")
+    d.duplicate("frames", {"camera": "dashboard"}, rollout_id="g0.nominal.a1", camera="rear", tick=BRANCH_TICK)
 
 
 # BD-DOC-005

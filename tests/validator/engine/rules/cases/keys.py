@@ -106,7 +106,7 @@ def actor_of_a_rollout_in_another_shard(d: Draft) -> None:
 
 @mutant("BD-KEY-004", at={"table": "frames", "rollout_id": "g0.ghost.a1"}, base="media", findings=6)
 def images_of_nobody(d: Draft) -> None:
-    d.set("frames", "rollout_id", "g0.ghost.a1", rollout_id=NOMINAL)
+    d.duplicate("frames", {"rollout_id": "g0.ghost.a1"}, rollout_id=NOMINAL, tick=BRANCH_TICK)
 
 
 # BD-KEY-005
@@ -216,4 +216,4 @@ def intervention_under_the_nominal_key(d: Draft) -> None:
 
 @mutant("BD-FRM-001", at={"table": "frames", "column": "camera", "rollout_id": NOMINAL}, base="media")
 def camera_that_is_not_declared(d: Draft) -> None:
-    d.set("frames", "camera", "drone", rollout_id=NOMINAL, camera="rear")
+    d.set("frames", "camera", "drone", rollout_id=NOMINAL, camera="rear", tick=BRANCH_TICK)

@@ -14,7 +14,7 @@ from tests.validator.engine.rules.draft import Draft
 _STREAMS = ("controls", "observations", "actors", "evidence")
 
 
-def _declare(d: Draft, kind: str, **more: float) -> None:
+def declare(d: Draft, kind: str, **more: float) -> None:
     d.descriptor["collection"] = {**d.descriptor["collection"], "replay_noise": {"kind": kind, **more}}
 
 
@@ -24,7 +24,7 @@ def _copy(d: Draft, replay: str, nominal: str) -> None:
         d.duplicate(table, {"rollout_id": replay}, rollout_id=nominal)
 
 
-def _copy_all(d: Draft) -> None:
+def copy_all(d: Draft) -> None:
     for group in ("g0", "g1", "g2"):
         for attempt in (1, 2):
             _copy(d, f"{group}.nominal_replay.a{attempt}", f"{group}.nominal.a1")
@@ -35,13 +35,13 @@ def _copy_all(d: Draft) -> None:
 
 @mutant("BD-RPN-001", at={"table": "observations", "rollout_id": REPLAY}, findings=6)
 def replays_differ_though_exact(d: Draft) -> None:
-    _declare(d, "exact")
+    declare(d, "exact")
 
 
 @mutant("BD-RPN-001", at={"column": "speed_mps", "rollout_id": REPLAY, "tick": BRANCH_TICK})
 def last_bit_of_one_speed_differs(d: Draft) -> None:
-    _declare(d, "exact")
-    _copy_all(d)
+    declare(d, "exact")
+    copy_all(d)
     d.set(
         "observations", "speed_mps", lambda v: float(np.nextafter(np.float32(v), np.float32(99))), rollout_id=REPLAY,
         tick=BRANCH_TICK,
@@ -56,8 +56,8 @@ def nothing_is_declared(d: Draft) -> None:
 
 @boundary("BD-RPN-001")
 def exact_replays(d: Draft) -> None:
-    _declare(d, "exact")
-    _copy_all(d)
+    declare(d, "exact")
+    copy_all(d)
 
 
 # BD-RPN-002
@@ -65,7 +65,7 @@ def exact_replays(d: Draft) -> None:
 
 @mutant("BD-RPN-002", at={"rollout_id": REPLAY})
 def replay_is_a_copy_under_injected_noise(d: Draft) -> None:
-    _declare(d, "injected", strength=0.5)
+    declare(d, "injected", strength=0.5)
     _copy(d, REPLAY, NOMINAL)
 
 
@@ -83,7 +83,7 @@ def one_replay_happens_to_be_equal_under_natural_noise(d: Draft) -> None:
 
 @boundary("BD-RPN-002")
 def noise_moves_the_surroundings_alone(d: Draft) -> None:
-    _declare(d, "injected", strength=100)
+    declare(d, "injected", strength=100)
     for replay in (REPLAY, "g0.nominal_replay.a2"):
         d.drop("observations", rollout_id=replay)
         d.duplicate("observations", {"rollout_id": replay}, rollout_id=NOMINAL)
@@ -96,7 +96,7 @@ def noise_moves_the_surroundings_alone(d: Draft) -> None:
 
 def _repeat_exactly(d: Draft) -> None:
     """Let every replay of every group repeat the drive of its nominal to the bit until the branch."""
-    _declare(d, "exact")
+    declare(d, "exact")
     for index, scene in enumerate(SCENES):
         d.replace_group(index, make_group(index, scene=replace(scene, noise=0.0)))
 

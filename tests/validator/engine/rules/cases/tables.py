@@ -9,8 +9,12 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from tests.synthetic import descriptor
 from tests.validator.engine.rules.case import SHARD_0, SHARD_1, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.contract.columns import STREAMS
+from branchdrive.testing.media import media_document
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
 
@@ -71,6 +75,9 @@ def other_compression_encoding_and_row_groups(d: Draft) -> None:
 
 @boundary("BD-TAB-001", "BD-FRM-001", base="media")
 def table_without_rows_in_one_shard(d: Draft) -> None:
+    d.descriptor = media_document(descriptor(), "rgb_top_down")
+    d.set("frames", "camera", "top_down", camera="front")
+    d.drop("frames", camera=list(STREAMS["rgb_surround"].cameras))
     d.map_table("frames", lambda rows: rows.slice(0, 0), folder=SHARD_1)
 
 

@@ -145,16 +145,16 @@ def trajectories_lengthened(d: ReleaseDraft) -> None:
 # BD-MOD-016: images
 
 
-@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "front", "column": "offset_bytes"})
+@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "top_down", "column": "offset_bytes"})
 def index_that_points_elsewhere(d: ReleaseDraft) -> None:
-    d.set("media_index", "offset_bytes", lambda v: v + 8, group_id=TEST, camera="front")
+    d.set("media_index", "offset_bytes", lambda v: v + 8, group_id=TEST, camera="top_down")
 
 
-@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "front", "column": "rollout_id"})
+@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "top_down", "column": "rollout_id"})
 def images_of_an_intervention(d: ReleaseDraft) -> None:
-    d.set("media_index", "rollout_id", "g12.brake_0.50.a1", group_id=TEST, camera="front")
+    d.set("media_index", "rollout_id", "g12.brake_0.50.a1", group_id=TEST, camera="top_down")
 
 
-@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "front"})
+@mutant("BD-MOD-016", at={"table": "media_index", "group_id": TEST, "camera": "top_down"})
 def image_left_out(d: ReleaseDraft) -> None:
-    d.drop("media_index", group_id=TEST, camera="front")
+    d.drop("media_index", group_id=TEST, camera="top_down")

@@ -147,7 +147,7 @@ def empty_text(d: Draft) -> None:
 
 @mutant("BD-VAL-004", at=_place("frames", "file", NOMINAL, tick=BRANCH_TICK), base="media")
 def media_file_outside_the_shard(d: Draft) -> None:
-    d.set("frames", "file", "../media.bin", rollout_id=NOMINAL, camera="rear")
+    d.set("frames", "file", "../media.bin", rollout_id=NOMINAL, camera="rear", tick=BRANCH_TICK)
 
 
 @boundary("BD-VAL-004")

@@ -1,0 +1,362 @@
+"""Defects and limits of the media index, of images by their bytes and pixels, and of what they show."""
+
+from __future__ import annotations
+
+import hashlib
+from base64 import b64decode
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from tests.synthetic import BRANCH_TICK, STRIDE, WINDOW_TICKS, to_table
+from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, SHARD_0, boundary, mutant
+from tests.validator.engine.rules.cases.replays import copy_all, declare
+from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass
+from branchdrive.testing.media import IMAGE_PX, media_document, png, view
+
+END = BRANCH_TICK + WINDOW_TICKS
+EXTRA_FILE = "extra.bin"
+LAST = "g1.brake_0.50.a2"
+"""The attempt whose images end a file."""
+
+AT_BRANCH = {"rollout_id": NOMINAL, "camera": "rear", "tick": BRANCH_TICK}
+"""The image that most cases replace."""
+
+Pixels = NDArray[np.uint8]
+
+JPEG = b64decode(
+    "/9j/4AAQSkZJRgABAQAAAQABAAD/2wBDABQODxIPDRQSEBIXFRQYHjIhHhwcHj0sLiQySUBMS0dARkVQWnNiUFVtVkVGZIhlbXd7gYKBTmCN"
+    "l4x9lnN+gXz/2wBDARUXFx4aHjshITt8U0ZTfHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHz/wAAR"
+    "CAAEAAgDASIAAhEBAxEB/8QAFQABAQAAAAAAAAAAAAAAAAAAAAH/xAAYEAEBAAMAAAAAAAAAAAAAAAAABAUhI//EABQBAQAAAAAAAAAAAAAA"
+    "AAAAAAD/xAAUEQEAAAAAAAAAAAAAAAAAAAAA/9oADAMBAAIRAxEAPwCz4iPXMAH/2Q=="
+)
+"""A baseline JPEG of the size of the cameras."""
+
+
+def replace_image(d: Draft, content: bytes, encoding: str | None = None, **where: Any) -> None:
+    """Give images of the first shard other bytes, in a file of their own."""
+    row = {
+        "file": EXTRA_FILE, "offset_bytes": 0, "size_bytes": len(content),
+        "checksum": hashlib.sha256(content).hexdigest()[:16], **({"encoding": encoding} if encoding else {}),
+    }  # fmt: skip
+    for column, value in row.items():
+        d.set("frames", column, value, **where)
+    d.before_seal(lambda root: (root / SHARD_0 / EXTRA_FILE).write_bytes(content))
+
+
+def repeat_image(d: Draft, of: dict[str, Any], **where: Any) -> None:
+    """Let images of the first shard be those that another row has."""
+    (row,) = d.take("frames", **of).to_pylist()
+    for column in ("offset_bytes", "checksum"):
+        d.set("frames", column, row[column], **where)
+
+
+def _unseen() -> bytes:
+    """A sound image that no attempt has."""
+    return view(5000)
+
+
+# BD-FRM-002
+
+
+@mutant("BD-FRM-002", base="media", at={"table": "frames", "rollout_id": NOMINAL})
+def checksum_of_another_image(d: Draft) -> None:
+    d.set("frames", "checksum", "0" * 16, **AT_BRANCH)
+
+
+@mutant("BD-FRM-002", base="media", at={"table": "frames", "rollout_id": LAST, "tick": END})
+def image_that_ends_behind_its_file(d: Draft) -> None:
+    d.set("frames", "offset_bytes", lambda v: v + 1, rollout_id=LAST, camera="rear_right", tick=END)
+
+
+@mutant("BD-FRM-002", base="media", at={"file": "raw/shard-00001/elsewhere.bin"})
+def image_in_a_file_that_is_not_there(d: Draft) -> None:
+    d.set("frames", "file", "elsewhere.bin", rollout_id="g2.nominal.a1", camera="rear", tick=BRANCH_TICK)
+
+
+@boundary("BD-FRM-002", base="media")
+def image_that_is_a_whole_file(d: Draft) -> None:
+    replace_image(d, _unseen(), **AT_BRANCH)
+
+
+# BD-FRM-003
+
+
+@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": NOMINAL})
+def two_images_of_one_camera(d: Draft) -> None:
+    d.duplicate("frames", **AT_BRANCH)
+
+
+@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": 3})
+def image_between_observations(d: Draft) -> None:
+    d.set("frames", "tick", 3, **AT_BRANCH)
+
+
+@boundary("BD-FRM-003", base="media")
+def image_at_the_first_observation(d: Draft) -> None:
+    d.duplicate("frames", {"tick": 0}, **AT_BRANCH)
+
+
+# BD-WIN-006
+
+
+@mutant("BD-WIN-006", base="media", at={"rollout_id": NOMINAL, "table": "frames", "tick": BRANCH_TICK})
+def one_view_missing_at_the_branch(d: Draft) -> None:
+    d.drop("frames", **AT_BRANCH)
+
+
+@mutant("BD-WIN-006", base="media", at={"rollout_id": BRAKE, "tick": END})
+def no_view_at_the_last_frame(d: Draft) -> None:
+    d.drop("frames", rollout_id=BRAKE, tick=END)
+
+
+@mutant("BD-WIN-006", base="media", at={"rollout_id": BRAKE, "tick": BRANCH_TICK - 75})
+def no_views_of_an_attempt(d: Draft) -> None:
+    d.drop("frames", rollout_id=BRAKE)
+
+
+@boundary("BD-WIN-006", base="media")
+def views_beyond_the_window(d: Draft) -> None:
+    d.duplicate("frames", {"tick": END + STRIDE}, rollout_id=NOMINAL, tick=END)
+
+
+# BD-FRM-004
+
+
+@mutant("BD-FRM-004", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK - 75}, findings=46)
+def camera_from_above_without_images(d: Draft) -> None:
+    d.descriptor["streams"].append("rgb_top_down")
+    d.descriptor["cameras"] += media_document({"streams": []}, "rgb_top_down")["cameras"]
+
+
+@boundary("BD-FRM-004", base="media")
+def camera_from_above_in_every_frame(d: Draft) -> None:
+    d.descriptor = {**d.descriptor, **media_document(d.descriptor, "rgb_top_down")}
+    d.descriptor["streams"].remove("rgb_surround")
+    d.set("frames", "camera", "top_down", camera="front")
+    d.drop("frames", camera=list(STREAMS["rgb_surround"].cameras))
+
+
+# BD-FRM-005
+
+SIDE_PX = (IMAGE_PX[1], IMAGE_PX[0])
+COLOURS = np.arange(3 * SIDE_PX[0] * SIDE_PX[1], dtype=np.uint8).reshape(*SIDE_PX, 3)
+
+
+@mutant("BD-FRM-005", base="media", at={"table": "frames", "tick": BRANCH_TICK, "rollout_id": NOMINAL})
+def image_of_another_size(d: Draft) -> None:
+    replace_image(d, png(np.repeat(COLOURS, 2, axis=0)), **AT_BRANCH)
+
+
+@mutant("BD-FRM-005", base="media", at={"table": "frames", "tick": BRANCH_TICK, "rollout_id": NOMINAL})
+def encoding_that_is_not_the_indexed_one(d: Draft) -> None:
+    d.set("frames", "encoding", "jpeg", rollout_id=NOMINAL, camera="rear")
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK))
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK + 1, END + 1))
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+def text_in_place_of_an_image(d: Draft) -> None:
+    replace_image(d, b"a picture of the road ahead", **AT_BRANCH)
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+def image_that_claims_to_be_huge(d: Draft) -> None:
+    content = png(COLOURS)
+    replace_image(d, content[:16] + (2**31 - 1).to_bytes(4, "big") * 2 + content[24:], **AT_BRANCH)
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+def grey_image_of_a_colour_camera(d: Draft) -> None:
+    replace_image(d, png(COLOURS[..., 0]), **AT_BRANCH)
+
+
+@boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
+def sound_image_in_a_file_of_its_own(d: Draft) -> None:
+    replace_image(d, png(COLOURS), **AT_BRANCH)
+
+
+# BD-FRM-006
+
+
+@mutant("BD-FRM-006", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def image_cut_in_half(d: Draft) -> None:
+    replace_image(d, png(COLOURS)[:90], **AT_BRANCH)
+
+
+@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def bit_of_an_image_flipped(d: Draft) -> None:
+    content = bytearray(png(COLOURS))
+    content[80] ^= 1
+    replace_image(d, bytes(content), **AT_BRANCH)
+
+
+@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def bytes_behind_an_image(d: Draft) -> None:
+    replace_image(d, png(COLOURS) + b"more", **AT_BRANCH)
+
+
+# BD-FRM-007
+
+
+@mutant("BD-FRM-007", base="media", at={"table": "frames", "column": "encoding", "tick": BRANCH_TICK})
+def camera_that_changes_its_encoding(d: Draft) -> None:
+    replace_image(d, JPEG, "jpeg", **AT_BRANCH)
+
+
+@boundary("BD-FRM-007", "BD-FRM-005", "BD-FRM-008", base="media")
+def cameras_with_encodings_of_their_own(d: Draft) -> None:
+    replace_image(d, JPEG, "jpeg", camera="front", rollout_id=NOMINAL)
+
+
+# BD-FRM-008
+
+
+@mutant("BD-FRM-008", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def image_with_too_few_rows(d: Draft) -> None:
+    whole = png(COLOURS[:2])
+    replace_image(d, png(COLOURS)[:33] + whole[33:], **AT_BRANCH)
+
+
+# BD-FRM-009
+
+BEV_PX, PX_PER_M = 64, 1.0
+VEHICLE = int(SemanticChannel.OTHER_VEHICLE) | int(SemanticClass.VEHICLE)
+
+
+def _semantic_map(d: Draft, change: Callable[[Pixels], Pixels] = lambda pixels: pixels) -> None:
+    """Claim semantic maps, and draw that of the first nominal at its branch from the definition."""
+    camera = {
+        "name": "bev", "stream": "semantic_bev", "projection": "top_down", "width_px": BEV_PX, "height_px": BEV_PX,
+        "px_per_m": PX_PER_M, "origin_row_px": BEV_PX / 2, "origin_column_px": BEV_PX / 2,
+    }  # fmt: skip
+    d.descriptor["streams"].append("semantic_bev")
+    d.descriptor["cameras"].append(camera)
+    moment = {"rollout_id": NOMINAL, "tick": BRANCH_TICK}
+    (ego,) = d.take("observations", **moment).to_pylist()
+    rows, columns = np.mgrid[:BEV_PX, :BEV_PX] + 0.5
+    forward, left = (BEV_PX / 2 - rows) / PX_PER_M, (BEV_PX / 2 - columns) / PX_PER_M
+    cos, sin = np.cos(ego["yaw_rad"]), np.sin(ego["yaw_rad"])
+    x, y = ego["x_m"] + cos * forward - sin * left, ego["y_m"] + sin * forward + cos * left
+    pixels = np.full((BEV_PX, BEV_PX), SemanticClass.ROAD, np.uint8)
+    for actor in d.take("actors", **moment).to_pylist():
+        if actor["actor_class"] in ("vehicle", "cycle"):
+            cos, sin = np.cos(actor["yaw_rad"]), np.sin(actor["yaw_rad"])
+            dx, dy = x - actor["x_m"], y - actor["y_m"]
+            inside = np.abs(cos * dx + sin * dy) <= max(actor["length_m"] / 2, 0.5)
+            pixels[inside & (np.abs(cos * dy - sin * dx) <= max(actor["width_m"] / 2, 0.5))] = VEHICLE
+    assert (pixels == VEHICLE).any()
+    content = png(change(pixels))
+    row = {**moment, "camera": "bev", "file": "bev.bin", "offset_bytes": 0, "size_bytes": len(content)}
+    row |= {"checksum": hashlib.sha256(content).hexdigest()[:16], "encoding": "png"}
+    table: pa.Table = to_table("frames", {name: [value] for name, value in row.items()})
+    d.append("frames", table, folder=SHARD_0)
+    d.before_seal(lambda root: (root / SHARD_0 / "bev.bin").write_bytes(content))
+
+
+MAP_AT = {"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK}
+
+
+@mutant("BD-FRM-009", base="media", at=MAP_AT)
+def map_that_is_turned_around(d: Draft) -> None:
+    _semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
+
+
+@mutant("BD-FRM-009", base="media", at=MAP_AT)
+def map_without_vehicles(d: Draft) -> None:
+    _semantic_map(d, lambda pixels: np.where(pixels == VEHICLE, SemanticClass.ROAD, pixels).astype(np.uint8))
+
+
+@mutant("BD-FRM-009", base="media", at=MAP_AT)
+def map_with_a_vehicle_that_is_not_recorded(d: Draft) -> None:
+    def invent(pixels: Pixels) -> Pixels:
+        pixels[4:8, 4:8] = VEHICLE
+        return pixels
+
+    _semantic_map(d, invent)
+
+
+@mutant("BD-FRM-009", base="media", at=MAP_AT)
+def map_moved_by_a_length(d: Draft) -> None:
+    _semantic_map(d, lambda pixels: np.roll(pixels, 6, axis=0))
+
+
+@boundary("BD-FRM-009", base="media")
+def map_of_the_recorded_vehicles(d: Draft) -> None:
+    _semantic_map(d)
+
+
+@boundary("BD-FRM-009", base="media")
+def map_moved_by_a_pixel(d: Draft) -> None:
+    _semantic_map(d, lambda pixels: np.roll(pixels, 1, axis=0))
+
+
+# BD-FRM-010
+
+
+@mutant("BD-FRM-010", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def image_of_the_observation_before(d: Draft) -> None:
+    repeat_image(d, {**AT_BRANCH, "tick": BRANCH_TICK - STRIDE}, **AT_BRANCH)
+
+
+@mutant("BD-FRM-010", base="media", at={"rollout_id": NOMINAL})
+def camera_that_froze(d: Draft) -> None:
+    frozen = {**AT_BRANCH, "tick": range(BRANCH_TICK, END + 1)}
+    repeat_image(d, {**AT_BRANCH, "tick": BRANCH_TICK - STRIDE}, **frozen)
+
+
+@mutant("BD-FRM-010", base="media", at={"tick": END})
+def image_of_another_candidate(d: Draft) -> None:
+    repeat_image(
+        d, {"rollout_id": BRAKE, "camera": "front", "tick": END}, rollout_id=ACCELERATE, camera="front", tick=END
+    )
+
+
+# BD-FRM-011
+
+
+@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def black_image(d: Draft) -> None:
+    replace_image(d, png(np.zeros_like(COLOURS)), **AT_BRANCH)
+
+
+@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def image_of_one_colour(d: Draft) -> None:
+    replace_image(d, png(np.full_like(COLOURS, (10, 200, 30))), **AT_BRANCH)
+
+
+@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+def image_of_another_camera(d: Draft) -> None:
+    repeat_image(d, {**AT_BRANCH, "camera": "front"}, **AT_BRANCH)
+
+
+@boundary("BD-FRM-010", "BD-FRM-011", base="media")
+def nearly_dark_image(d: Draft) -> None:
+    dark = np.zeros_like(COLOURS)
+    dark[0, 0, 1] = 3
+    replace_image(d, png(dark), **AT_BRANCH)
+
+
+# BD-RPN-004
+
+
+def _exact(d: Draft) -> None:
+    declare(d, "exact")
+    copy_all(d)
+
+
+@mutant("BD-RPN-004", base="media", at={"rollout_id": BRAKE, "tick": BRANCH_TICK})
+def image_before_the_branch_differs(d: Draft) -> None:
+    _exact(d)
+    replace_image(d, _unseen(), rollout_id=BRAKE, camera="front", tick=BRANCH_TICK)
+
+
+@boundary("BD-RPN-004", base="media")
+def image_after_the_branch_differs(d: Draft) -> None:
+    _exact(d)
+    replace_image(d, _unseen(), rollout_id=BRAKE, camera="front", tick=BRANCH_TICK + STRIDE)

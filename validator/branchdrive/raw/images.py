@@ -1,0 +1,105 @@
+"""What the bytes and pixels of a shard's images say, row by row of its media index, for the rules on rows.
+
+Images are read once, while their files are digested; what rules need of them is kept, and the pixels are not. Which
+images are decoded depends on the mode alone: all, none, or a sample that is drawn by counters.
+
+Source: spec/05-raw-streams.md#media.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.media import SAMPLE_STEP, MediaMode
+from branchdrive.statistics.stream import below, words
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["GRID", "Images", "cell_means", "chosen_rows", "is_flat"]
+
+Mask = NDArray[np.bool_]
+Pixels = NDArray[np.uint8]
+
+GRID = 4
+"""Rows and columns of the grid whose means stand for an image."""
+
+_FLAT = 2
+"""Largest difference of two values of a channel of an image that shows nothing."""
+
+
+@dataclass(eq=False)
+class Images:
+    """Facts of images, in the order of the stored rows of the index.
+
+    Attributes:
+        is_read: Whether its bytes are those of the index ``[rows]``.
+        is_decoded: Whether its pixels were looked at, or could not be had ``[rows]``.
+        form: Expected and found text of images of another form than index and descriptor name, by row.
+        cut: Rows of images that do not end as their encoding demands.
+        undecodable: Why images do not decode, by row.
+        flat: Rows of images of one colour.
+        contradicted: Expected and found text of maps of the ground that contradict what is recorded, by row.
+        cells: Means of the cells of a grid over an image and its channels ``[rows, cells]``; NaN where not decoded.
+        unjudged: Why pixels were not looked at, or not all; ``None`` where all were.
+    """
+
+    is_read: Mask
+    is_decoded: Mask
+    form: dict[int, tuple[str, str]] = field(default_factory=dict)
+    cut: set[int] = field(default_factory=set)
+    undecodable: dict[int, str] = field(default_factory=dict)
+    flat: set[int] = field(default_factory=set)
+    contradicted: dict[int, tuple[str, str]] = field(default_factory=dict)
+    cells: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, GRID * GRID), np.float32))
+    unjudged: str | None = None
+
+    @classmethod
+    def none(cls, num_rows: int) -> Images:
+        """Of images that nobody looked at yet."""
+        unread = np.zeros(num_rows, bool)
+        return cls(unread, unread.copy(), cells=np.full((num_rows, GRID * GRID), np.nan, np.float32))
+
+
+def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
+    """Rows of the index whose images are decoded; a sample depends on the order of keys, not on that of rows."""
+    if mode != "sample":
+        return np.full(frames.num_rows, mode == "full")
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    keys = {name: frames[name].cast(pa.string()) for name in ("rollout_id", "camera")}
+    order = pc.sort_indices(
+        pa.table({**keys, "tick": frames["tick"]}),
+        sort_keys=[(name, "ascending") for name in ("rollout_id", "tick", "camera")],
+    )
+    drawn = below(words(0, "media/sample", frames.num_rows, 1)[:, 0], SAMPLE_STEP) == 0
+    chosen = np.zeros(frames.num_rows, bool)
+    chosen[order.to_numpy()] = drawn
+    return chosen
+
+
+def is_flat(pixels: Pixels) -> bool:
+    """Whether an image has one colour, but for the rounding of its encoding."""
+    for step in (8, 1):  # most images show themselves in few of their pixels
+        values = pixels[::step, ::step].reshape(-1, *pixels.shape[2:])
+        if int(np.max(values.max(axis=0) - values.min(axis=0))) > _FLAT:
+            return False
+    return True
+
+
+def cell_means(pixels: Pixels) -> NDArray[np.float32]:
+    """Means of the cells of a grid over an image, all channels together, row by row ``[cells]``."""
+    height, width = pixels.shape[:2]
+    channels = pixels.shape[2] if pixels.ndim == 3 else 1
+    rows, columns = (np.arange(GRID + 1) * size // GRID for size in (height, width))
+    if min(height, width) < GRID:
+        return np.full(GRID * GRID, pixels.mean(), np.float32)
+    sums = np.add.reduceat(pixels.reshape(height, width * channels), rows[:-1], axis=0, dtype=np.uint32)
+    sums = np.add.reduceat(sums, columns[:-1] * channels, axis=1)
+    counts = np.outer(np.diff(rows), np.diff(columns)) * channels
+    return np.asarray(sums / counts, np.float32).ravel()

@@ -1,0 +1,188 @@
+"""Image rules: what images are by their bytes and pixels, and whether they show what is recorded beside them.
+
+What pixels say is judged on the images that were decoded; where these are not all, a rule says so and has not passed.
+Source: spec/05-raw-streams.md#images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, PreconditionError
+from branchdrive.contract.rule import rule
+from branchdrive.raw.images import Images
+from branchdrive.raw.shard_view import ShardView
+
+Index = NDArray[np.int64]
+
+
+def _images(view: ShardView) -> Images:
+    """Facts of the images of the shard.
+
+    Raises:
+        PreconditionError: Nobody read them.
+    """
+    if view.images is None:
+        raise PreconditionError("the media files were not read")
+    return view.images
+
+
+def _found_in(view: ShardView, stored_rows: Iterable[int]) -> Mask:
+    """Rows of the view that are among rows of the stored index."""
+    marked = np.zeros(len(view.stream("frames")), bool)
+    marked[[*stored_rows]] = True
+    return marked[view.stream("frames").position]
+
+
+def _is_of_map(view: ShardView) -> Mask:
+    """Rows of cameras of semantic maps."""
+    codes, names = view.stream("frames").categories("camera")
+    of_maps = {camera.name for camera in view.descriptor.cameras if camera.stream == "semantic_bev"}
+    return np.array([name in of_maps for name in names] + [False])[codes]
+
+
+def _demand_all(images: Images, of: Mask) -> None:
+    """Let a rule end here where not all pixels that it judges were looked at.
+
+    Raises:
+        PreconditionError: They were not.
+    """
+    if images.unjudged and (of & images.is_read & ~images.is_decoded).any():
+        raise PreconditionError(images.unjudged)
+
+
+@rule("BD-FRM-005")
+def images_have_their_form(view: ShardView) -> Iterator[Check]:
+    """Encoding, channels and size of every image are those of its index and camera."""
+    if "frames" not in view:
+        return
+    images, frames = _images(view), view.stream("frames")
+    yield Check.of_rows(
+        "frames",
+        None,
+        int(images.is_read.sum()),
+        np.flatnonzero(_found_in(view, images.form)),
+        lambda row: images.form[int(frames.position[row])],
+    )
+
+
+@rule("BD-FRM-006")
+def images_are_whole(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Every image of an attempt has all of its bytes."""
+    if "frames" not in view:
+        return
+    images, frames = _images(view), view.stream("frames")
+    has_images = frames.by_rollout(images.is_read[frames.position]).any
+    cut = frames.by_rollout(_found_in(view, images.cut))
+
+    def describe(i: int) -> Mismatch:
+        row = int(cut.first_row[i])
+        place: Location = {"table": "frames", "tick": int(frames.tick[row])}
+        kind, camera = frames["encoding"][row], frames["camera"][row]
+        return Mismatch(place, f"a whole {kind} of {camera}", "one that is damaged or cut short", int(cut.count[i]))
+
+    yield Check.of_subjects(subjects & has_images, subjects & cut.any, describe)
+
+
+@rule("BD-FRM-008")
+def images_decode(view: ShardView) -> Iterator[Check]:
+    """Every image decodes to its end."""
+    if "frames" not in view:
+        return
+    images, frames = _images(view), view.stream("frames")
+    yield Check.of_rows(
+        "frames",
+        None,
+        int(images.is_decoded.sum()),
+        np.flatnonzero(_found_in(view, images.undecodable)),
+        lambda row: ("an image that decodes to its end", images.undecodable[int(frames.position[row])]),
+    )
+    _demand_all(images, np.ones(len(frames), bool))
+
+
+@rule("BD-FRM-009")
+def maps_show_recorded_actors(view: ShardView) -> Iterator[Check]:
+    """Vehicles of semantic maps are the recorded ones."""
+    if "frames" not in view or "actors" not in view:
+        return
+    images, frames = _images(view), view.stream("frames")
+    of_maps = np.zeros(len(frames), bool)
+    of_maps[frames.position] = _is_of_map(view)
+    yield Check.of_rows(
+        "frames",
+        None,
+        int((of_maps & images.is_decoded).sum()),
+        np.flatnonzero(_found_in(view, images.contradicted)),
+        lambda row: images.contradicted[int(frames.position[row])],
+    )
+    _demand_all(images, of_maps)
+
+
+@rule("BD-FRM-010")
+def images_follow_the_drive(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """No image of a camera is repeated in its group where the ego stands elsewhere."""
+    if "frames" not in view:
+        return
+    frames = view.stream("frames")
+    at = view.observations.find(frames.rollout, frames.tick)
+    rows = np.flatnonzero((at >= 0) & ~_is_of_map(view))
+    x, y = (view.observations[name][at[rows]].astype(np.float64) for name in ("x_m", "y_m"))
+    group = view.group[frames.rollout[rows]]
+    camera, checksum = (frames.categories(name)[0][rows] for name in ("camera", "checksum"))
+    order = np.lexsort((frames.rollout[rows], frames.tick[rows], checksum, camera, group))
+    first = order[_first_of_equal(group[order], camera[order], checksum[order])]
+    moved = np.hypot(x[order] - x[first], y[order] - y[first]) >= physical_bounds().moved_m
+    original = dict(zip(rows[order[moved]].tolist(), rows[first[moved]].tolist(), strict=True))
+    repeated = np.zeros(len(frames), bool)
+    repeated[[*original]] = True
+    summary, has_images = frames.by_rollout(repeated), frames.by_rollout(at >= 0).any
+
+    def describe(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        of = original[row]
+        place: Location = {"table": "frames", "tick": int(frames.tick[row])}
+        where = f"tick {frames.tick[of]} of {view.rollout_ids[frames.rollout[of]]}"
+        expected = f"another image of {frames['camera'][row]} than at {where}, elsewhere"
+        return Mismatch(place, expected, "the same bytes", int(summary.count[i]))
+
+    yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe)
+
+
+def _first_of_equal(*keys: NDArray[np.integer]) -> Index:
+    """Place of the first of each run of equal keys ``[rows]``."""
+    begins = np.ones(len(keys[0]), bool)
+    begins[1:] = np.logical_or.reduce([key[1:] != key[:-1] for key in keys])
+    return np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
+
+
+@rule("BD-FRM-011")
+def images_show_something_of_their_own(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """No image is of one colour, and none is that of another camera at the same moment."""
+    if "frames" not in view:
+        return
+    frames, of_maps = view.stream("frames"), _is_of_map(view)
+    rows = np.flatnonzero((frames.rollout >= 0) & ~of_maps)
+    checksum = frames.categories("checksum")[0][rows]
+    order = np.lexsort((checksum, frames.tick[rows], frames.rollout[rows]))
+    first = order[_first_of_equal(frames.rollout[rows][order], frames.tick[rows][order], checksum[order])]
+    is_copy = order != first
+    copies = dict(zip(rows[order[is_copy]].tolist(), rows[first[is_copy]].tolist(), strict=True))
+    flat = _found_in(view, _images(view).flat) if view.images else np.zeros(len(frames), bool)
+    bad = flat.copy()
+    bad[[*copies]] = True
+    summary, has_images = frames.by_rollout(bad), frames.by_rollout(~of_maps).any
+
+    def describe(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        place: Location = {"table": "frames", "tick": int(frames.tick[row])}
+        found = "one colour" if flat[row] else f"the image of {frames['camera'][copies[row]]}"
+        return Mismatch(place, f"what {frames['camera'][row]} sees", found, int(summary.count[i]))
+
+    yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe)
+    stored = np.zeros(len(frames), bool)
+    stored[frames.position] = ~of_maps
+    _demand_all(_images(view), stored)
