@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from branchdrive.collector.trigger import Signal, Trigger, brake_trigger
     from branchdrive.collector.world import Actor, Decision, Observation, Scene, World, WorldError
     from branchdrive.contract.bank import ActionBank, load_action_bank
+    from branchdrive.contract.camera import PinholeCamera, TopDownCamera
     from branchdrive.contract.descriptor import (
-        Camera,
         Collection,
         DeclaredEncoding,
         Descriptor,
@@ -67,7 +67,6 @@ __all__ = [
     "ActuatorRule",
     "BranchDriveError",
     "BranchGroup",
-    "Camera",
     "Collection",
     "CollectionReport",
     "Command",
@@ -91,6 +90,7 @@ __all__ = [
     "ModelLayer",
     "ModelTargets",
     "Observation",
+    "PinholeCamera",
     "PlatformError",
     "Policy",
     "PrivilegedInputs",
@@ -104,6 +104,7 @@ __all__ = [
     "Software",
     "Tolerances",
     "ToolError",
+    "TopDownCamera",
     "Trigger",
     "UsageError",
     "Vehicle",
@@ -140,7 +141,6 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "raw.group",
-    "Camera": "contract.descriptor",
     "Collection": "contract.descriptor",
     "CollectionReport": "collector.report",
     "Command": "contract.policy",
@@ -164,6 +164,7 @@ _HOME = {
     "ModelLayer": "model.reader",
     "ModelTargets": "model.contract",
     "Observation": "collector.world",
+    "PinholeCamera": "contract.camera",
     "PlatformError": "errors",
     "Policy": "contract.policy",
     "PrivilegedInputs": "model.contract",
@@ -177,6 +178,7 @@ _HOME = {
     "Software": "contract.descriptor",
     "Tolerances": "contract.descriptor",
     "ToolError": "errors",
+    "TopDownCamera": "contract.camera",
     "Trigger": "collector.trigger",
     "UsageError": "errors",
     "Vehicle": "contract.descriptor",

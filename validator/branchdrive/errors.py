@@ -42,7 +42,7 @@ class PlatformError(ToolError):
 
 
 class DecodeError(BranchDriveError):
-    """Bytes that do not decode to a table inside the spec limits."""
+    """Bytes that do not decode to a table inside the spec limits, or to an image."""
 
 
 class LimitError(DecodeError):

@@ -124,7 +124,10 @@ def full_descriptor() -> dict[str, Any]:
     """A descriptor that holds every property, a media stream and a small bank."""
     software = {"name": "none", "version": "1"}
     bank = load_action_bank().model_dump(mode="json", exclude_none=True)
-    pose = dict.fromkeys(("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad"), 0.5)
+    pose = dict.fromkeys(("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad"), 0.5)
+    lens = {"projection": "pinhole", "fx_px": 32.0, "fy_px": 32.0, "cx_px": 32.0, "cy_px": 24.0}
+    image = {"width_px": 64, "height_px": 64}
+    of_map = {"projection": "top_down", "px_per_m": 2.0, "origin_row_px": 32.0, "origin_column_px": 32.0}
     return {
         "spec_version": "0.1",
         "dataset_id": "invented",
@@ -134,8 +137,11 @@ def full_descriptor() -> dict[str, Any]:
         "simulator": dict(software),
         "collector": dict(software),
         "rates": {"tick_s": 0.05, "observation_stride_ticks": 5},
-        "streams": ["rgb_top_down", "controls", "ego_route_state", "route_result"],
-        "cameras": [{"name": "top_down", "width_px": 64, "height_px": 64, "fov_rad": 1.5, **pose}],
+        "streams": ["rgb_top_down", "semantic_bev", "controls", "ego_route_state", "route_result"],
+        "cameras": [
+            {"name": "top_down", "stream": "rgb_top_down", **image, **lens, **pose},
+            {"name": "bev", "stream": "semantic_bev", **image, **of_map},
+        ],
         "unrecorded": ["observations.command", "actors.height_m"],
         "layers": ["raw"],
         "action_bank": {"name": bank["name"], "policies": [bank["policies"][index] for index in (0, 1, 7)]},

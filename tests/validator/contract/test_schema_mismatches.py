@@ -57,16 +57,17 @@ def wrong(pointer: str, expected: str, found: str) -> Mismatch:
 
 IDENTIFIER = "pattern '^[a-z0-9][a-z0-9._-]{0,127}$'"
 MAPS = ["ego_route_state", "controls", "route_result", "semantic_bev"]
-CAMERA = {
+BEV: dict[str, Any] = {
+    "name": "bev",
+    "stream": "semantic_bev",
+    "projection": "top_down",
     "width_px": 8,
     "height_px": 8,
-    "fov_rad": 1,
-    "x_m": 0,
-    "y_m": 0,
-    "z_m": 0,
-    "yaw_rad": 0,
-    "pitch_rad": 0,
+    "px_per_m": 2,
+    "origin_row_px": 4,
+    "origin_column_px": 4,
 }
+UNSCALED = {name: value for name, value in BEV.items() if name != "px_per_m"}
 TWICE = ["controls", "controls", "ego_route_state", "route_result"]
 
 DEFECTS: dict[str, tuple[str, Any, list[Mismatch]]] = {
@@ -177,7 +178,22 @@ DEFECTS: dict[str, tuple[str, Any, list[Mismatch]]] = {
     "no camera of a stream": (
         DESCRIPTOR_SCHEMA,
         descriptor(streams=MAPS, cameras=[]),
-        [wrong("/cameras", "the stream semantic_bev needs the camera bev", "[]")],
+        [wrong("/cameras", "the stream semantic_bev needs the camera bev, of this stream", "[]")],
+    ),
+    "camera of a stream that is not claimed": (
+        DESCRIPTOR_SCHEMA,
+        descriptor(streams=MAPS, cameras=[BEV, {**BEV, "name": "above", "stream": "rgb_top_down"}]),
+        [wrong("/cameras/1/stream", "a claimed media stream; rgb_top_down is not claimed", "'rgb_top_down'")],
+    ),
+    "camera of another projection": (
+        DESCRIPTOR_SCHEMA,
+        descriptor(streams=MAPS, cameras=[BEV, {**BEV, "name": "fisheye", "projection": "fisheye"}]),
+        [wrong("/cameras/1/projection", "enum ['pinhole', 'top_down']", "'fisheye'")],
+    ),
+    "map without a scale": (
+        DESCRIPTOR_SCHEMA,
+        descriptor(streams=MAPS, cameras=[UNSCALED]),
+        [wrong("/cameras/0", "properties ['px_per_m']", f"{UNSCALED}")],
     ),
     "fault of an impossible name": (
         DESCRIPTOR_SCHEMA,

@@ -23,8 +23,9 @@ from tests.validator.writer.invented import (
     write_rollout,
 )
 
+from branchdrive.contract.camera import TopDownCamera
 from branchdrive.contract.columns import STREAMS
-from branchdrive.contract.descriptor import Camera, Descriptor
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import BranchDriveError, ContractError, DatasetError, UsageError
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.rollout_writer import RolloutWriter
@@ -74,9 +75,9 @@ def scene(tmp_path: Path) -> Iterator[Scene]:
 
 
 def media_descriptor() -> Descriptor:
-    camera: dict[str, Any] = {"width_px": 9, "height_px": 9, "fov_rad": 1.0, "yaw_rad": 0.0, "pitch_rad": 0.0}
-    camera |= {"x_m": 0.0, "y_m": 0.0, "z_m": 0.0}
-    cameras = tuple(Camera(name=name, **camera) for name in STREAMS["rgb_top_down"].cameras)
+    camera: dict[str, Any] = {"width_px": 9, "height_px": 9, "px_per_m": 1.0}
+    camera |= {"origin_row_px": 4.5, "origin_column_px": 4.5, "stream": "rgb_top_down"}
+    cameras = tuple(TopDownCamera(name=name, **camera) for name in STREAMS["rgb_top_down"].cameras)
     plain = make_descriptor()
     return plain.model_copy(update={"streams": (*plain.streams, "rgb_top_down"), "cameras": cameras})
 

@@ -6,29 +6,21 @@ Source: spec/03-layout.md.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.camera import Camera
 from branchdrive.contract.columns import RECORDABLE, STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.refusal import refusal
+from branchdrive.contract.refusal import Document
 from branchdrive.contract.resources import SPEC_VERSION
 
 __all__ = [
-    "Camera", "Collection", "DeclaredEncoding", "Descriptor", "Driver", "Rates", "ReplayNoise", "Software",
+    "Collection", "DeclaredEncoding", "Descriptor", "Driver", "Rates", "ReplayNoise", "Software",
     "Tolerances", "Vehicle",
 ]  # fmt: skip
 
@@ -43,60 +35,21 @@ _OF_EXPERT = tuple(f"observations.{c.name}" for c in TABLES["observations"].colu
 """Columns that only a driver who plans can compute."""
 
 
-if TYPE_CHECKING:
-    from pydantic._internal._model_construction import ModelMetaclass
-else:
-    ModelMetaclass = type(BaseModel)
-
-
-class _PlainlyRefused(ModelMetaclass):
-    """Calls with values that break the format raise findings in plain words, not pydantic's own text."""
-
-    def __call__(self, *arguments: Any, **fields: Any) -> Any:
-        """An instance.
-
-        Raises:
-            ContractError: With one finding for each problem.
-        """
-        try:
-            return super().__call__(*arguments, **fields)
-        except ValidationError as error:
-            raise refusal(f"`{self.__name__}`", error) from None
-
-
-class _Document(BaseModel, metaclass=_PlainlyRefused):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Software(_Document):
+class Software(Document):
     """Name and version of a program."""
 
     name: _Name
     version: _Name
 
 
-class Rates(_Document):
+class Rates(Document):
     """Rates of the recorded streams; this spec version has one clock."""
 
     tick_s: Annotated[float, Field(ge=0.05, le=0.05)] = 0.05
     observation_stride_ticks: Annotated[Integer, Field(ge=5, le=5)] = 5
 
 
-class Camera(_Document):
-    """One camera of the media index, pose in the ego frame."""
-
-    name: _Identifier
-    width_px: Annotated[Integer, Field(ge=1, le=16384)]
-    height_px: Annotated[Integer, Field(ge=1, le=16384)]
-    fov_rad: Annotated[float, Field(gt=0, le=6.2832)]
-    x_m: Annotated[float, Field(ge=-100, le=100)]
-    y_m: Annotated[float, Field(ge=-100, le=100)]
-    z_m: Annotated[float, Field(ge=-100, le=100)]
-    yaw_rad: Annotated[float, Field(ge=-3.1416, le=3.1416)]
-    pitch_rad: Annotated[float, Field(ge=-3.1416, le=3.1416)]
-
-
-class DeclaredEncoding(_Document):
+class DeclaredEncoding(Document):
     """Action encoding of the bank, with the digest of its float32 matrix (row-major, little-endian)."""
 
     name: _Identifier
@@ -110,14 +63,14 @@ class DeclaredEncoding(_Document):
         return self
 
 
-class Tolerances(_Document):
+class Tolerances(Document):
     """Declared tolerances; 0 asks for exact equality in float32."""
 
     actuator: Annotated[float, Field(ge=0, le=0.02)] = 0.0
     evidence: Annotated[float, Field(ge=0, le=0.001)] = 1e-6
 
 
-class Vehicle(_Document):
+class Vehicle(Document):
     """What the commands of the ego vehicle mean; ``None`` where it is not known.
 
     Attributes:
@@ -135,13 +88,13 @@ class Vehicle(_Document):
     actuation: Literal["pedals", "single_axis"] | None = None
 
 
-class Driver(_Document):
+class Driver(Document):
     """Who drove where no policy of the bank did: a privileged expert, a recorded log, or a learned policy."""
 
     kind: Literal["expert", "log", "learned"]
 
 
-class ReplayNoise(_Document):
+class ReplayNoise(Document):
     """What tells a replay from the drive that it repeats.
 
     Attributes:
@@ -172,7 +125,7 @@ def _from_number(value: Any) -> Any:
     return {"kind": "injected", "strength": value} if value else {"kind": "exact"}
 
 
-class Collection(_Document):
+class Collection(Document):
     """What the collector switched on.
 
     Attributes:
@@ -204,7 +157,7 @@ class Collection(_Document):
         return document
 
 
-class Descriptor(_Document):
+class Descriptor(Document):
     """A dataset's descriptor.
 
     Attributes:
@@ -260,9 +213,13 @@ class Descriptor(_Document):
         names = [camera.name for camera in self.cameras]
         if len(set(names)) != len(names):
             raise ValueError("camera names must not repeat")
-        lacking = [c for name in self.streams for c in STREAMS[name].cameras if c not in names]
+        unclaimed = sorted({camera.stream for camera in self.cameras} - set(self.streams))
+        if unclaimed:
+            raise ValueError(f"cameras belong to the streams {unclaimed}, which are not claimed")
+        declared = {(camera.name, camera.stream) for camera in self.cameras}
+        lacking = [c for name in self.streams for c in STREAMS[name].cameras if (c, name) not in declared]
         if lacking:
-            raise ValueError(f"claimed media streams need the cameras {lacking}")
+            raise ValueError(f"claimed media streams need the cameras {lacking}, each declared with its stream")
         return self
 
     @model_validator(mode="after")

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel, ConfigDict, ValidationError
+
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.resources import load_resource
 from branchdrive.contract.rule import CATALOGUE
@@ -16,10 +18,12 @@ from branchdrive.contract.text import printable, quote
 from branchdrive.errors import ContractError
 
 if TYPE_CHECKING:
-    from pydantic import ValidationError
+    from pydantic._internal._model_construction import ModelMetaclass
     from pydantic_core import ErrorDetails
+else:
+    ModelMetaclass = type(BaseModel)
 
-__all__ = ["mismatches_of", "refusal"]
+__all__ = ["Document", "mismatches_of", "refusal"]
 
 CLOCK = load_resource("descriptor.schema.json")["properties"]["rates"]["properties"]["tick_s"]["description"]
 """What a tick is, and what a simulator at another rate does."""
@@ -91,3 +95,24 @@ def refusal(what: str, error: ValidationError) -> ContractError:
         for wrong in found
     ]
     return ContractError("\n".join([f"{what} breaks the format; {CATALOGUE['BD-DOC-003'].remedy}", *lines]), found)
+
+
+class _PlainlyRefused(ModelMetaclass):
+    """Calls with values that break the format raise findings in plain words, not pydantic's own text."""
+
+    def __call__(self, *arguments: Any, **fields: Any) -> Any:
+        """An instance.
+
+        Raises:
+            ContractError: With one finding for each problem.
+        """
+        try:
+            return super().__call__(*arguments, **fields)
+        except ValidationError as error:
+            raise refusal(f"`{self.__name__}`", error) from None
+
+
+class Document(BaseModel, metaclass=_PlainlyRefused):
+    """Frozen values of a document, or of a part of it, without properties that are not declared."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

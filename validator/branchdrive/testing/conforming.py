@@ -58,6 +58,8 @@ def conforming(
         (whole,) = schema["allOf"]
         parts = {name: conforming(node, schema_name) for name, node in schema["properties"].items()}
         return conforming(whole, schema_name, **parts)
+    if choices := _choices(schema):
+        return st.one_of(*(conforming(choice["then"], schema_name) for choice in choices))
     if "const" in schema:
         return st.just(schema["const"])
     if "enum" in schema:
@@ -85,6 +87,11 @@ def conforming(
         case "null":
             return st.none()
     raise ValueError(f"no strategy for {schema!r}")
+
+
+def _choices(schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Conditions that choose, by a constant, what an object holds which its own node leaves open."""
+    return [] if "additionalProperties" in schema else [part for part in schema.get("allOf", ()) if "if" in part]
 
 
 def _numbers(schema: Mapping[str, Any]) -> SearchStrategy[float]:
@@ -129,9 +136,11 @@ def declared(
     value: Any, schema: Mapping[str, Any], schema_name: str, place: tuple[str | int, ...] = ()
 ) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any], str]]:
     """Every place below the root of a conforming value, with the node that declares it and that node's file."""
-    while "$ref" in schema or "oneOf" in schema or "anyOf" in schema:
+    while "$ref" in schema or "oneOf" in schema or "anyOf" in schema or _choices(schema):
         if "$ref" in schema:
             schema, schema_name = _resolve(schema["$ref"], schema_name)
+        elif choices := _choices(schema):
+            schema = next((choice["then"] for choice in choices if _may_declare(choice["if"], value)), {})
         else:
             branches = schema.get("oneOf") or schema["anyOf"]
             schema = next((branch for branch in branches if _may_declare(branch, value)), {})

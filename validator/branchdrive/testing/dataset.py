@@ -141,8 +141,10 @@ def descriptor(bank: ActionBank | None = None) -> dict[str, Any]:
 
 def media_document(document: Mapping[str, Any]) -> dict[str, Any]:
     """A descriptor that claims media as well, with the cameras of the stream."""
+    lens = {"projection": "pinhole", "fx_px": 32.0, "fy_px": 32.0, "cx_px": 32.0, "cy_px": 24.0}
     pose = {"x_m": 1.0, "y_m": 0.0, "z_m": 1.5, "yaw_rad": 0.0, "pitch_rad": 0.0}
-    cameras = [{"name": name, "width_px": 64, "height_px": 48, "fov_rad": 1.5, **pose} for name in _cameras()]
+    image = {"stream": _MEDIA, "width_px": 64, "height_px": 48}
+    cameras = [{"name": name, **image, **lens, **pose} for name in _cameras()]
     return {**document, "streams": [*document["streams"], _MEDIA], "cameras": cameras}
 
 

@@ -201,9 +201,12 @@ def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
     )
 
 
-@cache
-def _camera_documents() -> SearchStrategy[Document]:
-    return conforming(load_resource("descriptor.schema.json")["$defs"]["camera"])
+@st.composite
+def _camera_documents(draw: DrawFn, name: str, stream: str) -> Document:
+    """A camera of a stream, of one of the projections that the stream may have."""
+    nodes = [load_resource("descriptor.schema.json")["$defs"][f"{kind}_camera"] for kind in ("pinhole", "top_down")]
+    of_stream = [node for node in nodes if stream in node["properties"]["stream"]["enum"]]
+    return draw(conforming(draw(st.sampled_from(of_stream)), name=st.just(name), stream=st.just(stream)))
 
 
 @st.composite
@@ -215,10 +218,11 @@ def descriptor_documents(draw: DrawFn) -> Document:
     required = [name for name, stream in STREAMS.items() if stream.required]
     optional = [name for name in STREAMS if name not in required]
     document["streams"] = draw(st.permutations([*required, *sorted(draw(st.sets(st.sampled_from(optional))))]))
-    names = {camera for name in document["streams"] for camera in STREAMS[name].cameras}
-    if names or "cameras" in document:
-        names |= draw(st.sets(identifiers(), max_size=2))
-        cameras = [{**draw(_camera_documents()), "name": name} for name in sorted(names)]
+    streams = {camera: name for name in document["streams"] for camera in STREAMS[name].cameras}
+    if streams:
+        others = draw(st.sets(identifiers(), max_size=2)) - set(streams)
+        streams |= {name: draw(st.sampled_from(sorted(set(streams.values())))) for name in sorted(others)}
+        cameras = [draw(_camera_documents(name, stream)) for name, stream in sorted(streams.items())]
         document["cameras"] = draw(st.permutations(cameras))
     return document
 

@@ -18,6 +18,7 @@ from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_
 from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.metric import DECLARED_METRICS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
+from branchdrive.contract.semantic_bev import CHANNEL_MEANING, CLASS_MEANING, SemanticChannel, SemanticClass
 from branchdrive.contract.timing import (
     CONTROL_HISTORY_TICKS,
     FUTURE_OBSERVATIONS,
@@ -29,6 +30,7 @@ from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from enum import Enum
 
     from branchdrive.contract.policy import ActuatorRule
 from collections.abc import Mapping
@@ -80,6 +82,16 @@ def _streams_region() -> str:
         for s in STREAMS.values()
     ]
     return grid(["stream", "title", "rate", "track", "tables", "cameras", "required"], rows)
+
+
+def _semantic_bev_region() -> str:
+    classes = [[f"{kind.value}", f"class {_words(kind)}", CLASS_MEANING[kind]] for kind in SemanticClass]
+    channels = [[f"{bit.value}", f"channel {_words(bit)}", CHANNEL_MEANING[bit]] for bit in SemanticChannel]
+    return grid(["value", "name", "pixels that have it"], [*classes, *channels])
+
+
+def _words(member: Enum) -> str:
+    return f"{member.name}".lower().replace("_", " ")
 
 
 def _layer_documents_region() -> str:
@@ -259,6 +271,7 @@ def _protocol_region() -> str:
 REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
     {
         "streams": _streams_region,
+        "semantic-bev": _semantic_bev_region,
         "layer-documents": _layer_documents_region,
         "patterns": _patterns_region,
         "masks": _masks_region,

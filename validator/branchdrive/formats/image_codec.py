@@ -1,0 +1,74 @@
+"""Decoding of images, with Pillow or OpenCV: whichever the extra `media` has put there."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.errors import DecodeError, PlatformError
+from branchdrive.formats.image_header import image_header
+
+__all__ = ["can_decode", "decode_image"]
+
+
+def can_decode() -> bool:
+    """Whether a library that decodes images is there."""
+    return _pillow() is not None or _opencv() is not None
+
+
+def decode_image(image: bytes) -> NDArray[np.uint8]:
+    """Pixels of a JPEG or PNG with channels of 8 bits: ``[height, width, 3]`` of RGB, ``[height, width]`` of grey.
+
+    The orientation that a JPEG may name is not applied. Memory follows from the size in the header: look at
+    `image_header` before decoding what is not trusted.
+
+    Raises:
+        DecodeError: The bytes are no such image, or are damaged.
+        PlatformError: Neither Pillow nor OpenCV is there.
+    """
+    header = image_header(image)
+    if header.colour not in ("grey", "rgb") or header.bit_depth != 8:
+        raise DecodeError(f"neither grey nor RGB of 8 bits: {header}")
+    pillow = _pillow()
+    pixels = _with_opencv(image) if pillow is None else _with_pillow(pillow, image)
+    expected = (header.height_px, header.width_px) + ((3,) if header.colour == "rgb" else ())
+    if pixels.shape != expected:
+        raise DecodeError(f"decodes to {list(pixels.shape)} values; its header says {header}")
+    return pixels
+
+
+def _pillow() -> Any:
+    try:
+        from PIL import Image
+    except ModuleNotFoundError:
+        return None
+    return Image
+
+
+def _opencv() -> Any:
+    try:
+        import cv2
+    except ModuleNotFoundError:
+        return None
+    return cv2
+
+
+def _with_pillow(pillow: Any, image: bytes) -> NDArray[np.uint8]:
+    try:
+        with pillow.open(BytesIO(image), formats=("PNG", "JPEG")) as opened:
+            return np.array(opened, np.uint8)
+    except Exception as error:  # decoders of damaged bytes raise whatever they stumble over
+        raise DecodeError(f"cannot be decoded ({error})") from error
+
+
+def _with_opencv(image: bytes) -> NDArray[np.uint8]:
+    cv2 = _opencv()
+    if cv2 is None:
+        raise PlatformError("decoding images needs Pillow or OpenCV: pip install 'branchdrive[media]'")
+    pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise DecodeError("cannot be decoded (OpenCV)")
+    return np.ascontiguousarray(pixels[..., ::-1] if pixels.ndim == 3 else pixels)

@@ -1,0 +1,103 @@
+"""Headers of PNG and JPEG images: what an image is, without decoding it.
+
+Sources: PNG, third edition, 5.2 and 11.2.1 (https://www.w3.org/TR/png-3/); ITU-T T.81, B.1 and B.2.2.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Literal
+
+from branchdrive.contract.camera import Camera
+from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
+from branchdrive.errors import DecodeError
+
+__all__ = ["ImageHeader", "disagreement", "image_header"]
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
+_PNG_COLOURS = {0: "grey", 2: "rgb", 3: "palette", 4: "grey with alpha", 6: "rgb with alpha"}
+
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_JPEG_COLOURS = {1: "grey", 3: "rgb", 4: "cmyk"}
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of JPEG that begin a frame, which has the size."""
+
+_BARE = frozenset({0x01, *range(0xD0, 0xD8)})
+"""Markers of JPEG that no length follows."""
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What the header of an image says.
+
+    Attributes:
+        encoding: How it is encoded, as the media index names it.
+        width_px: Columns.
+        height_px: Rows.
+        colour: ``grey``, ``rgb``, or what no image of a dataset may be.
+        bit_depth: Bits of a channel.
+    """
+
+    encoding: Literal["jpeg", "png"]
+    width_px: int
+    height_px: int
+    colour: str
+    bit_depth: int
+
+    def __str__(self) -> str:
+        kind = f"{self.encoding.upper()}, {self.colour}, {self.bit_depth} bits"
+        return f"{self.width_px} x {self.height_px} pixels ({kind})"
+
+
+def image_header(image: bytes | memoryview) -> ImageHeader:
+    """Header of an encoded image.
+
+    Raises:
+        DecodeError: The bytes are no PNG or JPEG, or are cut off.
+    """
+    image = bytes(image)
+    if image.startswith(_PNG_SIGNATURE):
+        return _png(image)
+    if image.startswith(_JPEG_START):
+        return _jpeg(image)
+    raise DecodeError(f"neither a PNG nor a JPEG: {len(image)} bytes that begin with {image[:8]!r}")
+
+
+def _png(image: bytes) -> ImageHeader:
+    if len(image) < 33 or image[8:16] != b"\x00\x00\x00\rIHDR":
+        raise DecodeError("a PNG without its header")
+    width, height, bit_depth, colour = struct.unpack(">IIBB", image[16:26])
+    if not image.endswith(_PNG_END):
+        raise DecodeError("a PNG that is cut off: it does not end with IEND")
+    return ImageHeader("png", width, height, _PNG_COLOURS.get(colour, f"colour type {colour}"), bit_depth)
+
+
+def _jpeg(image: bytes) -> ImageHeader:
+    position = len(_JPEG_START)
+    while position + 4 <= len(image) and image[position] == 0xFF:
+        marker = image[position + 1]
+        if marker == 0xFF or marker in _BARE:  # a fill byte, or a marker alone
+            position += 1 if marker == 0xFF else 2
+            continue
+        (length,) = struct.unpack_from(">H", image, position + 2)
+        if marker in _FRAMES and position + 10 <= len(image):
+            bit_depth, height, width, channels = struct.unpack_from(">BHHB", image, position + 4)
+            if not image.rstrip(b"\x00").endswith(_JPEG_END):
+                raise DecodeError("a JPEG that is cut off: it does not end with EOI")
+            return ImageHeader("jpeg", width, height, _JPEG_COLOURS.get(channels, f"{channels} channels"), bit_depth)
+        if length < 2 or marker in (0xD9, 0xDA):  # the end, or pixels, before any frame
+            break
+        position += 2 + length
+    raise DecodeError("a JPEG without the header of a frame")
+
+
+def disagreement(header: ImageHeader, camera: Camera) -> str | None:
+    """What keeps an image from being one of the camera, as what was expected; ``None`` if nothing does."""
+    if (header.width_px, header.height_px) != (camera.width_px, camera.height_px):
+        return f"{camera.width_px} x {camera.height_px} pixels, as camera `{camera.name}` is declared"
+    if camera.stream == SEMANTIC_STREAM:
+        is_fit = (header.encoding, header.colour, header.bit_depth) == ("png", "grey", 8)
+        return None if is_fit else "a PNG of one channel of 8 bits"
+    return None if (header.colour, header.bit_depth) == ("rgb", 8) else "three channels of 8 bits"
