@@ -66,5 +66,5 @@ def features_key(encoder: str, checksums: NDArray[np.object_]) -> str:
         encoder: Digest of the encoder.
         checksums: Checksums of the images, ``[16, cameras]``, empty where there is none.
     """
-    lines = [encoder, *("%d %d %s" % (*place, checksum) for place, checksum in np.ndenumerate(checksums))]
+    lines = [encoder, *(f"{place} {checksum}" for place, checksum in np.ndenumerate(checksums))]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

@@ -11,7 +11,8 @@ An item is a dictionary of tensors, float32 and masks bool, which the default lo
     bev   [16, 1, *encoding], bev_mask   [16, 1]  where asked for, privileged contract
 
 Everything is normalised by the training scalings, except one-hots and flags, sines and cosines, actions and
-surroundings, which are as they are, and images, which are encoded and keep their type. No NaN is in an item: where a mask is false stands 0, to be left out of a loss.
+surroundings, which are as they are, and images, which are encoded and keep their type. No NaN is in an item: where a
+mask is false stands 0, to be left out of a loss.
 No identifier is in an item; `BranchGroupDataset.groups` has the group of each.
 
 Source: paper, "Model Inputs and Targets"; spec/12-model.md#contracts.

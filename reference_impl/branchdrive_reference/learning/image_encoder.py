@@ -10,9 +10,9 @@ Source: see `branchdrive_reference.learning.image_encoding`.
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from branchdrive.environment import extra
-from branchdrive.errors import PlatformError
+from branchdrive.contract.semantic_bev import channels_of
+from branchdrive.errors import DecodeError, PlatformError
+from branchdrive.formats.image_codec import decode_image
 from branchdrive_reference.learning.execution import deterministic
 from branchdrive_reference.learning.image_encoding import ENCODINGS, Encoding
 
@@ -59,7 +60,8 @@ class ImageEncoder(Protocol):
         """Encoded images ``[n, *shape]``, each by itself.
 
         Raises:
-            DatasetError: One is no image.
+            DecodeError: One is no image.
+            PlatformError: Nothing that decodes images is installed.
         """
 
 
@@ -91,7 +93,7 @@ class RgbPatches:
         """Encoded images ``[n, 48, 72]``."""
         found = np.empty((len(images), *ENCODINGS[self.encoding].shape), np.uint8)
         for patches, content in zip(found, images, strict=True):
-            patches[:] = _patches(_means(decode(content, "RGB"), _RGB_SIZE, 1), _RGB_PATCH)
+            patches[:] = _patches(_means(_rgb(content), _RGB_SIZE, 1), _RGB_PATCH)
         return found
 
 
@@ -105,7 +107,7 @@ class BevPatches:
         """Encoded images ``[n, 64, 256]``."""
         found = np.empty((len(images), *ENCODINGS[self.encoding].shape), np.uint8)
         for patches, content in zip(found, images, strict=True):
-            channels = channels_of(decode(content, "L")).astype(np.uint8)
+            channels = channels_of(_semantic(content)).astype(np.uint8)
             patches[:] = _patches(_means(channels, _BEV_SIZE, _BEV_LEVELS), _BEV_PATCH)
         return found
 
@@ -134,7 +136,7 @@ class ResNet18:
         return found
 
     def _picture(self, content: bytes) -> torch.Tensor:
-        pixels = torch.from_numpy(decode(content, "RGB").copy()).permute(2, 0, 1)[None].float() / 255.0
+        pixels = torch.from_numpy(_rgb(content)).permute(2, 0, 1)[None].float() / 255.0
         size = (_RESNET_SIZE, _RESNET_SIZE)
         picture = functional.interpolate(pixels, size, mode="bilinear", antialias=True, align_corners=False)
         mean, sd = (torch.tensor(values)[None, :, None, None] for values in (_RESNET_MEAN, _RESNET_SD))
@@ -144,7 +146,7 @@ class ResNet18:
 def _resnet18() -> tuple[nn.Module, str]:
     """The network without its classes, and the digest of its weights."""
     try:
-        import torchvision
+        models = import_module("torchvision.models")
     except ImportError as error:
         raise PlatformError(
             "the image encoding 'resnet18' needs the package 'torchvision': pip install torchvision"
@@ -155,7 +157,7 @@ def _resnet18() -> tuple[nn.Module, str]:
             f"the image encoding 'resnet18' needs weights at {str(path)!r}, and nothing is downloaded here; run: "
             "python -c \"import torchvision; torchvision.models.resnet18(weights='IMAGENET1K_V1')\""
         )
-    network = torchvision.models.resnet18(weights=None)
+    network = models.resnet18(weights=None)
     network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     network.fc = nn.Identity()
     return network, hashlib.sha256(path.read_bytes()).hexdigest()
@@ -181,7 +183,8 @@ def _means(picture: Picture, size: tuple[int, int], levels: int) -> Picture:
 def _overlaps(num_pixels: int, num_cells: int) -> NDArray[np.int64]:
     """How much of each pixel each of equal cells covers, ``[cells, pixels]``; a row adds up to `num_pixels`."""
     pixel, cell = np.arange(num_pixels) * num_cells, np.arange(num_cells)[:, None] * num_pixels
-    return np.maximum(0, np.minimum(pixel + num_cells, cell + num_pixels) - np.maximum(pixel, cell))
+    found: NDArray[np.int64] = np.minimum(pixel + num_cells, cell + num_pixels) - np.maximum(pixel, cell)
+    return found.clip(min=0)
 
 
 def _patches(picture: Picture, size: tuple[int, int]) -> Picture:
@@ -191,17 +194,22 @@ def _patches(picture: Picture, size: tuple[int, int]) -> Picture:
     return cut.reshape(-1, height * width * channels)
 
 
-def channels_of(picture: Picture) -> NDArray[np.bool_]:
-    """Binary channels ``[height, width, 4]``."""
-    return (picture[..., None] & np.array([16, 32, 64, 128], np.uint8)) != 0
+def _rgb(content: bytes) -> Picture:
+    """Pixels of a picture ``[height, width, 3]``, of a grey one too."""
+    pixels = decode_image(content)
+    return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, axis=2)
 
 
-def decode(content: bytes, mode: str) -> Picture:
-    """Pixels of an image."""
-    with extra("plots", of="an image"):
-        from PIL import Image
-    with Image.open(io.BytesIO(content), formats=("JPEG", "PNG")) as image:
-        return np.asarray(image.convert(mode))
+def _semantic(content: bytes) -> Picture:
+    """Pixels of a semantic view ``[height, width]``.
+
+    Raises:
+        DecodeError: It is a picture of colours.
+    """
+    pixels = decode_image(content)
+    if pixels.ndim != 2:
+        raise DecodeError("is a picture of colours, and no semantic view")
+    return pixels
 
 
 def encoding_of(encoder: ImageEncoder) -> Encoding:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.driving.feature import InputContract
-from branchdrive.errors import UsageError
+from branchdrive.errors import DatasetError, DecodeError, UsageError
 from branchdrive.model.images import ImageHistory
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.configuration import ModelConfig
@@ -83,7 +83,13 @@ def _encoded(images: ImageHistory, encoder: ImageEncoder, cache: FeatureCache) -
         if kept is None:
             there = images.available[group]
             values[:] = 0
-            values[there] = encoder.encode([images.read(group, *place) for place in np.argwhere(there).tolist()])
+            pictures = [images.read(group, *place) for place in np.argwhere(there).tolist()]
+            try:
+                values[there] = encoder.encode(pictures)
+            except DecodeError as error:
+                raise DatasetError(
+                    f"an image of group {images.groups[group]!r} {error}; run `branchdrive-validate`"
+                ) from error
             cache.put(key, values)
         else:
             values[:] = kept

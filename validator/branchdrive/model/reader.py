@@ -213,9 +213,8 @@ class ModelLayer:
         """
         declared = InputContract.named(contract).admit_stream(stream)
         if stream not in self.descriptor.streams:
-            raise UsageError(
-                f"{self.root}: has no images of the stream {stream!r}; it claims {list(self._image_streams)}"
-            )
+            claimed = [name for name in self.descriptor.streams if STREAMS[name].cameras]
+            raise UsageError(f"{self.root}: has no images of the stream {stream!r}; it claims {claimed}")
         groups = self.groups(partition, variant)
         return ImageHistory(self.root, self._media_index, groups, declared.cameras, links=self._links)
 
@@ -314,10 +313,6 @@ class ModelLayer:
 
     def _history(self, table: str) -> Array:
         return arrays.pack_history(self._frame(table), table, self._group_ids)
-
-    @property
-    def _image_streams(self) -> tuple[str, ...]:
-        return tuple(name for name in self.descriptor.streams if STREAMS[name].cameras)
 
     @cached_property
     def _media_index(self) -> dict[str, Values]:
