@@ -112,6 +112,4 @@ def _frame(rows: list[tuple[Any, ...]]) -> dict[str, Values]:
         "checksum", "encoding",
     )  # fmt: skip
     kinds: dict[str, Any] = {"offset_ticks": np.int32, "offset_bytes": np.int64, "size_bytes": np.int64}
-    return {
-        name: np.array(list(values), kinds.get(name, object)) for name, values in zip(names, zip(*rows), strict=True)
-    }
+    return {name: np.array([row[i] for row in rows], kinds.get(name, object)) for i, name in enumerate(names)}

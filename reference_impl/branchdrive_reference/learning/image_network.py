@@ -35,12 +35,11 @@ class ImageHistoryEncoder(nn.Module):
 
     def __init__(self, config: ImagesConfig) -> None:
         super().__init__()
-        about = ENCODINGS[config.encoding]
+        self.encoding = about = ENCODINGS[config.encoding]
         num_cameras = len(STREAMS[STREAM_OF[about.input]].cameras)
         self.reads = (about.input, mask_of(about.input))
         self.width = config.width
         self.step_width = config.step_width
-        self._offset, self._scale = about.offset, about.scale
         num_features, *_ = about.shape
         self.patch: nn.Linear | None = None
         if config.patch_width is not None:
@@ -61,7 +60,7 @@ class ImageHistoryEncoder(nn.Module):
 
     def encode_steps(self, images: Tensor, mask: Tensor) -> Tensor:
         """Steps ``[..., step width]`` of encoded images ``[..., C, *encoding]`` and their mask ``[..., C]``."""
-        values = (images.to(self.image.weight.dtype) - self._offset) / self._scale
+        values = (images.to(self.image.weight.dtype) - self.encoding.offset) / self.encoding.scale
         if self.patch is not None:
             values = functional.gelu(self.patch(values)).flatten(-2)
         encoded = torch.where(mask[..., None], self.image(values), 0.0)
