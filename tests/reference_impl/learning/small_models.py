@@ -28,7 +28,7 @@ TRAINING = DECLARED["M3"].training
 
 _HISTORY, _ACTION = HistoryConfig(step_width=6, state_width=5, controls_width=4), ActionConfig(7, 8)
 _VIEWS = ImagesConfig("rgb_patches", image_width=5, step_width=6, width=7, patch_width=2)
-_BEV = ImagesConfig("bev_patches", image_width=5, step_width=6, width=7, patch_width=2)
+_BEV = ImagesConfig("bev_patches", image_width=8, step_width=8, width=7, patch_width=4)
 _IMAGES: dict[str, dict[str, Any]] = {
     "M4": {"views": _VIEWS, "action": _ACTION},
     "M5": {"views": _VIEWS, "history": _HISTORY, "action": _ACTION},
