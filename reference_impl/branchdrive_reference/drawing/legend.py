@@ -20,7 +20,7 @@ from matplotlib.patheffects import withStroke
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
 from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
 from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
-from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_S, Array, Candidate, Scene
+from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_S, Array, Candidate, Scene, outcome_texts
 from branchdrive_reference.drawing.view import Layer, View
 
 __all__ = [
@@ -188,17 +188,5 @@ def draw_outcomes(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
         colour = colours[candidate.policy.key]
         axes.plot([0.0, 0.085], [y, y], color=colour, linewidth=2.4, solid_capstyle="butt")
         axes.plot([0.0425], [y], color=colour, marker="o", markersize=5, markeredgecolor="white", markeredgewidth=0.5)
-        for (x, side, _), text in zip(columns, _outcome(candidate), strict=True):
+        for (x, side, _), text in zip(columns, outcome_texts(candidate), strict=True):
             axes.text(x, y, text, ha=side, va="center", fontsize=8.5, color=BACKDROP["ink"])
-
-
-def _outcome(candidate: Candidate) -> tuple[str, str, str, str]:
-    gap_m = candidate.least_separation_m
-    contacts = candidate.time_s[candidate.contacts]
-    never = f"none (to +{candidate.end_s:.2f} s)" if candidate.ends_early else "none"
-    return (
-        candidate.policy.key.replace("_", " "),
-        "none" if math.isnan(gap_m) else f"{gap_m:.1f} m",
-        f"{candidate.speed_mps[candidate.future][-1]:.1f} m/s",
-        f"+{contacts[0]:.2f} s" if len(contacts) else never,
-    )

@@ -9,6 +9,7 @@ A picture is no judgement of a dataset, so the bounds are wide: within them ever
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -37,6 +38,7 @@ __all__ = [
     "Candidate",
     "Scene",
     "check_scene",
+    "outcome_texts",
     "read_scene",
     "require_actors",
 ]
@@ -185,6 +187,19 @@ class Scene:
     def route(self) -> tuple[Array, Array]:
         """Vertices of the route, world frame."""
         return np.asarray(self.record["route_x_m"], float), np.asarray(self.record["route_y_m"], float)
+
+
+def outcome_texts(candidate: Candidate) -> tuple[str, str, str, str]:
+    """Name of a candidate, its least gap and its speed in the future, and when it first touches something."""
+    gap_m = candidate.least_separation_m
+    contacts = candidate.time_s[candidate.contacts]
+    never = f"none (to +{candidate.end_s:.2f} s)" if candidate.ends_early else "none"
+    return (
+        candidate.policy.key.replace("_", " "),
+        "none" if math.isnan(gap_m) else f"{gap_m:.1f} m",
+        f"{candidate.speed_mps[candidate.future][-1]:.1f} m/s",
+        f"+{contacts[0]:.2f} s" if len(contacts) else never,
+    )
 
 
 def read_scene(group: BranchGroup, descriptor: Descriptor) -> Scene:

@@ -12,14 +12,16 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
-from tests.validator.writer.invented import ATTEMPTS, make_descriptor, write_group, write_rollout
+from tests.validator.writer.invented import ATTEMPTS, CAMERAS, make_descriptor, write_group, write_rollout
 
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.formats.manifest import build_manifest, parse_manifest
+from branchdrive.raw.camera_frames import CameraFrame
 from branchdrive.raw.reader import open_dataset
 from branchdrive.writer.writer import DatasetWriter
 
-DESCRIPTOR = make_descriptor(has_evidence=False)
+DESCRIPTOR = make_descriptor(has_evidence=False, has_media=True)
+FRAME_TICKS = (10, 0, 5)
 NAME_EVENTS = {"os.mkdir", "os.rename", "os.remove", "os.rmdir"}
 """Audit events of operations that change which names there are."""
 
@@ -30,7 +32,7 @@ def collect(root: Path, num_groups: int = 2) -> str:
         for index in range(num_groups):
             if not writer.is_closed(f"g{index}"):
                 with writer.begin_group(f"g{index}", index=index) as group:
-                    write_group(group, ATTEMPTS[:1], has_evidence=False)
+                    write_group(group, ATTEMPTS[:1], has_evidence=False, frame_ticks=FRAME_TICKS)
             writer.commit()
         return writer.finalize()
 
@@ -40,7 +42,7 @@ def retry(root: Path) -> str:
     with DatasetWriter(root, DESCRIPTOR, groups_per_shard=2) as writer:
         with writer.begin_group("g0") as group:
             if group.find("nominal", "nominal", attempt=2) is None:
-                write_rollout(group, "nominal", "nominal", has_evidence=False)
+                write_rollout(group, "nominal", "nominal", has_evidence=False, frame_ticks=FRAME_TICKS)
         return writer.finalize()
 
 
@@ -52,7 +54,9 @@ def check_visible(root: Path) -> None:
     for name in dataset.descriptor.tables:
         dataset.table(name).read()
     for group_id in dataset.groups:
-        dataset.group(group_id).record()
+        for rollout in dataset.group(group_id).rollouts:
+            for camera in CAMERAS:
+                list(map(CameraFrame.read, rollout.frames(camera.name)))
     if (root / MANIFEST_FILE).exists():
         manifest, problems = parse_manifest((root / MANIFEST_FILE).read_bytes())
         if problems or manifest != build_manifest(root):

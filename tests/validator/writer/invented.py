@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.validator.formats.image_files import noise, png
 
 from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.camera import Camera, TopDownCamera
 from branchdrive.contract.descriptor import Collection, Descriptor, ReplayNoise, Software
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
 from branchdrive.raw.rollout import Rollout
@@ -25,8 +27,26 @@ ATTEMPTS = (("nominal", "nominal"), ("intervention", "brake_0.50"), ("nominal_re
 """Role and action key of the attempts of a small group."""
 
 
-def make_descriptor(*, has_evidence: bool = True, dataset_id: str = "invented") -> Descriptor:
+def camera(name: str, stream: Any) -> Camera:
+    """A camera of 5 x 4 pixels."""
+    return TopDownCamera(
+        name=name, stream=stream, width_px=5, height_px=4, px_per_m=1.0, origin_row_px=2.0, origin_column_px=2.5
+    )
+
+
+CAMERAS = (camera("top_down", "rgb_top_down"), camera("bev", "semantic_bev"))
+"""Cameras of two media streams, with which an invented dataset may have media."""
+
+
+def image_of(camera: Camera, *identity: object) -> bytes:
+    """An image of a camera that depends on an identity alone."""
+    channels = () if camera.stream == "semantic_bev" else (3,)
+    return png(noise(zlib.crc32(repr((camera.name, identity)).encode()), camera.height_px, camera.width_px, *channels))
+
+
+def make_descriptor(*, has_evidence: bool = True, has_media: bool = False, dataset_id: str = "invented") -> Descriptor:
     evidence = ("actor_risk_evidence",) if has_evidence else ()
+    media = tuple(camera.stream for camera in CAMERAS) if has_media else ()
     return Descriptor(
         dataset_id=dataset_id,
         dataset_version="0.1.0",
@@ -34,7 +54,8 @@ def make_descriptor(*, has_evidence: bool = True, dataset_id: str = "invented") 
         licence="CC-BY-4.0",
         simulator=Software(name="none", version="1"),
         collector=Software(name="tests", version="1"),
-        streams=("ego_route_state", "controls", "route_result", *evidence),
+        streams=("ego_route_state", "controls", "route_result", *evidence, *media),
+        cameras=CAMERAS if has_media else (),
         action_bank=load_action_bank(),
         collection=Collection(seed=1, replay_noise=ReplayNoise(kind="natural")),
     )
@@ -173,8 +194,12 @@ def fill(
     is_active: bool,
     has_evidence: bool,
     without: Container[str] = (),
+    frame_ticks: Sequence[int] = (),
 ) -> None:
     """Append the streams of one invented rollout, the columns `without` left out."""
+    for tick in frame_ticks:
+        for camera in CAMERAS:
+            rollout.append_frame(tick, camera.name, image_of(camera, identity, tick))
     rng = generator(*identity)
     ticks = np.arange(num_ticks)
     active = is_active & (ticks >= BRANCH_TICK) & (ticks < BRANCH_TICK + ACTIVE_TICKS)
@@ -196,13 +221,15 @@ def write_rollout(
     has_evidence: bool = True,
     more: Mapping[str, object] | None = None,
     without: Container[str] = (),
+    frame_ticks: Sequence[int] = (),
 ) -> Rollout:
     """Write one invented rollout; it depends on group, role, action key and attempt only."""
     nominal_id = f"{group.group_id}.nominal.v1.a1"
     rollout = group.begin_rollout(**_without(without, "rollouts", identity_fields(role, action_key, nominal_id)))
     identity = (group.group_id, role, action_key, rollout.attempt)
     is_active = role == "intervention"
-    fill(rollout, identity, num_ticks=num_ticks, is_active=is_active, has_evidence=has_evidence, without=without)
+    content = {"has_evidence": has_evidence, "without": without, "frame_ticks": frame_ticks}
+    fill(rollout, identity, num_ticks=num_ticks, is_active=is_active, **content)
     return rollout.finish(**result_fields(), **branch_fields(nominal_id), **(more or {}))
 
 

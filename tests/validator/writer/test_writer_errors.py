@@ -13,6 +13,7 @@ from tests.validator.writer.invented import (
     ATTEMPTS,
     actor_row,
     branch_fields,
+    camera,
     control_rows,
     evidence_row,
     generator,
@@ -23,8 +24,6 @@ from tests.validator.writer.invented import (
     write_rollout,
 )
 
-from branchdrive.contract.camera import TopDownCamera
-from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import BranchDriveError, ContractError, DatasetError, UsageError
 from branchdrive.writer.group_writer import GroupWriter
@@ -74,12 +73,9 @@ def scene(tmp_path: Path) -> Iterator[Scene]:
         group.release()
 
 
-def media_descriptor() -> Descriptor:
-    camera: dict[str, Any] = {"width_px": 9, "height_px": 9, "px_per_m": 1.0}
-    camera |= {"origin_row_px": 4.5, "origin_column_px": 4.5, "stream": "rgb_top_down"}
-    cameras = tuple(TopDownCamera(name=name, **camera) for name in STREAMS["rgb_top_down"].cameras)
-    plain = make_descriptor()
-    return plain.model_copy(update={"streams": (*plain.streams, "rgb_top_down"), "cameras": cameras})
+def descriptor_of_long_camera() -> Descriptor:
+    plain = make_descriptor(has_media=True)
+    return plain.model_copy(update={"cameras": (*plain.cameras, camera("c" * 89, "rgb_top_down"))})
 
 
 def foreign_folder(scene: Scene) -> DatasetWriter:
@@ -268,7 +264,8 @@ TABLE: dict[str, tuple[Callable[[Scene], object], type[BranchDriveError], str]] 
     "another shard size": (other_shard_size, MISUSED, "has 2 groups per shard, not 3; pass 2"),
     "a foreign folder": (foreign_folder, MISUSED, "not empty and holds no dataset"),
     "no place in a shard": (writer_at("new", PLAIN, groups_per_shard=0), MISUSED, "at least 1, found 0"),
-    "media": (writer_at("new", media_descriptor()), MISUSED, r"\['rgb_top_down'\]"),
+    "long camera": (writer_at("new", descriptor_of_long_camera()), MISUSED, "at most 88 characters"),
+    "unclaimed media": (lambda s: s.rollout.append_frame(0, "bev", b""), MISUSED, "none of the streams"),
     "finishing with an open group": (lambda s: s.writer.finalize(), MISUSED, r"groups \['g'\] are open"),
     "finishing an empty dataset": (lambda s: writer_at("new", PLAIN)(s).finalize(), MISUSED, "no rollout"),
     "using a closed writer": (writer_after_close, MISUSED, "is closed; make another"),

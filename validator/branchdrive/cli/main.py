@@ -42,8 +42,8 @@ _BUILT_IN = {
 }
 
 _WORKFLOW = (
-    "init", "collect", "staging", "study", "draw", "validate", "pilot", "diff", "rules", "build", "benchmark", "train",
-    "lock", "predict", "evaluate", "export",
+    "init", "collect", "staging", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules", "build",
+    "benchmark", "train", "lock", "predict", "evaluate", "export",
 )  # fmt: skip
 """Order in which the help lists commands; those that it does not name follow by name."""
 

@@ -258,3 +258,8 @@ class Descriptor(Document):
         """Tables that every shard holds, in declared order: those of the claimed streams, rollouts first."""
         claimed = {table for name in self.streams for table in STREAMS[name].tables}
         return tuple(name for name in TABLES if name in claimed)
+
+    @property
+    def cameras_by_name(self) -> dict[str, Camera]:
+        """Cameras by their names."""
+        return {camera.name: camera for camera in self.cameras}

@@ -15,6 +15,7 @@ __all__ = [
     "OBSERVATION_STRIDE_TICKS",
     "PREDECESSOR_OFFSET",
     "TICK_S",
+    "WINDOW_OFFSETS",
 ]
 
 TICK_S = 0.05
@@ -43,3 +44,6 @@ PREDECESSOR_OFFSET = -HISTORY_OBSERVATIONS * OBSERVATION_STRIDE_TICKS
 
 FUTURE_OFFSETS = tuple(OBSERVATION_STRIDE_TICKS * j for j in range(1, FUTURE_OBSERVATIONS + 1))
 """Offsets of the future's observations from ``t_b``: 5, 10, .. 50."""
+
+WINDOW_OFFSETS = (*HISTORY_OFFSETS, *FUTURE_OFFSETS)
+"""Offsets of all 26 observations of history and future: those that media cover."""

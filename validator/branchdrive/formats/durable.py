@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import os
 import shutil
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from branchdrive.formats.file_error import named
 
-__all__ = ["delete", "make_dir", "move", "partial_path", "remove", "replace_file", "sync_dir", "write_file"]
+__all__ = [
+    "delete",
+    "durable_stream",
+    "make_dir",
+    "move",
+    "partial_path",
+    "remove",
+    "replace_file",
+    "sync_dir",
+    "write_file",
+]
 
 
 def sync_dir(folder: Path) -> None:
@@ -30,13 +42,20 @@ def make_dir(folder: Path) -> None:
 
 
 def write_file(path: Path, content: bytes | memoryview) -> None:
-    """Write a file and make its content durable; its name is durable once the folder is synchronised.
+    """Write a file and make its content durable; see `durable_stream`."""
+    with durable_stream(path) as stream:
+        stream.write(content)
+
+
+@contextmanager
+def durable_stream(path: Path) -> Iterator[BinaryIO]:
+    """A file to write, whose content is made durable in the end; its name is once the folder is synchronised.
 
     A file that does not get all its content, on a full disk for example, is removed; one that cannot be opened stays.
     """
     with named(path), path.open("wb") as stream:
         try:
-            stream.write(content)
+            yield stream
             stream.flush()
             os.fsync(stream.fileno())
         except OSError:

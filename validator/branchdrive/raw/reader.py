@@ -145,7 +145,8 @@ class Dataset:
             self._current = _DecodedShard(shard, shard.records(), {name: shard.rows(name) for name in names})
         records = [record for record in self._current.records if record["group_id"] == group_id]
         records.sort(key=lambda record: canonical_key(record, self.descriptor))
-        return BranchGroup(group_id, tuple(rollouts_of(records, self._current.rows)))
+        media = shard.media(self.descriptor)
+        return BranchGroup(group_id, tuple(rollouts_of(records, self._current.rows, media)))
 
     def __repr__(self) -> str:
         return f"Dataset({self.descriptor.dataset_id!r}, {len(self.shards)} shards at {str(self.root)!r})"

@@ -5,14 +5,17 @@ Source: spec/05-raw-streams.md#tables.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from branchdrive.contract.columns import TABLES, Column, Table
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.errors import UsageError
+from branchdrive.raw.camera_frames import CameraFrames
+from branchdrive.raw.media_folder import FRAMES, MediaFolder
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,10 +74,12 @@ class Rollout:
     Attributes:
         record: The row of the rollouts table, by column name; null is ``None``.
         tables: The rows of the streams, sorted by tick.
+        media: Where its images are; ``None`` without a media stream.
     """
 
     record: dict[str, Any]
     tables: RolloutTables
+    media: MediaFolder | None = field(default=None, compare=False)
 
     @property
     def rollout_id(self) -> str:
@@ -90,6 +95,26 @@ class Rollout:
     def column(self, table: str, name: str) -> np.ndarray[Any, Any]:
         """One column of a stream as numpy, see `RolloutTables.column`."""
         return self.tables.column(table, name)
+
+    def frames(self, camera: str, offsets: Sequence[int] | None = None) -> CameraFrames:
+        """Images of a camera, lazily: each is read, and checked against its checksum, when it is asked for.
+
+        Args:
+            camera: A camera of the descriptor.
+            offsets: Ticks relative to the branch, such as `HISTORY_OFFSETS`; all images by default.
+
+        Raises:
+            UsageError: The dataset has no such camera, or no media; or the rollout has no branch, or lacks an image.
+        """
+        cameras = {} if self.media is None else self.media.cameras
+        if self.media is None or camera not in cameras:
+            raise UsageError(f"no camera {camera!r} in this dataset; it has {sorted(cameras) or 'no media'}")
+        frames = CameraFrames.of_rows(camera, self.tables[FRAMES], self.media)
+        if offsets is None:
+            return frames
+        if self.branch_tick is None:
+            raise UsageError(f"rollout `{self.rollout_id}` has no branch tick and so no windows")
+        return frames.at(np.asarray(offsets) + self.branch_tick)
 
     def __repr__(self) -> str:
         role, key = self.record["role"], self.record["action_key"]

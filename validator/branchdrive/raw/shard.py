@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from branchdrive.contract.columns import TABLES, Table
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.formats.untrusted import Links, list_names
+from branchdrive.raw.media_folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
 
 if TYPE_CHECKING:
@@ -53,6 +55,12 @@ class Shard:
     def table(self, name: str) -> pa.Table:
         """The table `name` with the declared schema; see `decode` for errors."""
         return conform(self.decode(name), name)
+
+    def media(self, descriptor: Descriptor) -> MediaFolder | None:
+        """Where the shard's images are; ``None`` where the descriptor claims no media stream."""
+        if FRAMES not in descriptor.tables:
+            return None
+        return MediaFolder(self.root, f"{RAW_DIR}/{shard_name(self.index)}", descriptor.cameras_by_name, self.links)
 
     def rows(self, name: str) -> RowsByRollout:
         """Rows of the stream table `name`, found by rollout; see `decode` for errors."""
@@ -92,9 +100,11 @@ class RowsByRollout:
         return conform(self._table.take(self._order[rows]), self._declared.name)
 
 
-def rollouts_of(records: Iterable[dict[str, Any]], rows: Mapping[str, RowsByRollout]) -> list[Rollout]:
-    """The rollouts of `records`, with their rows of every table in `rows`."""
+def rollouts_of(
+    records: Iterable[dict[str, Any]], rows: Mapping[str, RowsByRollout], media: MediaFolder | None = None
+) -> list[Rollout]:
+    """The rollouts of `records`, with their rows of every table in `rows`, and their images in `media`."""
     return [
-        Rollout(record, RolloutTables({name: table[record["rollout_id"]] for name, table in rows.items()}))
+        Rollout(record, RolloutTables({name: table[record["rollout_id"]] for name, table in rows.items()}), media)
         for record in records
     ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.contract.timing import WINDOW_OFFSETS
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView, TableView
 
@@ -19,7 +19,7 @@ __all__ = ["EVIDENCE_OFFSETS", "take_float", "window_rows"]
 
 Index = NDArray[np.int64]
 
-EVIDENCE_OFFSETS = (*HISTORY_OFFSETS, *FUTURE_OFFSETS)
+EVIDENCE_OFFSETS = WINDOW_OFFSETS
 """Offsets of the evidence window from ``t_b``: -75, -70, .. 50."""
 
 

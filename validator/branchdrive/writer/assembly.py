@@ -13,13 +13,18 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
+from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError, DatasetError, DecodeError, UsageError
-from branchdrive.formats.durable import delete, make_dir, move, partial_path, sync_dir, write_file
+from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, sync_dir, write_file
+from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.raw.media_folder import FRAMES, MediaFolder, places_of
 from branchdrive.raw.rollout import MAP, ROLLOUTS, canonical_key
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.writer.stage import Places, Stage
@@ -28,7 +33,7 @@ from branchdrive.writer.staged_group import StagedGroup
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["assemble_shard", "committed_places", "install_ready_shards"]
+__all__ = ["assemble_shard", "committed_places", "install_ready_shards", "shard_files"]
 
 _PLACES_KEY = b"branchdrive.places"
 """Metadata of a rollouts file: the writer's own note of its groups' places; readers ignore it."""
@@ -49,7 +54,8 @@ def assemble_shard(
     """Write raw shard `index` from `groups` and from those groups of the present shard that are not among them.
 
     Call it under the registry lock; `groups` are closed and are dropped from the stage in the end.
-    Memory holds one table of the shard at a time. `maps` has the elements of each town, for a dataset with maps.
+    Memory holds one table of the shard, or one image, at a time. `maps` has the elements of each town, for a dataset
+    with maps.
 
     Raises:
         ContractError: The shard would break a spec limit, rollout ids repeat, or the map of a town is missing;
@@ -69,6 +75,8 @@ def assemble_shard(
             table = _rollouts_table(members, places)
         elif name == MAP:
             table = _map_table(members, maps)
+        elif name == FRAMES:
+            table = _archive_images(members, old, stage.descriptor, draft)
         else:
             table = _stream_table(name, members, old)
         write_file(draft / TABLES[name].file_name, _checked_bytes(name, table, index))
@@ -82,12 +90,18 @@ def assemble_shard(
 
 
 def _check_files(old: Shard, stage: Stage) -> None:
-    own = {TABLES[name].file_name for name in stage.descriptor.tables}
+    own = set(shard_files(stage.descriptor))
     foreign = sorted(
         f"{RAW_DIR}/{old.folder.name}/{path.name}" for path in old.folder.iterdir() if path.name not in own
     )
     if foreign:
         raise UsageError(f"{stage.root}: {foreign[:5]} have no place in the dataset; move them out of it")
+
+
+def shard_files(descriptor: Descriptor) -> tuple[str, ...]:
+    """Names of the files that a shard may have."""
+    tables = tuple(TABLES[name].file_name for name in descriptor.tables)
+    return (*tables, MEDIA_FILE) if FRAMES in descriptor.tables else tables
 
 
 def _members(stage: Stage, places: Places, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:
@@ -127,6 +141,47 @@ def _stream_table(name: str, members: Sequence[_Member], old: Shard | None) -> p
         elif kept is not None:
             pieces.append(kept[rollout_id])
     return pa.concat_tables(pieces)
+
+
+def _archive_images(members: Sequence[_Member], old: Shard | None, descriptor: Descriptor, draft: Path) -> pa.Table:
+    """Write the archive of the members' images into the folder `draft`; their index. None is written without images."""
+    import pyarrow as pa
+
+    kept = (old.rows(FRAMES), old.media(descriptor)) if old is not None else (None, None)
+    pieces = [table_schema(FRAMES).empty_table()]
+    with durable_stream(draft / MEDIA_FILE) as stream:
+        archive = MediaArchive(stream)
+        for member in members:
+            rollout_id = member.record["rollout_id"]
+            rows, media = kept[0][rollout_id] if kept[0] else None, kept[1]
+            if member.group is not None:
+                rows, media = member.group.table(rollout_id, FRAMES), member.group.media(rollout_id, descriptor)
+            if rows is not None and media is not None:
+                pieces.append(_archived(rows, media, archive))
+        archive.end()
+    if archive.num_bytes > spec_limits().max_media_bytes:
+        raise ContractError(
+            f"{draft.name}: media of {archive.num_bytes} bytes, more than {spec_limits().max_media_bytes}; write a new "
+            "dataset with fewer groups per shard"
+        )
+    index = pa.concat_tables(pieces)
+    if not index.num_rows:
+        (draft / MEDIA_FILE).unlink()
+    return index
+
+
+def _archived(rows: pa.Table, media: MediaFolder, archive: MediaArchive) -> pa.Table:
+    """Append the images of a rollout to an archive; the rollout's index of it."""
+    import pyarrow as pa
+
+    key = zip(*(rows.column(name).to_pylist() for name in ("rollout_id", "tick", "camera", "encoding")), strict=True)
+    images = media.read_all(places_of(rows))
+    offsets = [archive.add(member_name(*names), image) for names, image in zip(key, images, strict=True)]
+    moved = {"file": pa.array([MEDIA_FILE] * len(offsets), pa.string()), "offset_bytes": pa.array(offsets, pa.int64())}
+    for name, values in moved.items():
+        index = rows.schema.get_field_index(name)
+        rows = rows.set_column(index, rows.schema.field(index), values)
+    return rows
 
 
 def _map_table(members: Sequence[_Member], maps: Mapping[str, pa.Table]) -> pa.Table:

@@ -17,6 +17,7 @@ from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import render_descriptor
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, canonical_key
 from branchdrive.writer.buffer import check_names
+from branchdrive.writer.media_buffer import MediaBuffer
 from branchdrive.writer.rollout_writer import RolloutWriter
 from branchdrive.writer.stage import Stage
 
@@ -58,8 +59,9 @@ class GroupWriter:
         self._descriptor = descriptor
         self._group, self._lock = stage.claim(group_id, index)
         self._open_rollout: RolloutWriter | None = None
+        self._images: MediaBuffer | None = None
         try:
-            self._rollouts = {i: self._group.rollout(i) for i in self._group.rollout_ids}
+            self._rollouts = {i: self._group.rollout(i, descriptor) for i in self._group.rollout_ids}
         except BaseException:
             self.release()
             raise
@@ -117,7 +119,8 @@ class GroupWriter:
         if rollout_id in self._rollouts:
             raise UsageError(f"rollout id `{rollout_id}` is taken in this group; pass another `rollout_id`")
         identified = {**fields, "group_id": self.group_id, "rollout_id": rollout_id, "attempt": attempt}
-        self._open_rollout = RolloutWriter(self._descriptor, identified, self._end_rollout)
+        self._images = self._group.media_buffer(rollout_id, self._descriptor)
+        self._open_rollout = RolloutWriter(self._descriptor, identified, self._end_rollout, self._images)
         return self._open_rollout
 
     def _next_attempt(self, fields: dict[str, object]) -> int:
@@ -128,9 +131,14 @@ class GroupWriter:
     def _end_rollout(self, rollout: Rollout | None) -> None:
         self._check_open()
         if rollout is not None:
-            self._group.add(rollout)
+            self._group.add(rollout, self._images)
             self._rollouts[rollout.rollout_id] = rollout
-        self._open_rollout = None
+        self._close_rollout()
+
+    def _close_rollout(self) -> None:
+        if self._images is not None:
+            self._images.close()
+        self._open_rollout = self._images = None
 
     def _check_open(self) -> None:
         if not self._lock.is_held:
@@ -153,6 +161,7 @@ class GroupWriter:
 
     def release(self) -> None:
         """Let go of the group without closing it; an open rollout is lost, finished ones are kept."""
+        self._close_rollout()
         self._lock.release()
 
     def __enter__(self) -> Self:

@@ -5,14 +5,16 @@ Source: spec/05-raw-streams.md#tables.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.errors import ContractError, UsageError
+from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer, check_names, record_table
+from branchdrive.writer.media_buffer import MediaBuffer
 
 __all__ = ["RolloutWriter"]
 
@@ -21,26 +23,32 @@ _COUNTED = {"num_ticks": "controls", "num_observations": "observations"}
 
 
 class RolloutWriter:
-    """Collects one rollout in memory; made by `GroupWriter.begin_rollout`.
+    """Collects one rollout in memory, its images in a file; made by `GroupWriter.begin_rollout`.
 
     The ``append_*`` methods take the columns of their table by name, without ``rollout_id``: scalars
     for one row, or lists and numpy arrays of one length. ``None`` and masked entries are null, and
     columns that may be null may be left out, the descriptor's `unrecorded` among them. Floats are rounded
     to the declared width; no other type is converted.
 
-    Nothing is written before `finish`: if the process dies, the attempt is not in the dataset and
+    Nothing is in the dataset before `finish`: if the process dies, the attempt is not in the dataset and
     its number goes to the next one. A rollout that the simulator ended early is finished like any
     other, with status ``partial``.
     """
 
     def __init__(
-        self, descriptor: Descriptor, fields: Mapping[str, object], end: Callable[[Rollout | None], None]
+        self,
+        descriptor: Descriptor,
+        fields: Mapping[str, object],
+        end: Callable[[Rollout | None], None],
+        images: MediaBuffer | None,
     ) -> None:
         self._descriptor = descriptor
+        self._images = images
         self._fields = dict(fields)
         self._end = end
         self._is_over = False
-        streams = [TABLES[name] for name in descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
+        given = (TABLES[name] for name in descriptor.tables if name not in (ROLLOUTS, FRAMES))
+        streams = [table for table in given if table.is_of_rollouts]
         self._buffers = {table.name: RowBuffer(table, descriptor.unrecorded) for table in streams}
 
     @property
@@ -74,6 +82,34 @@ class RolloutWriter:
         """Append rows of the risk evidence; see `append_ticks`."""
         self._append("evidence", columns)
 
+    def append_frame(self, tick: int, camera: str, image: bytes) -> None:
+        """Append one encoded image, PNG or JPEG; it goes to a file at once, so that memory does not grow with images.
+
+        Frames may come in any order, before or after their observations.
+
+        Raises:
+            ContractError: The bytes are no image of the camera: of another size, kind or number of channels, cut off
+                or too large.
+            UsageError: No media stream is claimed, the camera is not declared, the tick is that of no saved
+                observation, the camera has an image of it already, or the rollout is finished or abandoned.
+        """
+        self._claimed_images().append(tick, camera, image)
+
+    def keep_frames(self, ticks: Collection[int]) -> None:
+        """Leave out the frames of all other ticks, once it is known which are wanted.
+
+        Raises:
+            UsageError: No media stream is claimed, or the rollout is finished or abandoned.
+        """
+        self._claimed_images().keep(ticks)
+
+    def _claimed_images(self) -> MediaBuffer:
+        self._check_open()
+        if self._images is None:
+            claimed = list(self._descriptor.streams)
+            raise UsageError(f"frames belong to none of the streams that the descriptor claims: {claimed}")
+        return self._images
+
     def _append(self, name: str, columns: Mapping[str, object]) -> None:
         self._check_open()
         if name not in self._buffers:
@@ -92,7 +128,7 @@ class RolloutWriter:
             **fields: Columns of the rollouts table that `begin_rollout` did not get.
 
         Returns:
-            The rollout as it will be read back.
+            The rollout as it will be read back, its images until the group's shard is written.
 
         Raises:
             ContractError: The rollout breaks the format; nothing is written and it stays open.
@@ -110,7 +146,9 @@ class RolloutWriter:
         check_names(given.keys(), allowed, required, f"rollout `{self.rollout_id}`")
         record = record_table(TABLES[ROLLOUTS], given | counts).to_pylist()[0]
         tables = {name: buffer.to_table(self.rollout_id) for name, buffer in self._buffers.items()}
-        rollout = Rollout(record, RolloutTables(tables))
+        if self._images is not None:
+            tables[FRAMES] = self._images.to_table(self.rollout_id)
+        rollout = Rollout(record, RolloutTables(tables), self._images.folder if self._images else None)
         refuse_violations(rollout, self._descriptor)
         self._end(rollout)
         self._is_over = True

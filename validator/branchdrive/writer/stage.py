@@ -8,7 +8,7 @@
       places.json        groups per shard, and the place of every committed group
       maps.arrow         the maps of all towns, where they are claimed
       locks/<group>.lock held by the one `GroupWriter` of a group
-      groups/00000007.<group>/<rollout>/<table>.arrow
+      groups/00000007.<group>/<rollout>/<table>.arrow, and media.bin with the images of the rollout
       shards/            shards that wait for their rename into `raw/`
       trash/             folders on their way out
 """
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -238,8 +238,14 @@ class Stage:
     def _bring_back(self, draft: StagedGroup, group_id: str, shard: Shard) -> None:
         records = [record for record in shard.records() if record["group_id"] == group_id]
         names = [name for name in self.descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
-        for rollout in rollouts_of(records, {name: shard.rows(name) for name in names}):
-            draft.add(rollout)
+        media = shard.media(self.descriptor)
+        for rollout in rollouts_of(records, {name: shard.rows(name) for name in names}, media):
+            images = draft.media_buffer(rollout.rollout_id, self.descriptor)
+            if images is None:
+                draft.add(rollout)
+                continue
+            with closing(images):
+                draft.add(images.take_over(rollout), images)
 
     def unfinish(self) -> None:
         """Remove the manifest: from now on the dataset is not finished."""

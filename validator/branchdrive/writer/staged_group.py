@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.durable import delete, move, partial_path, replace_file, sync_dir, write_file
+from branchdrive.raw.media_folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables
 from branchdrive.writer.buffer import record_table
+from branchdrive.writer.media_buffer import MediaBuffer
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -74,8 +77,18 @@ class StagedGroup:
         """Identities of the finished rollouts, sorted."""
         return sorted(path.name for path in self.folder.iterdir() if not path.name.startswith("."))
 
-    def add(self, rollout: Rollout) -> None:
-        """Add a finished rollout: wholly or not at all."""
+    def media(self, rollout_id: str, descriptor: Descriptor) -> MediaFolder | None:
+        """Where the images of a finished rollout are; ``None`` where the descriptor claims no media stream."""
+        claims_media = FRAMES in descriptor.tables
+        return MediaFolder(self.folder / rollout_id, "", descriptor.cameras_by_name) if claims_media else None
+
+    def media_buffer(self, rollout_id: str, descriptor: Descriptor) -> MediaBuffer | None:
+        """What takes the images of a rollout that begins; ``None`` where the descriptor claims no media stream."""
+        folder = self.media(rollout_id, descriptor)
+        return None if folder is None else MediaBuffer(self.folder / f".{rollout_id}.media", folder)
+
+    def add(self, rollout: Rollout, images: MediaBuffer | None = None) -> None:
+        """Add a finished rollout with its images: wholly or not at all."""
         folder = self.folder / rollout.rollout_id
         partial = partial_path(folder)
         delete(partial)
@@ -83,6 +96,8 @@ class StagedGroup:
         row = record_table(TABLES[ROLLOUTS], rollout.record)
         for name, table in {ROLLOUTS: row, **rollout.tables}.items():
             write_file(_table_path(partial, name), arrow_bytes(table))
+        if images is not None:
+            images.hand_over(partial)
         sync_dir(partial)
         move(partial, folder)
 
@@ -97,12 +112,12 @@ class StagedGroup:
         record: dict[str, Any] = self.table(rollout_id, ROLLOUTS).to_pylist()[0]
         return record
 
-    def rollout(self, rollout_id: str) -> Rollout:
-        """A finished rollout."""
+    def rollout(self, rollout_id: str, descriptor: Descriptor) -> Rollout:
+        """A finished rollout of the dataset that the descriptor describes."""
         folder = self.folder / rollout_id
         names = [name for name in TABLES if name != ROLLOUTS and _table_path(folder, name).exists()]
         tables = {name: self.table(rollout_id, name) for name in names}
-        return Rollout(self.record(rollout_id), RolloutTables(tables))
+        return Rollout(self.record(rollout_id), RolloutTables(tables), self.media(rollout_id, descriptor))
 
 
 def _table_path(folder: Path, name: str) -> Path:

@@ -21,16 +21,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from branchdrive.contract.columns import STREAMS, TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
 from branchdrive.errors import ContractError, UsageError
 from branchdrive.formats.descriptor_file import differing_fields, render_descriptor
 from branchdrive.formats.durable import replace_file
 from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, write_manifest
+from branchdrive.formats.media_archive import MAX_CAMERA_NAME
 from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard
-from branchdrive.writer.assembly import assemble_shard, committed_places, install_ready_shards
+from branchdrive.writer.assembly import assemble_shard, committed_places, install_ready_shards, shard_files
 from branchdrive.writer.buffer import map_table
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.stage import Stage
@@ -50,8 +50,8 @@ class DatasetWriter:
 
     Raises:
         UsageError: The folder holds something else, another descriptor or another number of groups
-            per shard, another writer has it open, the descriptor claims media, or `maps` are given
-            and not claimed.
+            per shard, another writer has it open, `maps` are given and not claimed, or the name of a
+            camera is too long for an archive.
         ContractError: An element of a map has an unknown or missing column or a value of a wrong type.
         DatasetError: The folder holds a descriptor or shards that cannot be read, or shards that are
             not of this writer, or a finished dataset whose files are not those of its manifest.
@@ -73,9 +73,9 @@ class DatasetWriter:
             raise UsageError(
                 f"descriptor must be a `Descriptor`, found {type(descriptor).__name__}; pass Descriptor(...)"
             )
-        media = [name for name in descriptor.streams if STREAMS[name].cameras]
-        if media:
-            raise UsageError(f"descriptor claims the media streams {media}, which this writer cannot record; drop them")
+        long = [camera.name for camera in descriptor.cameras if len(camera.name) > MAX_CAMERA_NAME]
+        if long:
+            raise UsageError(f"cameras {long}: names of at most {MAX_CAMERA_NAME} characters fit into an archive")
         if maps and MAP not in descriptor.tables:
             raise UsageError(
                 "maps are given, and the descriptor does not claim the stream `map`; claim it or drop them"
@@ -246,9 +246,7 @@ class DatasetWriter:
 
     def _check_places(self, manifest: Manifest) -> None:
         own = {DESCRIPTOR_FILE} | {
-            f"{RAW_DIR}/{shard.folder.name}/{TABLES[name].file_name}"
-            for shard in self._shards()
-            for name in self.descriptor.tables
+            f"{RAW_DIR}/{shard.folder.name}/{name}" for shard in self._shards() for name in shard_files(self.descriptor)
         }
         foreign = sorted(set(manifest.files) - own)
         if foreign:

@@ -1,0 +1,1 @@
+"""Cameras and bird's-eye views, rendered from what a dataset records."""

@@ -1,0 +1,126 @@
+"""`branchdrive render`: add camera images and bird's-eye views to a dataset that has none, or go on with it."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from branchdrive.cli.main import EXIT_INTERRUPTED
+from branchdrive.cli.output import check_output
+from branchdrive.cli.progress import progress_bar
+from branchdrive.environment import extra
+from branchdrive.errors import UsageError
+from branchdrive.interrupt import heeded_termination
+
+if TYPE_CHECKING:
+    from branchdrive_reference.rendering.dataset import RenderReport
+
+__all__ = ["STREAM_NAMES", "SUMMARY", "add_arguments", "image_size", "run"]
+
+SUMMARY = "add camera images and bird's-eye views, drawn from what a dataset records"
+
+STREAM_NAMES = ("rgb_surround", "rgb_top_down", "semantic_bev")
+_MOST_PX = 4096
+_MOST_JOBS = 1024
+
+
+def image_size(text: str) -> int:
+    """Rows or columns of an image; `argparse` names this function in its messages."""
+    value = int(text)
+    if not 16 <= value <= _MOST_PX:
+        raise argparse.ArgumentTypeError(f"{value} is not in 16 .. {_MOST_PX}")
+    return value
+
+
+def jobs(text: str) -> int:
+    """A number of processes; `argparse` names this function in its messages."""
+    value = int(text)
+    if not 1 <= value <= _MOST_JOBS:
+        raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MOST_JOBS}")
+    return value
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder; it needs maps and actors")
+    parser.add_argument(
+        "--output", metavar="DIR", type=Path, help="make a copy of the raw layer with media, and leave DATASET as it is"
+    )
+    parser.add_argument(
+        "--streams",
+        metavar="NAME,...",
+        default=",".join(STREAM_NAMES),
+        help=f"media streams to render (default: {','.join(STREAM_NAMES)})",
+    )
+    parser.add_argument(
+        "--width", metavar="PX", type=image_size, default=160, help="columns of RGB images (default: 160)"
+    )
+    parser.add_argument("--height", metavar="PX", type=image_size, default=90, help="rows of RGB images (default: 90)")
+    parser.add_argument(
+        "--window",
+        choices=("branch", "all"),
+        default="branch",
+        help="the 26 observations around the branch, or every observation (default: branch)",
+    )
+    parser.add_argument("--jobs", metavar="J", type=jobs, default=1, help="worker processes (default: 1)")
+
+
+def chosen_streams(text: str) -> tuple[str, ...]:
+    """Media streams that a list names.
+
+    Raises:
+        UsageError: It names none, or one that cannot be rendered.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    unknown = [name for name in names if name not in STREAM_NAMES]
+    if unknown or not names:
+        raise UsageError(f"--streams: unknown stream {text!r}; choose from {', '.join(STREAM_NAMES)}")
+    return tuple(name for name in STREAM_NAMES if name in names)
+
+
+def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
+    """Render, finish the dataset and print a summary; 130 if interrupted, 143 if asked to terminate.
+
+    Raises:
+        UsageError: The options do not go together, or the dataset cannot be rendered.
+        PlatformError: The extra is not installed.
+    """
+    streams = chosen_streams(args.streams)
+    with extra("media", "sim", of="`render`"):
+        from branchdrive_reference.rendering.dataset import render_dataset
+        from branchdrive_reference.rendering.plan import MediaPlan
+        from branchdrive_reference.rendering.rig import cameras_of
+    check_output(args.output, outside=args.dataset, is_folder=True)
+    plan = MediaPlan(cameras_of(streams, width_px=args.width, height_px=args.height), args.window)
+    done = total = 0
+    try:
+        with ExitStack() as stack:
+            stack.enter_context(heeded_termination())
+            show = stack.enter_context(progress_bar(stderr, "rendering groups"))
+
+            def watch(num_done: int, num_groups: int) -> None:
+                nonlocal done, total
+                done, total = num_done, num_groups
+                show(num_done, num_groups)
+
+            report = render_dataset(args.dataset, plan, output=args.output, jobs=args.jobs, watch=watch)
+    except KeyboardInterrupt as interrupt:
+        stderr.write(f"interrupted; {done} of {total} groups are rendered; run the same command again to go on\n")
+        return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
+    stdout.write(_summary(report))
+    return 0
+
+
+def _summary(report: RenderReport) -> str:
+    rendered = report.num_groups - report.num_found
+    lines = [
+        f"groups    {rendered:,} rendered, {report.num_found:,} found rendered",
+        f"images    {report.num_images:,} in {report.num_bytes / 1e6:,.1f} MB",
+        f"dataset   {report.root}",
+        f"identity  {report.identity}",
+        f"next      {shlex.join(['branchdrive-validate', str(report.root)])}",
+    ]
+    return "\n".join(lines) + "\n"

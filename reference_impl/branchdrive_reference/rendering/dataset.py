@@ -1,0 +1,233 @@
+"""Media for a whole dataset: groups become pieces, pieces become shards, and all shards appear with the descriptor.
+
+Until everything is rendered, the dataset stays as it is, and what is finished waits in its staging area. Then the
+manifest goes, media and descriptor take their places, and a new manifest comes last. A killed run is gone on with by
+the same call, at any point.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from branchdrive.contract.columns import TABLES
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, layer_of, shard_name
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.durable import delete, make_dir, move, partial_path, replace_file, sync_dir
+from branchdrive.formats.manifest import Manifest, build_manifest, parse_manifest, write_manifest
+from branchdrive.formats.media_archive import MEDIA_FILE
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.untrusted import read_file
+from branchdrive.raw.media_folder import FRAMES
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.raw.shard import Shard, find_shards
+from branchdrive.release.publish import staging
+from branchdrive_reference.rendering.group import joined_pieces, piece_paths
+from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, with_media
+from branchdrive_reference.rendering.work import Task, render_groups
+
+__all__ = ["RenderReport", "render_dataset"]
+
+_PLAN_FILE, _READY_FILE = "plan.json", "ready.txt"
+
+
+@dataclass(frozen=True)
+class RenderReport:
+    """What was rendered.
+
+    Attributes:
+        root: The dataset.
+        identity: Its identity, which media do not change.
+        num_images: Images of the dataset.
+        num_bytes: Bytes of its archives.
+        num_found: Groups that were rendered before.
+        num_groups: All groups.
+    """
+
+    root: Path
+    identity: str
+    num_images: int
+    num_bytes: int
+    num_found: int
+    num_groups: int
+
+
+def _ignore(*_: object) -> None:
+    """Nobody watches."""
+
+
+def render_dataset(
+    root: Path,
+    plan: MediaPlan,
+    *,
+    output: Path | None = None,
+    jobs: int = 1,
+    watch: Callable[[int, int], None] = _ignore,
+) -> RenderReport:
+    """Add media to the dataset at `root`, or go on where a run was interrupted.
+
+    Args:
+        root: A finished dataset without media.
+        plan: What is rendered.
+        output: Folder of a copy of the raw layer that gets them instead; of `root` nothing is changed then.
+        jobs: Worker processes; 1 works in this process.
+        watch: Called with the numbers of finished and of all groups.
+
+    Raises:
+        UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
+            somebody else works on it, or the output holds something else.
+        DatasetError: A file cannot be read, or differs from the manifest.
+        KeyboardInterrupt: The user interrupted; whatever was finished is kept.
+    """
+    if output is not None and output.resolve() != root.resolve():
+        _copy(root, output)
+        root = output
+    return _Rendering(root, plan, jobs, watch).run()
+
+
+def _manifest(root: Path) -> Manifest:
+    if not (root / MANIFEST_FILE).is_file():
+        raise UsageError(f"{str(root)!r} holds no finished dataset: there is no {MANIFEST_FILE!r}")
+    return parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+
+
+class _Rendering:
+    """One run over a dataset."""
+
+    def __init__(self, root: Path, plan: MediaPlan, jobs: int, watch: Callable[[int, int], None]) -> None:
+        self._root, self._plan, self._jobs, self._watch = root, plan, jobs, watch
+        self._num_found = self._num_groups = 0
+
+    def run(self) -> RenderReport:
+        if not (self._root / DESCRIPTOR_FILE).is_file():
+            raise UsageError(f"{str(self._root)!r} holds no dataset: there is no {DESCRIPTOR_FILE!r}")
+        descriptor = read_descriptor(self._root)
+        check_renderable(descriptor)
+        with staging(self._root, create=False) as work:
+            area = work / FRAMES
+            if not (area / _READY_FILE).exists():
+                if (self._root / MANIFEST_FILE).is_file() and self._is_done(descriptor):
+                    return self._report()
+                self._prepare(area, descriptor)
+            self._install(area)
+            delete(area)
+        return self._report()
+
+    def _is_done(self, descriptor: Descriptor) -> bool:
+        """Whether the dataset has the media of this plan already."""
+        return descriptor.cameras == self._plan.cameras
+
+    def _prepare(self, area: Path, descriptor: Descriptor) -> None:
+        """Render what is missing; the area then holds everything that is to be installed."""
+        manifest = _manifest(self._root)
+        claimed = with_media(descriptor, self._plan)
+        derived = sorted({layer_of(path) or "" for path in manifest.files} - {"", "raw"})
+        if derived:
+            raise UsageError(
+                f"{str(self._root)!r} has the layers {', '.join(derived)}, which were built without media; pass "
+                "`--output DIR` for a copy of its raw layer with media"
+            )
+        content = self._plan.document() + manifest.identity.encode()
+        if area.exists() and (not (area / _PLAN_FILE).exists() or (area / _PLAN_FILE).read_bytes() != content):
+            delete(area)
+        make_dir(area)
+        replace_file(area / _PLAN_FILE, content)
+        for shard in find_shards(self._root):
+            make_dir(area / shard_name(shard.index))
+        self._render(area)
+        for shard in find_shards(self._root):
+            self._join(area, shard)
+        replace_file(area / DESCRIPTOR_FILE, render_descriptor(claimed))
+        replace_file(area / _READY_FILE, manifest.identity.encode())
+
+    def _render(self, area: Path) -> None:
+        tasks = [
+            Task(area / shard_name(shard.index), shard.index, number, group_id)
+            for shard in open_dataset(self._root).shards
+            for number, group_id in enumerate(_groups(shard))
+            if not (area / shard_name(shard.index) / TABLES[FRAMES].file_name).exists()
+        ]
+        missing = [task for task in tasks if not piece_paths(task.folder, task.number)[1].exists()]
+        self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._root))
+        self._num_found = self._num_groups - len(missing)
+        self._watch(self._num_found, self._num_groups)
+        for done, _ in enumerate(render_groups(self._root, self._plan, missing, jobs=self._jobs), start=1):
+            self._watch(self._num_found + done, self._num_groups)
+
+    def _join(self, area: Path, shard: Shard) -> None:
+        """Make the files of a shard of its pieces, the index last."""
+        folder = area / shard_name(shard.index)
+        index_path = folder / TABLES[FRAMES].file_name
+        if index_path.exists():
+            return
+        numbers = range(len(_groups(shard)))
+        replace_file(index_path, encode_table(joined_pieces(folder, numbers, folder / MEDIA_FILE)))
+        for number in numbers:
+            for path in piece_paths(folder, number):
+                path.unlink()
+
+    def _install(self, area: Path) -> None:
+        """Put everything in its place; after an interruption at any point it can be done again."""
+        identity = (area / _READY_FILE).read_text()
+        (self._root / MANIFEST_FILE).unlink(missing_ok=True)
+        sync_dir(self._root)
+        for shard in find_shards(self._root):
+            for name in (MEDIA_FILE, TABLES[FRAMES].file_name):
+                source = area / shard_name(shard.index) / name
+                if source.exists():
+                    move(source, shard.folder / name)
+        if (area / DESCRIPTOR_FILE).exists():
+            move(area / DESCRIPTOR_FILE, self._root / DESCRIPTOR_FILE)
+        manifest = build_manifest(self._root)
+        if manifest.identity != identity:
+            raise DatasetError(
+                f"{self._root}: files of the raw layer differ from what the manifest said when rendering began; "
+                "restore them, and render again"
+            )
+        write_manifest(self._root, manifest)
+
+    def _report(self) -> RenderReport:
+        shards = find_shards(self._root)
+        num_images = sum(shard.table(FRAMES).num_rows for shard in shards)
+        archives = [shard.folder / MEDIA_FILE for shard in shards]
+        num_bytes = sum(path.stat().st_size for path in archives if path.exists())
+        num_groups = self._num_groups or sum(len(_groups(shard)) for shard in shards)
+        num_found = self._num_found if self._num_groups else num_groups
+        return RenderReport(self._root, _manifest(self._root).identity, num_images, num_bytes, num_found, num_groups)
+
+
+def _groups(shard: Shard) -> list[str]:
+    """Groups of a shard in the order of its rows."""
+    groups: list[str] = shard.decode(ROLLOUTS).column("group_id").unique().to_pylist()
+    return groups
+
+
+def _copy(root: Path, output: Path) -> None:
+    """A dataset in `output` that is the raw layer of the one at `root`, unless it is there already."""
+    manifest = _manifest(root)
+    descriptor = read_descriptor(root)
+    check_renderable(descriptor)
+    names = {path.name for path in output.iterdir() if not path.name.startswith(".")} if output.exists() else set()
+    if names and DESCRIPTOR_FILE not in names:
+        raise UsageError(f"{str(output)!r} is not empty and holds no dataset; choose another folder")
+    if names and read_descriptor(output).dataset_id != descriptor.dataset_id:
+        raise UsageError(f"{str(output)!r} holds another dataset; choose another folder")
+    if (output / MANIFEST_FILE).is_file() or (output / ".staging").exists():
+        return
+    raw = sorted(path for path in manifest.files if layer_of(path) == "raw")
+    output.mkdir(parents=True, exist_ok=True)
+    document = {**descriptor.model_dump(mode="json"), "layers": ["raw"]}
+    replace_file(output / DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
+    for path in [*raw, *([LICENCE_FILE] if LICENCE_FILE in manifest.files else [])]:
+        target = output / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial = partial_path(target)
+        shutil.copyfile(root / path, partial)
+        move(partial, target)
+    write_manifest(output, build_manifest(output))

@@ -1,0 +1,135 @@
+"""Images of pinhole cameras: sky, ground by a homography, painted lines, and boxes from far to near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.camera import PinholeCamera
+from branchdrive_reference.rendering.opencv import SUBPIXEL_BITS, Image, cv2, fixed_point
+from branchdrive_reference.rendering.palette import Daylight
+from branchdrive_reference.rendering.projection import Pinhole
+from branchdrive_reference.rendering.stage import Stage
+
+__all__ = ["View"]
+
+Array = NDArray[np.float64]
+
+NEAR_M = 0.3
+"""Nothing nearer to a camera is drawn."""
+
+_FINE_PX_PER_M = 1.5
+"""Where a metre of the ground has fewer pixels, it is drawn from the coarse texture."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera in a light, ready to draw.
+
+    Attributes:
+        camera: The camera.
+        light: The light.
+    """
+
+    camera: PinholeCamera
+    light: Daylight
+
+    @cached_property
+    def _pinhole(self) -> Pinhole:
+        return Pinhole(self.camera)
+
+    @cached_property
+    def _backdrop(self) -> Image:
+        """The sky: from haze at the horizon to the zenith, and haze wherever no ground is seen."""
+        camera, pinhole = self.camera, self._pinhole
+        rows = np.arange(camera.height_px) + 0.5
+        middle = np.stack([np.full(camera.height_px, camera.cx_px), rows, np.ones(camera.height_px)])
+        rays = np.linalg.inv(pinhole.intrinsics) @ middle
+        rise = (pinhole.axes[:, 2] @ rays) / np.linalg.norm(rays, axis=0)
+        share = np.clip(rise / 0.55, 0.0, 1.0)[:, None] ** 0.7
+        colours = np.array(self.light.haze) * (1 - share) + np.array(self.light.zenith) * share
+        return np.ascontiguousarray(
+            np.broadcast_to(np.rint(colours)[:, None, :], (camera.height_px, camera.width_px, 3)).astype(np.uint8)
+        )
+
+    @cached_property
+    def _haze(self) -> NDArray[np.float32]:
+        """Share of haze over the ground for each pixel, 1 above the horizon ``[height, width]``."""
+        return np.asarray(1.0 - np.exp(-self._pinhole.depth_m / self.light.visibility_m), np.float32)
+
+    @cached_property
+    def _bands(self) -> tuple[tuple[int, int, int], ...]:
+        """Rows of the ground from the coarse and from the fine texture: first row, last row, level."""
+        depth_m = self._pinhole.depth_m.min(axis=1)
+        seen = np.flatnonzero(np.isfinite(depth_m))
+        if not len(seen):
+            return ()
+        first, end = int(seen[0]), int(seen[-1]) + 1
+        density = np.sqrt(abs(np.linalg.det(self._pinhole.ground)) / np.maximum(depth_m, NEAR_M) ** 3)
+        near = np.flatnonzero(density[first:end] >= _FINE_PX_PER_M)
+        middle = first + int(near[0]) if len(near) else end
+        return tuple(band for band in ((first, middle, 1), (middle, end, 0)) if band[1] > band[0])
+
+    @property
+    def paint_reach_m(self) -> float:
+        """Distance from which on the ground is drawn from the coarse texture; ``inf`` where all of it is fine."""
+        coarse = [last for _, last, level in self._bands if level]
+        return float(self._pinhole.depth_m[coarse[0] - 1].max()) if coarse else float("inf")
+
+    def draw(self, stage: Stage) -> Image:
+        """The image of the camera ``[height, width, 3]``."""
+        image = self._backdrop.copy()
+        self._draw_ground(image, stage)
+        self._draw_outlines(image, stage)
+        return image
+
+    def _draw_ground(self, image: Image, stage: Stage) -> None:
+        to_pixels = self._pinhole.ground @ stage.world_to_ego
+        for first, end, level in self._bands:
+            texture, to_world = stage.textures[level]
+            shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - first], [0, 0, 1.0]])
+            part = image[first:end]
+            ground = cv2.warpPerspective(
+                texture, shift @ to_pixels @ to_world, (part.shape[1], part.shape[0]), flags=cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT, borderValue=stage.beyond,
+            )  # fmt: skip
+            haze = self._haze[first:end]
+            cv2.blendLinear(ground, part, self._clear[first:end], haze, part)
+
+    @cached_property
+    def _clear(self) -> NDArray[np.float32]:
+        return np.asarray(1.0 - self._haze, np.float32)
+
+    @cached_property
+    def _frustum(self) -> tuple[Array, Array]:
+        return self._pinhole.frustum(NEAR_M)
+
+    def _draw_outlines(self, image: Image, stage: Stage) -> None:
+        """Fill what faces the camera and is in its view, in the order of the stage."""
+        pinhole, (normals, distances_m) = self._pinhole, self._frustum
+        facing = np.flatnonzero(stage.normals @ pinhole.place_m > stage.offsets_m)
+        corners = stage.outlines_m[facing]
+        inside = np.greater(corners.reshape(-1, 3) @ normals.T, distances_m).reshape(-1, 4, len(normals))
+        in_view = np.all(inside.any(axis=1), axis=1)
+        chosen, is_near = facing[in_view], ~np.all(inside[in_view, :, 0], axis=1)
+        seen = pinhole.seen(corners[in_view])
+        outlines = list(fixed_point(pinhole.pixels(np.where(is_near[:, None, None], 1.0, seen))))
+        for number in np.flatnonzero(is_near).tolist():
+            outlines[number] = fixed_point(pinhole.pixels(_clipped(seen[number])))
+        for outline, colour in zip(outlines, stage.colours[chosen].tolist(), strict=True):
+            if len(outline) > 2:
+                cv2.fillConvexPoly(image, outline, colour, cv2.LINE_AA, SUBPIXEL_BITS)
+
+
+def _clipped(outline_m: Array) -> Array:
+    """The part of a convex outline ``[corners, 3]`` that lies beyond `NEAR_M`."""
+    kept: list[Array] = []
+    for here, there in zip(outline_m, np.roll(outline_m, -1, axis=0), strict=True):
+        if here[2] > NEAR_M:
+            kept.append(here)
+        if (here[2] > NEAR_M) != (there[2] > NEAR_M):
+            kept.append(here + (NEAR_M - here[2]) / (there[2] - here[2]) * (there - here))
+    return np.array(kept).reshape(-1, 3)

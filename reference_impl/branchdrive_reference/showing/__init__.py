@@ -1,0 +1,1 @@
+"""Contact sheets and animated views of branch groups, made of recorded images."""

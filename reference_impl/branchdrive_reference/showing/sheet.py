@@ -1,0 +1,166 @@
+"""A contact sheet: the cameras around the ego, the bird's-eye view with all futures, and what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from branchdrive.contract.camera import Camera, TopDownCamera
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
+from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S, WINDOW_OFFSETS
+from branchdrive.errors import UsageError
+from branchdrive.raw.camera_frames import CameraFrames
+from branchdrive.raw.rollout import Rollout
+from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
+from branchdrive_reference.drawing.scene import Scene, outcome_texts
+from branchdrive_reference.showing.chart import Chart, ink
+from branchdrive_reference.study.label import label
+
+__all__ = ["Sheet"]
+
+_ROWS = (("front_left", "front", "front_right"), ("rear_left", "rear", "rear_right"))
+_TILE_PX, _GAP_PX, _MARGIN_PX, _HEAD_PX = 384, 6, 16, 56
+_CHART_PX = 560
+_COLUMNS = ((34, "candidate", "la"), (250, "least gap", "ra"), (350, "speed at end", "ra"), (480, "first touch", "ra"))
+
+_INK, _QUIET, _PAPER = ink(BACKDROP["ink"]), ink(BACKDROP["quiet"]), (250, 250, 248)
+
+
+@dataclass
+class Sheet:
+    """A group as it is shown.
+
+    Attributes:
+        scene: The group.
+        nominal: Its nominal rollout, whose images are shown.
+        descriptor: The dataset's descriptor.
+    """
+
+    scene: Scene
+    nominal: Rollout
+    descriptor: Descriptor
+    _frames: dict[str, CameraFrames] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._frames = {name: self.nominal.frames(name) for name in self._cameras}
+        if not self._frames:
+            raise UsageError(f"{self.descriptor.dataset_id!r} has no media; add them with `branchdrive render`")
+        if not self.ticks:
+            raise UsageError(
+                f"group '{label(self.scene.record['group_id'])}' has no image of its nominal rollout around the branch"
+            )
+
+    @cached_property
+    def _cameras(self) -> Mapping[str, Camera]:
+        return {camera.name: camera for camera in self.descriptor.cameras}
+
+    @cached_property
+    def _bev(self) -> TopDownCamera | None:
+        maps = [
+            one for one in self.descriptor.cameras if isinstance(one, TopDownCamera) and one.stream == SEMANTIC_STREAM
+        ]
+        return maps[0] if maps else None
+
+    @cached_property
+    def _rows(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the cameras by rows: the six around the ego, or what else there is."""
+        if all(name in self._cameras for row in _ROWS for name in row):
+            return _ROWS
+        others = tuple(name for name, camera in self._cameras.items() if camera.stream != SEMANTIC_STREAM)[:6]
+        return tuple(others[at : at + 3] for at in range(0, len(others), 3))
+
+    @cached_property
+    def ticks(self) -> tuple[int, ...]:
+        """Observations of the window that have an image, since the branch."""
+        branch = self.nominal.branch_tick or 0
+        seen = {int(tick) - branch for frames in self._frames.values() for tick in frames.ticks}
+        return tuple(tick for tick in WINDOW_OFFSETS if tick in seen and tick in self.scene.nominal.tick)
+
+    @cached_property
+    def _chart(self) -> Chart:
+        return Chart(self.scene, candidate_colours(self.scene.bank), _CHART_PX, self._bev)
+
+    def picture(self, tick: int = 0) -> Image.Image:
+        """The sheet at a tick since the branch."""
+        tiles = [[self._tile(name, tick) for name in row] for row in self._rows]
+        height = (
+            _HEAD_PX + sum(max(tile.height for tile in row) + _GAP_PX for row in tiles) + _CHART_PX + 2 * _MARGIN_PX
+        )
+        width = 2 * _MARGIN_PX + 3 * _TILE_PX + 2 * _GAP_PX
+        sheet = Image.new("RGB", (width, height), _PAPER)
+        draw = ImageDraw.Draw(sheet)
+        self._write_head(draw, tick, width)
+        top = _HEAD_PX
+        for names, row in zip(self._rows, tiles, strict=True):
+            for column, (name, tile) in enumerate(zip(names, row, strict=True)):
+                left = _MARGIN_PX + column * (_TILE_PX + _GAP_PX)
+                sheet.paste(tile, (left, top))
+                _write_over(draw, (left + 8, top + 5), name.replace("_", " "))
+            top += max(tile.height for tile in row) + _GAP_PX
+        top += _MARGIN_PX
+        sheet.paste(self._chart.picture(tick, self._view(tick)), (_MARGIN_PX, top))
+        self._write_outcomes(draw, (_MARGIN_PX + _CHART_PX + 28, top), tick)
+        return sheet
+
+    def animation(self) -> Iterator[Image.Image]:
+        """The sheet at every observation of the window that has images."""
+        return (self.picture(tick) for tick in self.ticks)
+
+    def _pixels(self, name: str, tick: int) -> NDArray[np.uint8] | None:
+        frames = self._frames[name]
+        at = np.flatnonzero(frames.ticks == tick + (self.nominal.branch_tick or 0))
+        return frames[int(at[0])].pixels() if len(at) else None
+
+    def _tile(self, name: str, tick: int) -> Image.Image:
+        camera, pixels = self._cameras[name], self._pixels(name, tick)
+        size = (_TILE_PX, max(1, round(_TILE_PX * camera.height_px / camera.width_px)))
+        if pixels is None:
+            return Image.new("RGB", size, _QUIET)
+        return Image.fromarray(pixels).convert("RGB").resize(size, Image.Resampling.LANCZOS)
+
+    def _view(self, tick: int) -> NDArray[np.uint8] | None:
+        return None if self._bev is None else self._pixels(self._bev.name, tick)
+
+    def _write_head(self, draw: ImageDraw.ImageDraw, tick: int, width: int) -> None:
+        record = self.scene.record
+        draw.text((_MARGIN_PX, 10), label(record["group_id"]), fill=_INK, font=_font(20))
+        places = ", ".join(label(record[name]) for name in ("scenario_type", "town", "environment"))
+        draw.text((_MARGIN_PX, 34), places, fill=_QUIET, font=_font(13))
+        phase = "history" if tick < 0 else "branch" if tick == 0 else "nominal future"
+        when = f"{phase}, {tick * TICK_S:+.2f} s"
+        draw.text((width - _MARGIN_PX, 14), when, fill=_INK, font=_font(18), anchor="ra")
+
+    def _write_outcomes(self, draw: ImageDraw.ImageDraw, corner: tuple[int, int], tick: int) -> None:
+        left, top = corner
+        for x, text, anchor in _COLUMNS:
+            draw.text((left + x, top + 4), text, fill=_QUIET, font=_font(13), anchor=anchor)
+        colours = candidate_colours(self.scene.bank)
+        step = min(34.0, (_CHART_PX - 60) / max(1, len(self.scene.candidates)))
+        for number, candidate in enumerate(self.scene.candidates):
+            middle = top + 28 + (number + 0.5) * step
+            colour = ink(colours[candidate.policy.key])
+            draw.rounded_rectangle((left, middle - 5, left + 24, middle + 5), 5, fill=colour)
+            touches = bool((candidate.tick[candidate.contacts] <= ACTIVE_TICKS).any())
+            for (x, _, _), text, anchor in zip(
+                _COLUMNS, outcome_texts(candidate), ("lm", "rm", "rm", "rm"), strict=True
+            ):
+                fill = (0xC0, 0, 0) if touches and anchor == "rm" else _INK
+                draw.text((left + x, middle), text, fill=fill, font=_font(15), anchor=anchor)
+        seen = "history" if tick < 0 else "whole futures" if tick == 0 else f"futures to {tick * TICK_S:+.2f} s"
+        note = f"left: the world around the nominal ego, heading up; {seen} of 2.5 s, a cross where a touch begins"
+        draw.text((left, top + _CHART_PX - 18), note, fill=_QUIET, font=_font(12))
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)
+
+
+def _write_over(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str) -> None:
+    """Text that can be read on any image."""
+    draw.text(at, text, fill="white", font=_font(14), stroke_width=2, stroke_fill=_INK)
