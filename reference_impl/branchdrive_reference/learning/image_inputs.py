@@ -69,8 +69,8 @@ def image_arrays(
     for name, encoder in encoders.items():
         if encoding_of(encoder).input != name:
             raise UsageError(f"the encoding {encoder.encoding!r} is not one of the input {name!r}")
-        with layer.images(contract, STREAM_OF[name], partition, variant=variant) as images:
-            found[name], found[mask_of(name)] = _encoded(images, encoder, cache), images.available
+        images = layer.images(contract, STREAM_OF[name], partition, variant=variant)
+        found[name], found[mask_of(name)] = _encoded(images, encoder, cache), images.available
     return found
 
 
@@ -81,11 +81,10 @@ def _encoded(images: ImageHistory, encoder: ImageEncoder, cache: FeatureCache) -
         key = features_key(encoder.digest, images.checksums[group])
         kept = cache.get(key, values.shape, about.dtype)
         if kept is None:
-            there = images.available[group]
             values[:] = 0
-            pictures = [images.read(group, *place) for place in np.argwhere(there).tolist()]
+            pictures = images.read_all(group)
             try:
-                values[there] = encoder.encode(pictures)
+                values[images.available[group]] = encoder.encode(pictures)
             except DecodeError as error:
                 raise DatasetError(
                     f"an image of group {images.groups[group]!r} {error}; run `branchdrive-validate`"

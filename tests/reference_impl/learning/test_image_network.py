@@ -145,7 +145,7 @@ def telling(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("name", ["M4", "M6"])
 def test_what_only_images_tell_is_learned(telling: Path, tmp_path: Path, name: str) -> None:
-    configuration = small(name, batch_groups=6, max_epochs=40, patience=40, learning_rate=0.01)
+    configuration = small(name, batch_groups=6, max_epochs=80, patience=80, learning_rate=0.01)
     checkpoint = train_model(telling, tmp_path, configuration, seed=11)
     found, layer = predict([checkpoint], telling, "val")[0], open_model(telling)
     wanted = layer.targets("val").scalars[:, 0, 2]

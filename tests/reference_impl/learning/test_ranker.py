@@ -72,8 +72,8 @@ def seeing(request: pytest.FixtureRequest, visual_release: Path, tmp_path_factor
 
 def observations(release: Path, group: int) -> list[dict[str, bytes]]:
     """Images of every observation of a validation group, by camera."""
-    with open_model(release).images("sensor", "rgb_surround", "val") as images:
-        return [{camera: images.read(group, step, c) for c, camera in enumerate(images.cameras)} for step in range(16)]
+    images = open_model(release).images("sensor", "rgb_surround", "val")
+    return [{camera: images.read(group, step, c) for c, camera in enumerate(images.cameras)} for step in range(16)]
 
 
 def test_one_observation_more_gives_what_the_whole_window_gives(

@@ -1,4 +1,4 @@
-"""Images of the histories of groups: where each lies in the raw layer, and its bytes when they are asked for.
+"""Images of the histories of groups: which there are, and their bytes when they are asked for.
 
 An image is found through the media index of the model layer and read by itself, one range of one file. What is read
 is held against the checksum of the index, so that nobody works on other images than those that the release lists.
@@ -8,33 +8,24 @@ Source: paper, "Release Structure" (modality paths); spec/12-model.md#media.
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
-from io import BufferedReader
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import Links, open_file
-from branchdrive.raw.media import CHECKSUM_DIGITS
+from branchdrive.formats.untrusted import Links
+from branchdrive.raw.media_folder import ImagePlace, MediaFolder
 from branchdrive.tables.frame import Values
 
 __all__ = ["ImageHistory"]
 
-_MAX_OPEN = 16
-"""Files that are open at once; a dataset may have a file for each image."""
-
 
 class ImageHistory:
     """The images of some cameras over the 16 observations up to the branch, of some groups.
-
-    A context manager: files that were opened to read images are closed at its end.
 
     Attributes:
         groups: Ids of the groups, ``N`` of them.
@@ -46,6 +37,7 @@ class ImageHistory:
     def __init__(
         self,
         root: Path,
+        descriptor: Descriptor,
         index: Mapping[str, Values],
         groups: Sequence[str],
         cameras: Sequence[str],
@@ -53,12 +45,11 @@ class ImageHistory:
         links: Links = None,
     ) -> None:
         self.groups, self.cameras = tuple(groups), tuple(cameras)
-        self._root, self._links, self._index = root, links, index
+        self._root, self._descriptor, self._index, self._links = root, descriptor, index, links
         self._row = _packed(root, index, self.groups, self.cameras)
         self.available: NDArray[np.bool_] = self._row >= 0
         known = np.concatenate([np.asarray(index["checksum"], object), [""]])
         self.checksums: NDArray[np.object_] = known[self._row]
-        self._open: dict[str, BufferedReader] = {}
 
     def read(self, group: int, step: int, camera: int) -> bytes:
         """Bytes of one image, by its place on the axes of `available`.
@@ -72,45 +63,29 @@ class ImageHistory:
                 f"{self._root}: group {self.groups[group]!r} has no image of `{self.cameras[camera]}` at the "
                 f"observation {HISTORY_OFFSETS[step]} ticks from its branch"
             )
-        path = f"{self._index['shard'][row]}/{self._index['file'][row]}"
-        offset, size = int(self._index["offset_bytes"][row]), int(self._index["size_bytes"][row])
-        if size > spec_limits().max_image_bytes:
-            raise DatasetError(f"{self._root}: {path!r}: an image of {size} bytes is above the spec limit")
-        stream = self._stream(path)
-        stream.seek(offset)
-        content = stream.read(size)
-        if hashlib.sha256(content).hexdigest()[:CHECKSUM_DIGITS] != self._index["checksum"][row]:
-            raise DatasetError(
-                f"{self._root}: {path!r}: the {size} bytes at {offset} are not the image of the media index; run "
-                "`branchdrive-validate`"
-            )
-        return content
+        return self._read([row])[0]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._close()
+    def read_all(self, group: int) -> list[bytes]:
+        """Bytes of all images that a group has, step by step and camera by camera; errors as `read`."""
+        return self._read(self._row[group][self.available[group]].tolist())
 
     def __repr__(self) -> str:
         return f"ImageHistory({len(self.groups)} groups, {', '.join(self.cameras)}: {int(self.available.sum())} images)"
 
-    def _stream(self, path: str) -> BufferedReader:
-        if path not in self._open:
-            if len(self._open) == _MAX_OPEN:
-                self._close()
-            try:
-                self._open[path] = open_file(self._root, path, self._links)
-            except DatasetError as error:
-                raise DatasetError(f"{error}; images lie in the raw layer, which a detached release lacks") from error
-        return self._open[path]
-
-    def _close(self) -> None:
-        for stream in self._open.values():
-            stream.close()
-        self._open.clear()
+    def _read(self, rows: Iterable[int]) -> list[bytes]:
+        places: dict[str, list[ImagePlace]] = {}  # a group lies in one shard
+        for row in rows:
+            place = ImagePlace(*(self._index[name][row] for name in ImagePlace._fields))
+            places.setdefault(str(self._index["shard"][row]), []).append(place)
+        found: list[bytes] = []
+        for shard, there in places.items():
+            if not (self._root / shard).is_dir():
+                raise DatasetError(
+                    f"{self._root}: {shard!r} is not here, and images lie in the raw layer; use the release in place"
+                )
+            folder = MediaFolder(self._root, shard, self._descriptor.cameras_by_name, self._links)
+            found += folder.read_all(there)
+        return found
 
 
 def _packed(

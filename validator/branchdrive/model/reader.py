@@ -216,7 +216,7 @@ class ModelLayer:
             claimed = [name for name in self.descriptor.streams if STREAMS[name].cameras]
             raise UsageError(f"{self.root}: has no images of the stream {stream!r}; it claims {claimed}")
         groups = self.groups(partition, variant)
-        return ImageHistory(self.root, self._media_index, groups, declared.cameras, links=self._links)
+        return ImageHistory(self.root, self.descriptor, self._media_index, groups, declared.cameras, links=self._links)
 
     def scalings(self) -> Scalings:
         """Scalings that were fitted on training groups, to normalise and to invert."""
