@@ -13,7 +13,7 @@ from types import ModuleType
 from tests.each import each
 from tests.repo.checkout import ROOT
 
-from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol, read_protocol
+from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol, read_protocol, visual_protocol
 from branchdrive.benchmark.warning import warnings
 from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
@@ -76,7 +76,7 @@ def test_the_columns_of_predictions_are_those_that_are_read() -> None:
 
 
 def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
-    models = default_protocol().models
+    models = visual_protocol().models
     assert re.findall(r"^\| (M[0-9]r?) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [
         model.id for model in models
     ]
