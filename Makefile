@@ -13,7 +13,7 @@ PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Insta
 
 .PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills bench bench-paper bench-release
 
-## create .venv and install into it, in editable mode, with the extras sim, plots, models, guard, export, conformance and dev
+## create .venv and install into it, in editable mode, with the extras sim, media, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
@@ -22,7 +22,7 @@ setup: .venv/.installed
 	@echo "setup: installs about 90 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
 	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
-		-e ".[sim,plots,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
+		-e ".[sim,media,plots,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
 	@read status < .venv/status; [ $$status -eq 0 ] || \
 		{ echo "setup: pip ended with $$status; what it said is above. To go on, run: make setup" >&2; exit 1; }
 	@touch $@

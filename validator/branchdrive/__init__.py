@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from branchdrive.collector.route import route_columns, to_ego_frame
     from branchdrive.collector.town import lane_element
     from branchdrive.collector.trigger import Signal, Trigger, brake_trigger
-    from branchdrive.collector.world import Actor, Decision, Observation, Scene, World, WorldError
+    from branchdrive.collector.world import Actor, CameraWorld, Decision, Observation, Scene, World, WorldError
     from branchdrive.contract.bank import ActionBank, load_action_bank
     from branchdrive.contract.camera import PinholeCamera, TopDownCamera
     from branchdrive.contract.descriptor import (
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     )
     from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
     from branchdrive.model.reader import ModelLayer, open_model
+    from branchdrive.raw.camera_frames import CameraFrames
     from branchdrive.raw.group import BranchGroup
     from branchdrive.raw.reader import Dataset, open_dataset
     from branchdrive.raw.rollout import Rollout
@@ -67,6 +68,8 @@ __all__ = [
     "ActuatorRule",
     "BranchDriveError",
     "BranchGroup",
+    "CameraFrames",
+    "CameraWorld",
     "Collection",
     "CollectionReport",
     "Command",
@@ -141,6 +144,8 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "raw.group",
+    "CameraFrames": "raw.camera_frames",
+    "CameraWorld": "collector.world",
     "Collection": "contract.descriptor",
     "CollectionReport": "collector.report",
     "Command": "contract.policy",

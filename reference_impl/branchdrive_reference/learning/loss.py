@@ -11,7 +11,8 @@ What is unavailable enters neither loss nor gradient.
 
 Source: paper, "Research Questions and Experimental Protocol", which adds "target-wise masked Huber loss" to the other
 two and leaves open whether targets are added or averaged. The mean is the choice of this protocol: scalars and
-trajectories then weigh alike whatever the number of targets; the sum would weigh scalars six times as much.
+trajectories then weigh alike whatever the number of targets; the sum weighs scalars six times as much, which on
+validation gains nothing for them and loses a fifth on paths (docs/benchmark.md#loss).
 """
 
 from __future__ import annotations

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def png(pixels: NDArray[np.uint8]) -> bytes:
-    """A PNG of grey ``[height, width]`` or RGB ``[height, width, 3]`` pixels."""
+def png(pixels: NDArray[np.uint8], note: bytes = b"") -> bytes:
+    """A PNG of grey ``[height, width]`` or RGB ``[height, width, 3]`` pixels, with a note in a chunk of its own."""
     height, width = pixels.shape[:2]
     header = struct.pack(">IIBBBBB", width, height, 8, 0 if pixels.ndim == 2 else 2, 0, 0, 0)
     rows = b"".join(b"\x00" + row.tobytes() for row in pixels)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    notes = ((b"teXt", note),) if note else ()
+    chunks = ((b"IHDR", header), *notes, (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
     )

@@ -141,7 +141,7 @@ def leakage(verdict: str = "pass", **gate: Any) -> Table:
     return {
         "gate": {
             "verdict": verdict, "reason": "This is why", "bit_identical": False,
-            "shape": {"groups": 606, "actions": 12, "features": 24, "columns": 1928}, "places": [place] * 5,
+            "shape": {"groups": 606, "actions": 12, "features": 24, "columns": 1908}, "places": [place] * 5,
             "codes": [code, {**code, "statistic": "interaction", "columns": [light, light]}, {**code, "p": 0.5}],
             "minimum_detectable_effect": effect, **gate,
         },

@@ -70,7 +70,7 @@ def test_what_was_not_audited_is_said() -> None:
 def test_a_pass_comes_with_its_minimum_detectable_effect() -> None:
     assert leakage_sentences(leakage()) == [
         "The leakage gate passes: its tests found nothing before the branch that tells the actions apart "
-        "(606 groups, 12 actions, 24 features and 1,928 recorded columns before the branch).",
+        "(606 groups, 12 actions, 24 features and 1,908 recorded columns before the branch).",
         "This is why.",
         "Minimum detectable effect in one feature of one action: above 0.8 standard deviations.",
         "Minimum detectable effect as a dose over all actions on a quarter of the features: "

@@ -59,7 +59,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Images:
-    """Any images of the cameras at saved observations, in any order."""
+    """Any images of the cameras at saved observations, in any order; a camera keeps its encoding."""
 
     strategy = st.lists(
         st.tuples(st.sampled_from(TICKS), st.sampled_from(CAMERAS), st.integers(0, 255)),
@@ -67,9 +67,10 @@ class Images:
     )
 
     def __init__(self, drawn: list[tuple[int, Any, int]]) -> None:
+        is_jpeg = bool(drawn) and drawn[0][2] % 2 == 1
         self.encoded = {
             (tick, camera.name): jpeg(noise(seed, 4, 5, 3))
-            if camera is TOP_DOWN and seed % 2
+            if camera is TOP_DOWN and is_jpeg
             else image_of(camera, tick, seed)
             for tick, camera, seed in drawn
         }
@@ -92,7 +93,7 @@ def of_camera(images: dict[tuple[int, str], bytes], camera: str) -> list[bytes]:
     return [image for (_, name), image in sorted(images.items()) if name == camera]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(Images.strategy.map(Images))
 def test_any_images_are_read_back_and_their_order_leaves_no_trace(drawn: Images) -> None:
     images = drawn.encoded
@@ -205,7 +206,7 @@ def test_an_abandoned_rollout_leaves_no_image_behind(rollout: RolloutWriter, tmp
 
 
 def test_images_of_a_rollout_go_to_a_file_and_not_into_memory(rollout: RolloutWriter, tmp_path: Path) -> None:
-    large = png(noise(1, 4, 5)) + bytes(2**20) + b"\x00\x00\x00\x00IEND\xaeB`\x82"
+    large = png(noise(1, 4, 5), note=bytes(2**20))
     rollout.append_frame(0, "bev", large)
     rollout.append_frame(5, "bev", large)
     (staged,) = tmp_path.rglob("*.media")
@@ -223,6 +224,7 @@ WRONG: dict[str, tuple[tuple[Any, Any, Any], type[Exception], str]] = {
     "pixels": ((0, "bev", np.zeros((4, 5), np.uint8)), UsageError, "found ndarray; encode it as PNG or JPEG"),
     "nothing": ((0, "bev", b""), ContractError, "neither a PNG nor a JPEG"),
     "cut off": ((0, "bev", GREY[:-4]), ContractError, "cut off"),
+    "damaged": ((0, "bev", GREY[:45] + b"?" + GREY[46:]), ContractError, "cut off or damaged"),
     "size": ((0, "bev", png(noise(1, 5, 4))), ContractError, "expected 5 x 4 pixels, .* found 4 x 5 pixels"),
     "colours": ((0, "bev", RGB), ContractError, "expected a PNG of one channel of 8 bits, found .* rgb"),
     "lossy map": ((0, "bev", jpeg(noise(1, 4, 5))), ContractError, "expected a PNG of one channel"),

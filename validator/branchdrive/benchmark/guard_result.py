@@ -181,6 +181,9 @@ def _report_record(found: MarginReport) -> dict[str, Any]:
         "acceptance": found.acceptance,
         "num_actions": found.num_actions,
         "vacuous": bool(found.vacuous),
+        "value": number(found.value),
+        "nominal_value": number(found.nominal_value),
+        "action_prior_value": number(found.action_prior_value),
     }
 
 

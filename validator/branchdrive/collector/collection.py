@@ -31,7 +31,7 @@ _STREAMS = ("ego_route_state", "actor_risk_evidence", "controls", "route_result"
 def describe(
     dataset_id: str, *, seed: int, simulator: tuple[str, str], collector: tuple[str, str], **fields: Any
 ) -> Descriptor:
-    """A descriptor with the bank of the specification, for a collection without media.
+    """A descriptor with the bank of the specification, without media unless `fields` have their streams and cameras.
 
     Args:
         dataset_id: Identity of the dataset.
@@ -116,7 +116,7 @@ def collect_dataset(
             has the same content, which ``branchdrive pilot --rerun`` tries.
         watch: Called with the number of finished groups and of ticks executed by this run.
         **options: As `WorldCollector` has them: ``trigger``, ``max_ticks``, ``num_replays``, ``max_attempts``,
-            ``protocol_variant``.
+            ``protocol_variant``, ``all_frames``.
 
     Raises:
         UsageError: The folder cannot be used, or a world contradicts itself.

@@ -88,7 +88,19 @@ class Drive:
         )
 
 
-def drive(world: World, seed: int, policy: Policy, *, nominal: Rollout | None = None, max_ticks: int) -> Drive:
+def _no_frames(_: int) -> None:
+    """Nobody takes images."""
+
+
+def drive(
+    world: World,
+    seed: int,
+    policy: Policy,
+    *,
+    nominal: Rollout | None = None,
+    max_ticks: int,
+    take_frames: Callable[[int], None] = _no_frames,
+) -> Drive:
     """Execute a policy from tick 0.
 
     Args:
@@ -97,6 +109,7 @@ def drive(world: World, seed: int, policy: Policy, *, nominal: Rollout | None = 
         policy: The nominal policy, or an intervention.
         nominal: The nominal rollout that the attempt replays; ``None`` for a nominal pass.
         max_ticks: Ticks after which the route is given up.
+        take_frames: Called with the tick of every saved observation, while the world is there.
 
     Raises:
         WorldError: The simulator failed before the first tick was over.
@@ -109,6 +122,8 @@ def drive(world: World, seed: int, policy: Policy, *, nominal: Rollout | None = 
             tick = run.num_ticks
             is_saved = tick % OBSERVATION_STRIDE_TICKS == 0
             observation, actors, decision = world.observe(), world.actors() if is_saved else (), world.expert()
+            if is_saved:
+                take_frames(tick)
             run.observations.append(observation)
             run.decisions.append(decision)
             if is_saved:

@@ -7,6 +7,7 @@ with its branch and its commands. A seed whose nominal rollout has no branch lea
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from branchdrive.collector.drive import Drive, drive
@@ -17,10 +18,12 @@ from branchdrive.collector.trigger import Trigger, brake_trigger, branch_columns
 from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.policy import Policy
+from branchdrive.contract.timing import WINDOW_OFFSETS
 from branchdrive.engine.rollout import check_rollout
 from branchdrive.errors import UsageError
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.rollout_writer import RolloutWriter
 
 __all__ = ["GroupPlan", "WorldCollector", "collect_group"]
 
@@ -58,6 +61,7 @@ class WorldCollector:
         num_replays: Nominal replays of a group.
         max_attempts: Attempts at a policy after which the group is given up.
         protocol_variant: Name of the protocol.
+        all_frames: Whether media cover every saved observation, and not only the 26 around the branch.
     """
 
     makers: Mapping[str, Callable[[], World]]
@@ -67,6 +71,7 @@ class WorldCollector:
     num_replays: int = 2
     max_attempts: int = 3
     protocol_variant: str = "v1"
+    all_frames: bool = False
     _worlds: dict[str, World] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, object]:
@@ -109,7 +114,7 @@ def collect_group(
         scenario_type: Its scenario type.
         seed: What it is reset with.
         **options: As `WorldCollector` has them: ``maps``, ``trigger``, ``max_ticks``, ``num_replays``,
-            ``max_attempts``, ``protocol_variant``.
+            ``max_attempts``, ``protocol_variant``, ``all_frames``.
 
     Raises:
         ContractError: A rollout breaks the format; it is not written.
@@ -180,17 +185,52 @@ class _Group:
     def _execute(self, role: str, policy: Policy, nominal: Rollout | None) -> Rollout:
         self.between()
         world = self.collector.world(self.plan.scenario_type)
-        run = drive(world, self.plan.seed, policy, nominal=nominal, max_ticks=self.collector.max_ticks)
-        self.report.num_simulated += 1
-        self.report.num_ticks += run.num_ticks
-        return self._write(role, run, nominal)
+        variant = self.collector.protocol_variant
+        writer = self.writer.begin_rollout(role=role, action_key=policy.key, protocol_variant=variant)
+        try:
+            take_frames = self._taker(world, writer, nominal)
+            limit = self.collector.max_ticks
+            run = drive(world, self.plan.seed, policy, nominal=nominal, max_ticks=limit, take_frames=take_frames)
+            self.report.num_simulated += 1
+            self.report.num_ticks += run.num_ticks
+            return self._write(writer, role, run, nominal)
+        except BaseException:
+            with suppress(UsageError):  # the first error is the one that counts
+                writer.abandon()
+            raise
 
-    def _write(self, role: str, run: Drive, nominal: Rollout | None) -> Rollout:
+    def _taker(self, world: World, writer: RolloutWriter, nominal: Rollout | None) -> Callable[[int], None]:
+        """What takes the images of a world at a tick; in a nominal rollout, whose branch is to be found, at any."""
+        cameras = [camera.name for camera in self.descriptor.cameras]
+        look: Callable[[], Mapping[str, bytes]] | None = getattr(world, "frames", None)
+        if cameras and look is None:
+            raise UsageError(
+                f"the descriptor declares the cameras {cameras}, and the world {type(world).__name__} has no method "
+                "`frames`; write it, or claim no media stream"
+            )
+        wanted = None if nominal is None else self._covered(nominal.branch_tick)
+
+        def take(tick: int) -> None:
+            if not cameras or look is None or (wanted is not None and tick not in wanted):
+                return
+            frames = look()
+            if missing := [camera for camera in cameras if camera not in frames]:
+                raise UsageError(f"`frames` gives no image of {missing} at tick {tick}; give one of every camera")
+            for camera, image in frames.items():
+                writer.append_frame(tick, camera, image)
+
+        return take
+
+    def _covered(self, branch_tick: int | None) -> frozenset[int] | None:
+        """Ticks that media cover; ``None`` for all."""
+        if self.collector.all_frames:
+            return None
+        return frozenset() if branch_tick is None else frozenset(branch_tick + offset for offset in WINDOW_OFFSETS)
+
+    def _write(self, writer: RolloutWriter, role: str, run: Drive, nominal: Rollout | None) -> Rollout:
         has_evidence = "evidence" in self.descriptor.tables
         town = self.collector.maps.get(run.scene.town)
         recorded = record(run, has_evidence=has_evidence, town=town)
-        variant = self.collector.protocol_variant
-        writer = self.writer.begin_rollout(role=role, action_key=run.policy.key, protocol_variant=variant)
         writer.append_ticks(**recorded.controls)
         writer.append_observations(**recorded.observations)
         if has_evidence:
@@ -201,6 +241,9 @@ class _Group:
         else:
             branch = None if run.partial_because else self.collector.trigger.evaluate(run.trace)
             link = branch.columns(writer.rollout_id) if branch else {}
+            covered = self._covered(branch.branch_tick if branch else None)
+            if self.descriptor.cameras and covered is not None:
+                writer.keep_frames(covered)
         simulator, collector = self.descriptor.simulator, self.descriptor.collector
         return writer.finish(
             **recorded.fields,

@@ -6,14 +6,14 @@ left. A world is deterministic if its rollouts depend on the seed and the comman
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from branchdrive.contract.policy import Command
 from branchdrive.errors import BranchDriveError
 
-__all__ = ["Actor", "Decision", "Observation", "Scene", "World", "WorldError"]
+__all__ = ["Actor", "CameraWorld", "Decision", "Observation", "Scene", "World", "WorldError"]
 
 
 class WorldError(BranchDriveError):
@@ -167,4 +167,14 @@ class World(Protocol):
 
         Raises:
             WorldError: The simulator cannot go on.
+        """
+
+
+class CameraWorld(World, Protocol):
+    """A world with cameras, for datasets that claim media."""
+
+    def frames(self) -> Mapping[str, bytes]:
+        """Encoded images, PNG or JPEG, of every declared camera at the present tick, by the camera's name.
+
+        Asked for at saved observations that media cover, after the expert and before the step.
         """

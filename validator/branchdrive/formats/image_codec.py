@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from io import BytesIO
 from typing import Any
 
@@ -9,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.errors import DecodeError, PlatformError
-from branchdrive.formats.image_header import image_header
+from branchdrive.formats.image_header import ImageHeader, image_header, png_chunks
 
-__all__ = ["can_decode", "decode_image"]
+__all__ = ["NO_DECODER", "can_decode", "decode_image"]
+
+NO_DECODER = "decoding images needs Pillow or OpenCV: pip install 'branchdrive[media]'"
+"""What is said where neither library is there."""
 
 
 def can_decode() -> bool:
@@ -32,12 +36,25 @@ def decode_image(image: bytes) -> NDArray[np.uint8]:
     header = image_header(image)
     if header.colour not in ("grey", "rgb") or header.bit_depth != 8:
         raise DecodeError(f"neither grey nor RGB of 8 bits: {header}")
+    if header.encoding == "png" and not _has_all_rows(image, header):
+        raise DecodeError("a PNG that holds fewer or more rows than its header says")
     pillow = _pillow()
     pixels = _with_opencv(image) if pillow is None else _with_pillow(pillow, image)
     expected = (header.height_px, header.width_px) + ((3,) if header.colour == "rgb" else ())
     if pixels.shape != expected:
         raise DecodeError(f"decodes to {list(pixels.shape)} values; its header says {header}")
     return pixels
+
+
+def _has_all_rows(image: bytes, header: ImageHeader) -> bool:
+    """Whether the rows of a PNG are as many as its header says; decoders take missing ones for black."""
+    wanted = header.height_px * (1 + header.width_px * (3 if header.colour == "rgb" else 1))
+    stream = zlib.decompressobj()
+    try:
+        rows = stream.decompress(b"".join(body for kind, body in png_chunks(image) if kind == b"IDAT"), wanted + 1)
+    except (zlib.error, OverflowError):
+        return False
+    return stream.eof and len(rows) == wanted
 
 
 def _pillow() -> Any:
@@ -67,7 +84,7 @@ def _with_pillow(pillow: Any, image: bytes) -> NDArray[np.uint8]:
 def _with_opencv(image: bytes) -> NDArray[np.uint8]:
     cv2 = _opencv()
     if cv2 is None:
-        raise PlatformError("decoding images needs Pillow or OpenCV: pip install 'branchdrive[media]'")
+        raise PlatformError(NO_DECODER)
     pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise DecodeError("cannot be decoded (OpenCV)")

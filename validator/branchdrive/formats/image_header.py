@@ -6,14 +6,16 @@ Sources: PNG, third edition, 5.2 and 11.2.1 (https://www.w3.org/TR/png-3/); ITU-
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Literal
+from zlib import crc32
 
 from branchdrive.contract.camera import Camera
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.errors import DecodeError
 
-__all__ = ["ImageHeader", "disagreement", "image_header"]
+__all__ = ["ImageHeader", "disagreement", "image_header", "is_whole", "png_chunks", "read_header"]
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
@@ -23,6 +25,9 @@ _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_COLOURS = {1: "grey", 3: "rgb", 4: "cmyk"}
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers of JPEG that begin a frame, which has the size."""
+
+_CODINGS = frozenset({0xC0, 0xC2})
+"""Those of them that every decoder reads: baseline and progressive."""
 
 _BARE = frozenset({0x01, *range(0xD0, 0xD8)})
 """Markers of JPEG that no length follows."""
@@ -38,6 +43,7 @@ class ImageHeader:
         height_px: Rows.
         colour: ``grey``, ``rgb``, or what no image of a dataset may be.
         bit_depth: Bits of a channel.
+        num_bytes: Bytes of the image that say so.
     """
 
     encoding: Literal["jpeg", "png"]
@@ -45,6 +51,7 @@ class ImageHeader:
     height_px: int
     colour: str
     bit_depth: int
+    num_bytes: int = field(default=0, compare=False)
 
     def __str__(self) -> str:
         kind = f"{self.encoding.upper()}, {self.colour}, {self.bit_depth} bits"
@@ -52,12 +59,24 @@ class ImageHeader:
 
 
 def image_header(image: bytes | memoryview) -> ImageHeader:
-    """Header of an encoded image.
+    """Header of an encoded image that has an end.
 
     Raises:
         DecodeError: The bytes are no PNG or JPEG, or are cut off.
     """
     image = bytes(image)
+    header = read_header(image)
+    if not _has_end(image, header.encoding):
+        raise DecodeError(f"a {header.encoding.upper()} that is cut off")
+    return header
+
+
+def read_header(image: bytes) -> ImageHeader:
+    """Header of an encoded image, whatever follows it.
+
+    Raises:
+        DecodeError: The bytes are no PNG or JPEG, or their header is cut off.
+    """
     if image.startswith(_PNG_SIGNATURE):
         return _png(image)
     if image.startswith(_JPEG_START):
@@ -65,13 +84,36 @@ def image_header(image: bytes | memoryview) -> ImageHeader:
     raise DecodeError(f"neither a PNG nor a JPEG: {len(image)} bytes that begin with {image[:8]!r}")
 
 
+def is_whole(image: bytes, encoding: str) -> bool:
+    """Whether an image ends as its encoding demands, and every part of a PNG has the checksum that it names."""
+    if encoding == "jpeg":
+        return _has_end(image, encoding)
+    kinds = [kind for kind, _ in png_chunks(image)]
+    return kinds.count(b"IEND") == 1 and kinds[-1] == b"IEND" and _has_end(image, encoding)
+
+
+def png_chunks(image: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and body of the chunks of a PNG, up to the first that is cut short or has another checksum."""
+    place = len(_PNG_SIGNATURE)
+    while place + 12 <= len(image):
+        length, kind = struct.unpack_from(">I4s", image, place)
+        stop = place + 8 + length
+        if stop + 4 > len(image) or image[stop : stop + 4] != crc32(image[place + 4 : stop]).to_bytes(4, "big"):
+            return
+        yield kind, image[place + 8 : stop]
+        place = stop + 4
+
+
+def _has_end(image: bytes, encoding: str) -> bool:
+    return image.endswith(_PNG_END) if encoding == "png" else image.rstrip(b"\x00").endswith(_JPEG_END)
+
+
 def _png(image: bytes) -> ImageHeader:
     if len(image) < 33 or image[8:16] != b"\x00\x00\x00\rIHDR":
         raise DecodeError("a PNG without its header")
-    width, height, bit_depth, colour = struct.unpack(">IIBB", image[16:26])
-    if not image.endswith(_PNG_END):
-        raise DecodeError("a PNG that is cut off: it does not end with IEND")
-    return ImageHeader("png", width, height, _PNG_COLOURS.get(colour, f"colour type {colour}"), bit_depth)
+    width, height, bit_depth, colour, _, _, interlacing = struct.unpack_from(">IIBBBBB", image, 16)
+    name = _PNG_COLOURS.get(colour, f"colour type {colour}") + (", interlaced" if interlacing else "")
+    return ImageHeader("png", width, height, name, bit_depth, 29)
 
 
 def _jpeg(image: bytes) -> ImageHeader:
@@ -84,9 +126,9 @@ def _jpeg(image: bytes) -> ImageHeader:
         (length,) = struct.unpack_from(">H", image, position + 2)
         if marker in _FRAMES and position + 10 <= len(image):
             bit_depth, height, width, channels = struct.unpack_from(">BHHB", image, position + 4)
-            if not image.rstrip(b"\x00").endswith(_JPEG_END):
-                raise DecodeError("a JPEG that is cut off: it does not end with EOI")
-            return ImageHeader("jpeg", width, height, _JPEG_COLOURS.get(channels, f"{channels} channels"), bit_depth)
+            name = _JPEG_COLOURS.get(channels, f"{channels} channels")
+            name += "" if marker in _CODINGS else f", neither baseline nor progressive (ff{marker:02x})"
+            return ImageHeader("jpeg", width, height, name, bit_depth, position + 10)
         if length < 2 or marker in (0xD9, 0xDA):  # the end, or pixels, before any frame
             break
         position += 2 + length

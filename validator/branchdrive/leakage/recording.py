@@ -2,7 +2,7 @@
 
 A number stays what it is, a flag is 0 or 1, and a text is its place among the declared ones or, where any text may
 stand, a number of 48 bits of its SHA-256. The rows of a moment's actors are summed up in whole steps of ``2^-16``,
-exactly and in any order, beside their count and the sum of place times identity, which tells their order.
+exactly and in any order, beside their count: the order in which rows are stored carries no meaning and is not read.
 
 Source: spec/13-leakage.md#streams.
 """
@@ -42,14 +42,13 @@ def _of_table(view: ShardView, table: str, attempts: Index) -> Array:
     if table == "actors":
         ticks = view.branch_tick[attempts][:, None] + np.asarray(offsets)
         first, stop = stream.span(np.broadcast_to(attempts[:, None], ticks.shape), ticks)
-        at_moments = [*_sums(stream, first, stop), (stop - first).astype(np.float64), _order_sum(stream, first, stop)]
-        return np.concatenate([*at_moments, _stored_order(stream, first)[:, None]], axis=1)
+        return np.concatenate([*_sums(stream, first, stop), (stop - first).astype(np.float64)], axis=1)
     rows = window_rows(view, stream, attempts, offsets)
     blocks = []
     for column in value_columns(table):
         numbers = _numbers(stream, column)
         blocks.append(np.where(rows >= 0, numbers[rows], np.nan) if len(numbers) else np.full(rows.shape, np.nan))
-    return np.concatenate([*blocks, _stored_order(stream, rows)[:, None]], axis=1)
+    return np.concatenate(blocks, axis=1)
 
 
 def _numbers(stream: StreamView, column: Column) -> Array:
@@ -77,23 +76,6 @@ def _sums(stream: StreamView, first: Index, stop: Index) -> list[Array]:
     return found
 
 
-def _order_sum(stream: StreamView, first: Index, stop: Index) -> Array:
-    """Sum of place times identity over the rows of moments, places counted from 0 as rows are stored."""
-    rows = np.arange(len(stream))
-    starts = np.flatnonzero(~stream.repeats)
-    place = rows - np.repeat(starts, np.diff(starts, append=len(stream)))
-    return _between(place * stream["actor_id"].astype(np.int64), first, stop)
-
-
 def _between(values: NDArray[np.int64], first: Index, stop: Index) -> Array:
     upto = np.concatenate(([0], np.cumsum(values)))
     return np.asarray((upto[stop] - upto[first]).astype(np.float64))
-
-
-def _stored_order(stream: StreamView, rows: Index) -> Array:
-    """Sum of the places, from 1, whose row of a window is stored behind that of the next place: ``[attempts]``."""
-    if not len(stream):
-        return np.zeros(len(rows))
-    stored = stream.position[np.clip(rows, 0, len(stream) - 1)]
-    falls = stored[:, 1:] < stored[:, :-1]
-    return np.asarray((falls * np.arange(1, rows.shape[1])).sum(axis=1).astype(np.float64))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
 
-__all__ = ["COUNT", "ORDER", "WINDOWS", "StreamColumn", "Streams", "ranked", "stream_columns", "value_columns"]
+__all__ = ["COUNT", "WINDOWS", "StreamColumn", "Streams", "ranked", "stream_columns", "value_columns"]
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,8 @@ WINDOWS: dict[str, tuple[int, ...]] = {
 }
 """Offsets from ``t_b`` at which a table is read, by table in the order of columns."""
 
-COUNT, ORDER = "number of rows", "order of rows"
-"""What is read of the rows of a table beside their values: how many actors a moment has, and how rows are stored."""
+COUNT = "number of rows"
+"""What is read of the actors of a moment beside their values: how many there are."""
 
 
 class StreamColumn(NamedTuple):
@@ -38,13 +38,13 @@ class StreamColumn(NamedTuple):
 
     Attributes:
         table: Its table.
-        name: Its name, or `COUNT` or `ORDER`.
-        offset_ticks: Offset from ``t_b``; None where it is of the whole window.
+        name: Its name, or `COUNT`.
+        offset_ticks: Offset from ``t_b``.
     """
 
     table: str
     name: str
-    offset_ticks: int | None
+    offset_ticks: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,9 +98,8 @@ def stream_columns(tables: tuple[str, ...]) -> tuple[StreamColumn, ...]:
             continue
         at_moments = [column.name for column in value_columns(table)]
         if table == "actors":
-            at_moments += [COUNT, ORDER]
+            at_moments.append(COUNT)
         found += [StreamColumn(table, name, offset) for name in at_moments for offset in offsets]
-        found.append(StreamColumn(table, ORDER, None))
     return tuple(found)
 
 

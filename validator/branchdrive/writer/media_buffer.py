@@ -19,7 +19,7 @@ from branchdrive.contract.text import quote
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.errors import ContractError, DecodeError, UsageError
 from branchdrive.formats.file_error import named
-from branchdrive.formats.image_header import disagreement, image_header
+from branchdrive.formats.image_header import disagreement, is_whole, read_header
 from branchdrive.raw.media_folder import FRAMES, MediaFolder, image_checksum, places_of
 from branchdrive.raw.rollout import Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer
@@ -76,12 +76,14 @@ class MediaBuffer:
         if len(image) > spec_limits().max_image_bytes:
             raise ContractError(f"{where}: has {len(image)} bytes; the limit is {spec_limits().max_image_bytes}")
         try:
-            header = image_header(image)
+            header = read_header(bytes(image))
         except DecodeError as error:
             raise ContractError(f"{where}: {error}; give a whole PNG or JPEG") from error
         expected = disagreement(header, camera)
         if expected is not None:
             raise ContractError(f"{where}: expected {expected}, found {header}")
+        if not is_whole(bytes(image), header.encoding):
+            raise ContractError(f"{where}: is cut off or damaged; give the whole {header.encoding.upper()}")
         with named(self._path):
             if self._stream is None:
                 self._stream = self._path.open("wb")

@@ -28,7 +28,8 @@ def test_the_margin_is_the_84th_of_88() -> None:
 
 def test_coverage_is_what_the_paper_prints() -> None:
     predicted = overpredicted()
-    report = margin_report(predicted, TRUTH, predicted, fit_margin(predicted, TRUTH, nominal=0), nominal=0)
+    margin = fit_margin(predicted, TRUTH, nominal=0)
+    report = margin_report(predicted, TRUTH, predicted, TRUTH, margin, nominal=0, action_prior=1)
     assert report.covered_groups == 84 / 88
     assert report.covered_candidates == 1052 / 1056
 
@@ -55,16 +56,22 @@ def test_an_intervention_is_accepted_at_the_boundary_and_the_best_of_them_is_tak
     ]
     utilities = np.array([[0.5, 0.6, 0.9], [0.5, 0.6, 0.9], [0.95, 0.6, 0.9]])
     assert margin_selection(predicted, utilities, margin, nominal=0).tolist() == [1, 2, 0]
-    report = margin_report(predicted, predicted, utilities, margin, nominal=0)
+    executed = np.array([[0.5, 0.25, 0.0], [0.5, 0.25, 1.0], [0.75, 0.25, 1.0]])
+    report = margin_report(predicted, predicted, utilities, executed, margin, nominal=0, action_prior=1)
     assert (report.acceptance, report.num_actions, report.vacuous) == (5 / 6, 3, False)
+    assert report.value == pytest.approx((0.25 + 1.0 + 0.75) / 3, abs=1e-15)
+    assert report.nominal_value == pytest.approx(1.75 / 3, abs=1e-15)
+    assert report.action_prior_value == 0.25
 
 
 def test_a_guard_that_accepts_nothing_is_vacuous() -> None:
     predicted = overpredicted()
     margin = fit_margin(predicted, TRUTH, nominal=0)
     calm = TRUTH + np.random.default_rng(1).normal(size=TRUTH.shape)
-    report = margin_report(calm, TRUTH, np.random.default_rng(2).random(TRUTH.shape), margin, nominal=0)
+    predicted_utilities = np.random.default_rng(2).random(TRUTH.shape)
+    report = margin_report(calm, TRUTH, predicted_utilities, predicted_utilities, margin, nominal=0, action_prior=3)
     assert (report.acceptance, report.num_actions, report.vacuous) == (0, 1, True)
+    assert report.value == report.nominal_value
 
 
 def test_ties_of_utility_go_to_the_first_candidate() -> None:

@@ -47,44 +47,43 @@ class Prior(ProtocolPart):
         return ", ".join(label.replace("_", " ") for label in self.by)
 
 
-class Neighbours(ProtocolPart):
+class _ReadsHistory(ProtocolPart):
+    """A baseline that reads histories.
+
+    Attributes:
+        name: Name of the selector.
+        contract: Input contract under which it reads them.
+    """
+
+    name: str
+    contract: str
+
+    @property
+    def sees(self) -> str:
+        """What it sees of a group."""
+        return f"{self.contract} history"
+
+
+class Neighbours(_ReadsHistory):
     """Mean utility of each candidate in the training groups of the nearest histories.
 
     Attributes:
-        name: Name of the selector.
-        contract: Input contract under which it reads histories.
         neighbours: How many training groups; those that tie with the last of them count too.
     """
 
-    name: str
     kind: Literal["neighbours"]
-    contract: str
     neighbours: Integer
 
-    @property
-    def sees(self) -> str:
-        """What it sees of a group."""
-        return f"{self.contract} history"
 
-
-class Ridge(ProtocolPart):
+class Ridge(_ReadsHistory):
     """Utility of each candidate regressed on the history, with a penalty on the squares of weights.
 
     Attributes:
-        name: Name of the selector.
-        contract: Input contract under which it reads histories.
         strength: Of the penalty, by training group.
     """
 
-    name: str
     kind: Literal["ridge"]
-    contract: str
     strength: float
-
-    @property
-    def sees(self) -> str:
-        """What it sees of a group."""
-        return f"{self.contract} history"
 
 
 Baseline = Annotated[Prior | Neighbours | Ridge, Field(discriminator="kind")]

@@ -262,6 +262,11 @@ def assess(
     losses = lost(path, tested)
     weights = cluster_weights(tested.clusters)
     gains = tested.utilities[np.arange(len(tested.groups)), path.selections] - tested.utilities[:, nominal]
+    places = {"nominal": nominal, "action_prior": action_prior}
+    reports = [
+        margin_report(of.predicted_m, of.separation_m, of.predicted_utilities, of.utilities, margin, **places)
+        for of in (val, tested)
+    ]
     return Assessment(
         kept=tested.kept,
         num_left_out={
@@ -269,8 +274,8 @@ def assess(
             for name, part in (("validation", val), ("calibration", cal), ("test", tested))
         },
         margin=margin,
-        margin_validation=_report(val, margin, nominal),
-        margin_test=_report(tested, margin, nominal),
+        margin_validation=reports[0],
+        margin_test=reports[1],
         conformal=exact,
         learn_then_test=tail,
         selections=selections,
@@ -387,7 +392,3 @@ def _complete_groups(data: GuardData, scale: Scale, profile: Profile) -> _Comple
         predicted_m=mean[..., SEPARATION],
         predicted_utilities=predicted_utility(mean, scale, profile),
     )
-
-
-def _report(found: _CompleteGroups, margin: GlobalMargin, nominal: int) -> MarginReport:
-    return margin_report(found.predicted_m, found.separation_m, found.predicted_utilities, margin, nominal=nominal)

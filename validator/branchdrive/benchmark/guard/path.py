@@ -174,6 +174,9 @@ class MarginReport(NamedTuple):
         acceptance: Share of interventions that are accepted.
         num_actions: Distinct candidates chosen, nominal included.
         vacuous: Whether no intervention is accepted in any group.
+        value: Mean executed utility of what the guard chooses.
+        nominal_value: That of nominal.
+        action_prior_value: That of the candidate with the greatest mean utility in training.
     """
 
     covered_candidates: float
@@ -181,6 +184,9 @@ class MarginReport(NamedTuple):
     acceptance: float
     num_actions: int
     vacuous: bool
+    value: float
+    nominal_value: float
+    action_prior_value: float
 
 
 def fit_margin(predicted_m: Array, separation_m: Array, *, nominal: int, coverage: float = COVERAGE) -> GlobalMargin:
@@ -222,21 +228,41 @@ def margin_selection(predicted_m: Array, utilities: Array, margin: GlobalMargin,
 
 
 def margin_report(
-    predicted_m: Array, separation_m: Array, utilities: Array, margin: GlobalMargin, *, nominal: int
+    predicted_m: Array,
+    separation_m: Array,
+    utilities: Array,
+    executed: Array,
+    margin: GlobalMargin,
+    *,
+    nominal: int,
+    action_prior: int,
 ) -> MarginReport:
-    """Coverage, acceptance and choices on groups, calibration groups or others; arguments as above.
+    """Coverage, acceptance, choices and their worth on groups, calibration groups or others; arguments as above.
+
+    Args:
+        predicted_m: Predicted separation.
+        separation_m: Executed separation.
+        utilities: Predicted utilities.
+        executed: Executed utilities ``[groups, candidates]``.
+        margin: What was fitted.
+        nominal: Place of the nominal candidate.
+        action_prior: Place of the candidate with the greatest mean utility in training.
 
     Raises:
         ValueError: As `fit_margin`.
     """
     covered = _overprediction(predicted_m, separation_m, nominal) <= margin.margin_m + TIE
     taken = np.delete(accepted(predicted_m, margin, nominal=nominal), nominal, axis=1)
+    chosen = margin_selection(predicted_m, utilities, margin, nominal=nominal)
     return MarginReport(
         covered_candidates=float(covered.mean()),
         covered_groups=float(covered.all(axis=1).mean()),
         acceptance=float(taken.mean()),
-        num_actions=len(np.unique(margin_selection(predicted_m, utilities, margin, nominal=nominal))),
+        num_actions=len(np.unique(chosen)),
         vacuous=not taken.any(),
+        value=float(executed[np.arange(len(chosen)), chosen].mean()),
+        nominal_value=float(executed[:, nominal].mean()),
+        action_prior_value=float(executed[:, action_prior].mean()),
     )
 
 

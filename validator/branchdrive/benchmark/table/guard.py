@@ -56,11 +56,15 @@ def _profile_table(profile: Document, results: Document) -> Table:
         cells = [with_ends(number(found["value"]), found) for found in figures]
         rows.append([selection["selection"], *cells, str(selection["num_actions"])])
     margin = profile["global_margin"]
-    test = margin["test"]
+    val, test = margin["val"], margin["test"]
     notes = [
         f"N = {profile['num_groups']} groups. Global margin {margin['margin_m']:.3f} m, order statistic "
         f"{margin['rank']} of {margin['num_groups']}; on test it covers {test['covered_candidates']:.3f} of candidates "
-        f"and {test['covered_groups']:.3f} of groups, and accepts {test['acceptance']:.3f} of interventions."
+        f"and {test['covered_groups']:.3f} of groups, and accepts {test['acceptance']:.3f} of interventions.",
+        f"On the {margin['num_groups']} validation groups that it was fitted on, a development-set diagnostic, "
+        f"it covers {val['covered_candidates']:.3f} of candidates and {val['covered_groups']:.3f} of groups, "
+        f"chooses {val['num_actions']} actions and is worth {val['value']:.4f}; nominal {val['nominal_value']:.4f}, "
+        f"ActionPrior {val['action_prior_value']:.4f}.",
     ]
     if test["vacuous"]:
         notes.append("The global margin is vacuous: it accepts no intervention in any group.")
