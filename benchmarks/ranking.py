@@ -7,44 +7,29 @@ same contexts. The models have the size of M3 and one epoch of training: how wel
 from __future__ import annotations
 
 import statistics
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
 
 from benchmarks.row import Row
 from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.driving.target import Targets
-from branchdrive.driving.utility import PROFILES, Scale, fit_scale, utility
+from branchdrive.driving.utility import PROFILES, fit_scale
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.release.builder import build_release
-from branchdrive_reference.benchmark.onnx_export import (
-    INPUTS,
-    OUTPUT,
-    TOLERANCE,
-    contexts_of,
-    export_selector,
-    largest_difference,
-    open_selector,
-)
+from branchdrive_reference.benchmark.latency import exported_selector, latencies_ms, plain_selector
+from branchdrive_reference.benchmark.onnx_export import TOLERANCE, contexts_of, export_selector, largest_difference
 from branchdrive_reference.benchmark.training import model_tasks
 from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.learning.checkpoint import Checkpoint
-from branchdrive_reference.learning.prediction import physical
 from branchdrive_reference.learning.training import train_model
 
 __all__ = ["made_release", "rows"]
 
 _MODEL, _PROFILE = "M3", PROFILES["balanced"]
 _SEED, _NUM_GROUPS, _REPEATS = 7, 24, 500
-
-Array = NDArray[np.float32]
-Predict = Callable[[Array, Array], NDArray[Any]]
 
 
 def rows(folder: Path, *, release: Path | None = None, repeats: int = _REPEATS) -> Iterator[Row]:
@@ -60,8 +45,8 @@ def rows(folder: Path, *, release: Path | None = None, repeats: int = _REPEATS) 
     training = layer.targets("train")
     scale = fit_scale(Targets(training.scalars, training.scalars_available))
     content = export_selector(checkpoints, layer, scale=scale, profiles=PROFILES)
-    plain, contexts = _plain(checkpoints, layer), contexts_of(layer, "train")
-    ours_ms, theirs_ms = _latencies((_exported(content), plain), contexts, scale, repeats)
+    plain, contexts = plain_selector(checkpoints, layer), contexts_of(layer, "train")
+    ours_ms, theirs_ms = latencies_ms((exported_selector(content), plain), contexts, scale, _PROFILE, repeats=repeats)
     what = f"rank {len(layer.actions())} candidates of one context, {len(checkpoints)} seeds of {_MODEL}, one thread"
     ours, theirs = statistics.median(ours_ms), statistics.median(theirs_ms)
     yield Row(
@@ -89,54 +74,3 @@ def _checkpoints(layer: ModelLayer, folder: Path) -> list[Checkpoint]:
         )
         for task in model_tasks(default_protocol(), [_MODEL])
     ]
-
-
-def _exported(content: bytes) -> Predict:
-    session = open_selector(content)
-
-    def predict(state: Array, controls: Array) -> NDArray[Any]:
-        (found,) = session.run([OUTPUT], dict(zip(INPUTS, (state, controls), strict=True)))
-        return np.asarray(found)
-
-    return predict
-
-
-def _plain(checkpoints: Sequence[Checkpoint], layer: ModelLayer) -> Predict:
-    """The networks as they were trained, one seed after the other."""
-    networks, scalings = [checkpoint.network() for checkpoint in checkpoints], layer.scalings()
-    actions = torch.from_numpy(layer.actions().astype(np.float32))
-
-    def predict(state: Array, controls: Array) -> NDArray[Any]:
-        with torch.inference_mode():
-            inputs = {
-                "state": torch.from_numpy(scalings.state.apply(state[None]).astype(np.float32)),
-                "controls": torch.from_numpy(scalings.controls.apply(controls[None]).astype(np.float32)),
-                "actions": actions,
-            }
-            outcomes = [network(inputs, num_groups=1, num_candidates=len(actions)) for network in networks]
-        found: NDArray[np.float64] = np.mean([physical(outcome, scalings)[0][0] for outcome in outcomes], axis=0)
-        return found
-
-    return predict
-
-
-def _latencies(
-    ways: Sequence[Predict], contexts: Sequence[tuple[Array, Array]], scale: Scale, repeats: int
-) -> list[list[float]]:
-    """Milliseconds of every repeat of each way, taken in turn; a tenth of the repeats before them is not counted."""
-    found: list[list[float]] = [[] for _ in ways]
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        for repeat in range(-repeats // 10, repeats):
-            context = contexts[repeat % len(contexts)]
-            for way, taken in zip(ways, found, strict=True):
-                begin = time.perf_counter()
-                scalars = way(*context).astype(np.float64)
-                values = utility(Targets(scalars, np.ones(scalars.shape, np.bool_)), scale, _PROFILE)
-                np.argsort(-values, kind="stable")
-                if repeat >= 0:
-                    taken.append(1e3 * (time.perf_counter() - begin))
-    finally:
-        torch.set_num_threads(threads)
-    return found

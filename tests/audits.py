@@ -33,7 +33,8 @@ def audit_once(task: ShardTask) -> ShardResult:
     if task.links is not None or any((task.root / path).is_symlink() for path in task.files):
         return audit_shard(task)
     claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
-    text = repr((task.folder, files, claimed, sorted(task.selected), task.is_hashed, task.spool is None))
+    options = sorted(task.selected), task.is_hashed, task.spool is None
+    text = repr((task.folder, files, claimed, options, sorted(task.repeated_rollouts), sorted(task.split_groups)))
     key = hashlib.sha256(text.encode()).hexdigest()
     if key not in _known:
         _known[key] = pickle.dumps(kept(f"shard-{key[:32]}", lambda: _alone(task)))

@@ -53,7 +53,11 @@ AREAS = (
     extents, world, trigger, groups, maps, layers, canonical, quality, split, fidelity, model, targets, features,
     leakage, histories, battery, release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
-"""Modules that define cases."""
+"""Modules that define cases; the first mutant of a rule is that of the first of them that has one."""
 
-MUTANTS: tuple[Mutant, ...] = tuple(REGISTRY.mutants)
+_PLACES = {area.__name__: place for place, area in enumerate(AREAS)}
+
+MUTANTS: tuple[Mutant, ...] = tuple(sorted(REGISTRY.mutants, key=lambda mutant: _PLACES[mutant.edit.__module__]))
+"""In the order of the areas, whichever was imported first, and of their definition there."""
+
 BOUNDARIES: tuple[Boundary, ...] = tuple(REGISTRY.boundaries)

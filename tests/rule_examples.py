@@ -1,6 +1,6 @@
 """What the validator says of one defect of every rule, for the pages of the rules.
 
-``python -m tests.rule_examples`` writes `docs/rules/examples.json` from the first registered mutant of every rule;
+``python -m tests.rule_examples`` writes `docs/rules/examples.json` from the first mutant of every rule;
 the test of that mutant says whether it is still true. Rule ids behind the command write those alone.
 """
 

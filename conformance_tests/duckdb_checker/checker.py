@@ -209,6 +209,12 @@ class Judgement:
             "where rollout_id is not null",
             {"rollouts": sorted(rollouts)},
         )
+        elements = {(place["town"], place["element_id"]) for place in found if {"town", "element_id"} <= place.keys()}
+        self.connection.execute(
+            "create or replace temp table faulty_element as select unnest($towns::varchar[]) as town, "
+            "unnest($names::varchar[]) as element_id",
+            {"towns": [town for town, _ in elements], "names": [name for _, name in elements]},
+        )
         self.connection.execute("create or replace temp table failed (rule varchar, rollout_id varchar)")
         self.connection.execute("create or replace temp table judged (rule varchar, attempts integer)")
 

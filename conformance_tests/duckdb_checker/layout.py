@@ -23,6 +23,8 @@ COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".h
 COMPANIONS_ANYWHERE = {".DS_Store", "Thumbs.db"}
 WORKING_FOLDER = ".staging"
 _WORKING_SUFFIXES = (".tmp", ".part", ".partial")
+_PICKLE_SUFFIXES = (".pkl", ".pickle", ".joblib", ".pt", ".pth")
+_CODE_HEADS = ("8002", "8003", "8004", "8005", "7f454c46", "4d5a9000", "cffaedfe", "cefaedfe", "cafebabe", "23212f")
 UNHIDEABLE = {DESCRIPTOR, MANIFEST, "LICENCE.txt", WORKING_FOLDER, *LAYERS[:5]}
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)", re.DOTALL)
 _HEAD = re.compile(r"# (layer [a-z]+|dataset) ([0-9a-f]{64})")
@@ -281,6 +283,10 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
     layers = descriptor.get("layers", ["raw"])
     root = {MANIFEST, DESCRIPTOR, "README.md", "LICENCE.txt", WORKING_FOLDER}
 
+    def is_code(path: str) -> bool:
+        with (folder.root / path).open("rb") as file:
+            return file.read(4).hex().startswith(_CODE_HEADS) or path.lower().endswith(_PICKLE_SUFFIXES)
+
     def placed(path: str, kind: str) -> bool:
         parts = path.split("/")
         if len(parts) == 1:
@@ -292,6 +298,8 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
         if any(parts[2].startswith(f"{table}.parquet.") for table in TABLES) or parts[2].endswith(_WORKING_SUFFIXES):
             return False
         known = parts[2].removesuffix(".parquet") in TABLES and parts[2].endswith(".parquet")
+        if not known and len(parts) == 3 and kind == "file" and is_code(path):
+            return False
         return len(parts) == 3 and kind != "folder" and (parts[2] in tables or (media and not known))
 
     found: list[str] = []

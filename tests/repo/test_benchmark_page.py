@@ -19,7 +19,7 @@ from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
-from branchdrive_reference.benchmark.command import benchmark, evaluate, export, lock, predict, train
+from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect
 from branchdrive_reference.learning.configuration import Configuration
@@ -29,7 +29,8 @@ LINES = [
     shlex.split(line) for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S) for line in block.splitlines() if line
 ]
 COMMANDS: dict[str, ModuleType] = {
-    "train": train, "lock": lock, "predict": predict, "evaluate": evaluate, "export": export, "benchmark": benchmark,
+    "train": train, "lock": lock, "predict": predict, "evaluate": evaluate, "export": export, "latency": latency,
+    "benchmark": benchmark,
 }  # fmt: skip
 OTHERS: dict[str, ModuleType] = {"collect": collect, "build": build, "branchdrive-validate": validate}
 

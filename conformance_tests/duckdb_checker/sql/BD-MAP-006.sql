@@ -1,8 +1,8 @@
--- subjects: attempt
+-- subjects: surveyed
 with judged as (
     select e.rollout_id, a.group_id, e.tick, e.on_road,
         coalesce(bool_or(does_hold), false) as must, coalesce(bool_or(may_hold), false) as may
-    from evidence e join attempt a using (run) join observations o using (run, tick)
+    from evidence e join surveyed a using (run) join observations o using (run, tick)
     join place p on p.shard = a.shard and p.town = a.town and p.x = o.x_m and p.y = o.y_m
     left join held h using (place)
     group by e.run, e.rollout_id, a.group_id, e.tick, e.on_road

@@ -1,7 +1,7 @@
--- subjects: attempt where (shard, town) in (select (shard, town) from map where kind = 'wall')
+-- subjects: surveyed where (shard, town) in (select (shard, town) from map where kind = 'wall')
 with touching as (
     select w.rollout_id, w.group_id, w.tick
-    from inside_ego w left join held h on h.shard = w.shard and h.town = w.town and h.x = w.x and h.y = w.y
+    from inside_ego w semi join surveyed s on s.run = w.run left join held h on h.shard = w.shard and h.town = w.town and h.x = w.x and h.y = w.y
     where not w.collision
     group by w.run, w.rollout_id, w.group_id, w.tick, w.x, w.y
     having not coalesce(bool_or(h.margin > 0.05), false)

@@ -1,4 +1,10 @@
 -- Where the ego's centre lies on the elements of its map (spec/05-raw-streams.md#map).
+-- Attempts in towns without a drivable surface that is faulty: what such a surface would hold is unknown.
+create or replace temp table surveyed as
+select * from attempt a where not exists (
+    from map m semi join faulty_element using (town, element_id)
+    where m.shard = a.shard and m.town = a.town and m.kind in ('lane', 'shoulder', 'parking', 'road_area'));
+
 create or replace temp table place as
 select row_number() over () as place, *
 from (

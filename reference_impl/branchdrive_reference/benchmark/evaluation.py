@@ -38,10 +38,12 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import (
     BENCHMARK,
     BENCHMARK_LEDGER_FILE,
+    LATENCY_FILE,
     LEDGER_FILE,
     LOCK_FILE,
     RANKING_LOCK_FILE,
     RESULTS_FILE,
+    TABLES_FILE,
 )
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
@@ -53,8 +55,6 @@ from branchdrive_reference.benchmark.release import Release, baseline_contexts, 
 from branchdrive_reference.benchmark.workspace import Workspace
 
 __all__ = ["Evaluation", "evaluate_foreign", "evaluate_published", "render_files"]
-
-TABLES = f"{BENCHMARK}/TABLES.md"
 
 UNRECORDED = "This evaluation looked at outcomes of the test partition, and no record of the release counts it."
 
@@ -104,7 +104,9 @@ def evaluate_published(
         further_risks=further_risks_of(ranking_lock), description=_description(release, data, lock),
     )  # fmt: skip
     show(2, 4, "figures")
-    rendered = render_files(release, protocol, results, with_figures=with_figures)
+    rendered = render_files(
+        release, protocol, results, latency=release.document(LATENCY_FILE), with_figures=with_figures
+    )
     show(3, 4, "publication")
     kept = {path: content for path, content in files.items() if not _is_rendered(path)}
     workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in rendered.items()})
@@ -188,10 +190,15 @@ def _unevaluated(ledger: Ledger, protocol: BenchmarkProtocol, lock: Any | None, 
 
 
 def render_files(
-    release: Release, protocol: BenchmarkProtocol, results: dict[str, Any], *, with_figures: bool
+    release: Release,
+    protocol: BenchmarkProtocol,
+    results: dict[str, Any],
+    *,
+    latency: dict[str, Any] | None = None,
+    with_figures: bool,
 ) -> dict[str, bytes]:
-    """Results as files by path in the benchmark layer; figures take the extra `plots`."""
-    files = {"results.json": dump_json(results), "TABLES.md": render_tables(results).encode()}
+    """Results as files by path in the benchmark layer, with latencies in the tables; figures take the extra `plots`."""
+    files = {"results.json": dump_json(results), "TABLES.md": render_tables(results, latency).encode()}
     if not with_figures:
         return files
     from branchdrive_reference.benchmark.figure.gallery import figures
@@ -206,7 +213,7 @@ def render_files(
 
 
 def _is_rendered(path: str) -> bool:
-    return path in (RESULTS_FILE, TABLES) or path.startswith(f"{BENCHMARK}/figures/")
+    return path in (RESULTS_FILE, TABLES_FILE) or path.startswith(f"{BENCHMARK}/figures/")
 
 
 def _ranking_lock(

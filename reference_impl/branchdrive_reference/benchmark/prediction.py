@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from branchdrive.benchmark.data import BenchmarkData
@@ -18,11 +19,12 @@ from branchdrive.formats.parquet import encode_table
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import sort_rows
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
-from branchdrive_reference.benchmark.release import benchmark_data
+from branchdrive_reference.benchmark.release import Release, benchmark_data
 from branchdrive_reference.benchmark.workspace import Workspace
+from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 from branchdrive_reference.learning.prediction import predict
 
-__all__ = ["predict_all"]
+__all__ = ["locked_checkpoints", "predict_all"]
 
 
 def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: str, show: Update) -> PredictionSet:
@@ -71,3 +73,16 @@ def _there(workspace: Workspace, path: str) -> bytes:
     if content is None:
         raise DatasetError(f"{workspace.release.root}: {path!r} is gone; run `branchdrive lock` again")
     return content
+
+
+def locked_checkpoints(release: Release, lock: Mapping[str, Any], model: str) -> list[Checkpoint]:
+    """The published checkpoints of a model, one for each seed in the order of the lock.
+
+    Raises:
+        DatasetError: One cannot be read, or is not the one that was locked.
+    """
+    return [
+        read_checkpoint(release.root / BENCHMARK / entry["file"], sha256=entry["sha256"])
+        for entry in lock["checkpoints"]
+        if entry["model"] == model
+    ]

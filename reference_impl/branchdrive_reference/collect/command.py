@@ -24,6 +24,7 @@ from branchdrive_reference.simulation.branch_kind import BranchKind, parse_share
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport
     from branchdrive_reference.collect.disk import DiskNeed
+    from branchdrive_reference.rendering.dataset import RenderReport
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -77,7 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"KIND=SHARE,... of {kinds}; docs/reference-world.md describes them",
     )
     what.add_argument(
-        "--no-media", action="store_true", help="structured streams only, which is all that this version records"
+        "--media",
+        action=argparse.BooleanOptionalAction,
+        help="render cameras and bird's-eye views of the collected groups, as `branchdrive render` does by default",
     )
     wrong = parser.add_argument_group("what goes wrong on purpose")
     wrong.add_argument(
@@ -127,6 +130,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         PlatformError: The extra is not installed.
     """
     chosen = _choose(args)
+    if args.media:
+        _load_renderer()
+    report: CollectionReport | None = None
+    images: RenderReport | None = None
     finished = 0
     show: Update | None = None
 
@@ -135,8 +142,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         stdout.flush()
 
     try:
-        with ExitStack() as stack:
-            stack.enter_context(heeded_termination())
+        with heeded_termination(), ExitStack() as bar:
             collect = _load_collector()
             from branchdrive_reference.kernel import are_kernels_cached  # loaded by now
 
@@ -148,29 +154,34 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 nonlocal finished, show
                 if show is None:  # the bar begins below the lines that come before it
                     with deferred_interrupt() as raise_if_noted:  # it has imports of its own
-                        show = stack.enter_context(progress_bar(stderr, "collecting groups"))
+                        show = bar.enter_context(progress_bar(stderr, "collecting groups"))
                     raise_if_noted()
                 finished = groups
                 show(groups, chosen.num_groups, f"{ticks:,} ticks")
 
-            report = collect(
-                args.out,
-                num_groups=chosen.num_groups,
-                seed=args.seed,
-                replay_noise=chosen.replay_noise,
-                faults=chosen.faults,
-                branches=chosen.branches,
-                scenario_types=chosen.scenario_types,
-                jobs=args.jobs or 1,
-                resume=args.resume,
-                foresee=foresee,
-                watch=note,
-            )
+            if not (args.media and _is_being_rendered(args, chosen)):
+                report = collect(
+                    args.out,
+                    num_groups=chosen.num_groups,
+                    seed=args.seed,
+                    replay_noise=chosen.replay_noise,
+                    faults=chosen.faults,
+                    branches=chosen.branches,
+                    scenario_types=chosen.scenario_types,
+                    jobs=args.jobs or 1,
+                    resume=args.resume,
+                    foresee=foresee,
+                    watch=note,
+                )
+            finished = chosen.num_groups
+            bar.close()
+            if args.media:
+                images = _render(args, bar.enter_context(progress_bar(stderr, "rendering groups")))
     except KeyboardInterrupt as interrupt:
         progress = f"{finished} of {chosen.num_groups} groups are finished"
         stderr.write(f"interrupted; {progress}. To go on, run: {_command_line(args)}\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
-    stdout.write(_summary(args, report))
+    stdout.write(_summary(args, report, images))
     return 0
 
 
@@ -180,6 +191,35 @@ def _load_collector() -> Callable[..., CollectionReport]:
         from branchdrive_reference.collect.campaign import collect
     raise_if_noted()
     return collect
+
+
+def _load_renderer() -> None:
+    """Make sure of the renderer before hours of collecting, not after them."""
+    with extra("media", "sim", of="`collect --media`"), deferred_interrupt() as raise_if_noted:
+        import branchdrive_reference.collect.media  # noqa: F401
+    raise_if_noted()
+
+
+def _is_being_rendered(args: argparse.Namespace, chosen: _Choice) -> bool:
+    """Whether all groups are there and some media, so that nothing is left to collect."""
+    from branchdrive_reference.collect.campaign import collection_descriptor
+    from branchdrive_reference.collect.media import is_being_rendered
+
+    descriptor = collection_descriptor(
+        args.seed,
+        replay_noise=chosen.replay_noise,
+        faults=chosen.faults,
+        branches=chosen.branches,
+        scenario_types=chosen.scenario_types,
+    )
+    return is_being_rendered(args.out, descriptor, chosen.num_groups)
+
+
+def _render(args: argparse.Namespace, show: Update) -> RenderReport:
+    from branchdrive_reference.collect.media import default_media
+    from branchdrive_reference.rendering.dataset import render_dataset
+
+    return render_dataset(args.out, default_media(), jobs=args.jobs or 1, watch=show)
 
 
 def _command_line(args: argparse.Namespace) -> str:
@@ -197,11 +237,28 @@ def _command_line(args: argparse.Namespace) -> str:
     tokens = ["branchdrive", "collect", f"./{out}" if out.startswith("-") else out]
     tokens += [token for name, value in options.items() if value is not None for token in (name, str(value))]
     tokens += [token for name in args.scenario or () for token in ("--scenario", name)]
-    tokens += [name for name, is_given in (("--no-media", args.no_media), ("--resume", args.resume)) if is_given]
+    if args.media is not None:
+        tokens.append("--media" if args.media else "--no-media")
+    tokens += ["--resume"] if args.resume else []
     return shlex.join(tokens)
 
 
-def _summary(args: argparse.Namespace, report: CollectionReport) -> str:
+def _summary(args: argparse.Namespace, report: CollectionReport | None, images: RenderReport | None) -> str:
+    lines = _collected(report) if report else []
+    identity = report.identity if report else ""
+    if images is not None:
+        identity = images.identity
+        lines += [f"images    {images.num_images:,} in {images.num_bytes / 1e6:,.1f} MB"]
+    lines += [
+        f"dataset   {args.out}",
+        f"identity  {identity}",
+        f"next      {shlex.join(['branchdrive-validate', str(args.out)])}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _collected(report: CollectionReport) -> list[str]:
+    """What was collected, and how fast."""
     simulated = sum(group.num_simulated for group in report.groups)
     reused = sum(group.num_reused for group in report.groups)
     unbranched = [group for group in report.groups if group.unbranched_because]
@@ -214,14 +271,10 @@ def _summary(args: argparse.Namespace, report: CollectionReport) -> str:
         f"ticks     {report.num_ticks:,} in {report.seconds:.1f} s with {jobs}, writing included: "
         f"{report.ticks_per_s:,.0f} ticks/s"
     )
-    lines = [
+    return [
         f"groups    {len(report.groups):,} collected, {report.num_found:,} found finished",
         *reasons,
         *([f"          {num_stopped:,} stopped early by injected faults"] if num_stopped else []),
         f"rollouts  {simulated:,} simulated, {reused:,} found finished",
         *([speed] if report.num_ticks else []),
-        f"dataset   {args.out}",
-        f"identity  {report.identity}",
-        f"next      {shlex.join(['branchdrive-validate', str(args.out)])}",
     ]
-    return "\n".join(lines) + "\n"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, layer_of, shard_name
+from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, STAGING_DIR, layer_of, shard_name
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
@@ -27,12 +27,12 @@ from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
-from branchdrive.release.publish import staging
+from branchdrive.release.publish import WORK_DIR, staging
 from branchdrive_reference.rendering.group import joined_pieces, piece_paths
 from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, with_media
 from branchdrive_reference.rendering.work import Task, render_groups
 
-__all__ = ["RenderReport", "render_dataset"]
+__all__ = ["RenderReport", "is_rendering", "render_dataset"]
 
 _PLAN_FILE, _READY_FILE = "plan.json", "ready.txt"
 
@@ -89,6 +89,11 @@ def render_dataset(
         _copy(root, output)
         root = output
     return _Rendering(root, plan, jobs, watch).run()
+
+
+def is_rendering(root: Path) -> bool:
+    """Whether a run was interrupted at `root`, or is going on."""
+    return (root / STAGING_DIR / WORK_DIR / FRAMES).exists()
 
 
 def _manifest(root: Path) -> Manifest:
@@ -218,7 +223,7 @@ def _copy(root: Path, output: Path) -> None:
         raise UsageError(f"{str(output)!r} is not empty and holds no dataset; choose another folder")
     if names and read_descriptor(output).dataset_id != descriptor.dataset_id:
         raise UsageError(f"{str(output)!r} holds another dataset; choose another folder")
-    if (output / MANIFEST_FILE).is_file() or (output / ".staging").exists():
+    if (output / MANIFEST_FILE).is_file() or (output / STAGING_DIR).exists():
         return
     raw = sorted(path for path in manifest.files if layer_of(path) == "raw")
     output.mkdir(parents=True, exist_ok=True)

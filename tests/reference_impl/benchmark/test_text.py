@@ -102,13 +102,20 @@ def test_narrow_terminals_cut_no_number(
     assert sorted(numbers.findall(found)) == sorted(numbers.findall(page))
 
 
+def test_a_comparison_of_selectors_is_one_block_on_a_page(page: str) -> None:
+    """Names of selectors are long, and three families adjust its p-value."""
+    for title in ("Comparisons of models", "Comparisons of selectors"):
+        section = page.split(title)[1].split("Claims are judged")[0]
+        assert sum(line.startswith("Comparison ") for line in section.split("\n")) == 1
+
+
 def test_a_comparison_is_shown_by_clusters_and_by_groups(invented: dict, page: str) -> None:  # type: ignore[type-arg]
     section = page.split("Comparisons of selectors")[1].split("Guard, profile")[0]
     assert "Claims are judged by route clusters" in section
     found = invented["ranking"]["comparisons"][0]
     lines = section.split("\n")
-    places = [i for i, line in enumerate(lines) if line.startswith(f"{found['name']} ")]  # a wide table has parts
-    clusters, groups = (" ".join(lines[place + below] for place in places) for below in (0, 1))
+    place = next(i for i, line in enumerate(lines) if line.startswith(f"{found['name']} "))
+    clusters, groups = lines[place : place + 2]
     for line, unit, low, p, is_bound in (
         (clusters, "clusters", "cluster_low", "p_clusters", "is_bound_clusters"),
         (groups, "groups", "low", "p", "is_bound"),

@@ -12,6 +12,7 @@ from typing import Any
 from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts, num_parameters
 from branchdrive.benchmark.data import groups_digest
 from branchdrive.benchmark.description import describe, described_checkpoints
+from branchdrive.benchmark.latency import latency_mismatches
 from branchdrive.benchmark.lock import (
     LockFacts,
     changed_checkpoints,
@@ -48,6 +49,7 @@ from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import (
     BENCHMARK,
     BENCHMARK_LEDGER_FILE,
+    LATENCY_FILE,
     LEDGER_FILE,
     LOCK_FILE,
     PROTOCOL_FILE,
@@ -315,15 +317,16 @@ def _warnings(view: ReleaseView) -> list[str]:
 
 @rule("BD-BMK-013")
 def tables_say_what_results_say(view: ReleaseView) -> Iterator[Check]:
-    """`TABLES.md` is the one that the results give."""
+    """`TABLES.md` is the one that the results and latencies give."""
     if TABLES_FILE not in view.files:
         return
     if RESULTS_FILE not in view.files:
         none = Mismatch({"pointer": "/"}, f"tables of `{RESULTS_FILE}`", "no such file")
         yield document_check(TABLES_FILE, 1, [none])
         return
+    latency = view.document(LATENCY_FILE) if LATENCY_FILE in view.files else None
     try:
-        text = render_tables(view.document(RESULTS_FILE))
+        text = render_tables(view.document(RESULTS_FILE), latency)
     except KeyError as error:
         raise PreconditionError(f"{RESULTS_FILE} has nothing for {error}, which the tables show") from error
     yield text_agrees(view, TABLES_FILE, text)
@@ -337,3 +340,18 @@ def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[Chec
         len(view.cached(predictions_of).models),
         [Mismatch({**file, "model": name}, "a locked checkpoint of every seed", "none") for name in _unlocked(view)],
     )
+
+
+@rule("BD-BMK-016")
+def latencies_are_of_the_locked_models(view: ReleaseView) -> Iterator[Check]:
+    """Latencies are of the stored lock, the bank, and the models of the protocol, and agree in themselves."""
+    if LATENCY_FILE not in view.files:
+        return
+    document, bank = view.document(LATENCY_FILE), view.descriptor.action_bank
+    mismatches = latency_mismatches(
+        document,
+        view.cached(protocol_of),
+        prediction_lock_digest=digest_of(view, LOCK_FILE),
+        num_candidates=len(bank.keys),
+    )
+    yield document_check(LATENCY_FILE, max(1, len(document["models"])), mismatches)

@@ -1,6 +1,7 @@
 """Tables of results: values made once, printed in full as Markdown, `TABLES.md`, and as headlines on a terminal.
 
-They are a pure function of the document `results.json`, in the layout of the paper. Whatever prints them puts the
+They are a pure function of the document `results.json`, and of `latency.json` where it exists, in the layout of the
+paper. Whatever prints them puts the
 warnings of the results below each title, so that none can be quoted without them. Tables print the number of groups,
 never of trajectories.
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 from branchdrive.benchmark.table.cell import Document
 from branchdrive.benchmark.table.guard import guard_sections, noise_tables
+from branchdrive.benchmark.table.latency import latency_table
 from branchdrive.benchmark.table.prediction import prediction_tables
 from branchdrive.benchmark.table.ranking import ranking_sections
 from branchdrive.text.markdown import section_lines
@@ -33,11 +35,12 @@ def result_sections(results: Document) -> list[Table | Passage]:
     ]
 
 
-def render_tables(results: Document) -> str:
+def render_tables(results: Document, latency: Document | None = None) -> str:
     """The tables as Markdown.
 
     Args:
         results: Document ``results.json``, which conforms to its schema.
+        latency: Document ``latency.json``, if there is one.
     """
     protocol = results["protocol"]
     head = [
@@ -49,5 +52,7 @@ def render_tables(results: Document) -> str:
         "Of errors and regret less is better, of correlations, utility and what selectors capture more. "
         "What is not defined is -.",
     ]
-    sections = [head, *(section_lines(section, results["warnings"]) for section in result_sections(results))]
+    timed = [] if latency is None else [latency_table(latency)]
+    found = [*result_sections(results), *timed]
+    sections = [head, *(section_lines(section, results["warnings"]) for section in found)]
     return "\n\n".join("\n".join(section) for section in sections) + "\n"

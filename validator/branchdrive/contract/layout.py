@@ -20,6 +20,7 @@ __all__ = [
     "DESCRIPTOR_FILE",
     "FILTERING_FILE",
     "IDENTITY_LAYERS",
+    "LATENCY_FILE",
     "LAYERS",
     "LEAKAGE_FILE",
     "LEDGER_FILE",
@@ -57,10 +58,11 @@ LEDGER_FILE = "quality/ledger.json"
 BENCHMARK = "benchmark"
 """The layer that comes last, with its folder."""
 
-PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, BENCHMARK_LEDGER_FILE, RESULTS_FILE = (
-    f"{BENCHMARK}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results")
+PROTOCOL_FILE, LOCK_FILE, RANKING_LOCK_FILE, BENCHMARK_LEDGER_FILE, RESULTS_FILE, LATENCY_FILE = (
+    f"{BENCHMARK}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results", "latency")
 )
-"""What is compared and how, what is fixed before predictions and before selections, test-set accesses, results."""
+"""What is compared and how, what is fixed before predictions and before selections, test-set accesses, results, and
+how long the models took on one machine."""
 
 TABLES_FILE = f"{BENCHMARK}/TABLES.md"
 """Results of the benchmark to read."""

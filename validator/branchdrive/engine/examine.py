@@ -31,8 +31,24 @@ VIEW_RULES = rules_of("rows", "rollout", "group")
 
 
 @np.errstate(all="ignore")  # what overflows or is not a number is found by the rules, not by warnings
-def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[dict[str, Tally], Examination]:
-    """Run the selected rules (all by default) on one shard: totals by rule, and what became of its attempts."""
+def examine(
+    view: ShardView,
+    selected: Collection[str] | None = None,
+    *,
+    repeated_rollouts: Collection[str] = (),
+    split_groups: Collection[str] = (),
+) -> tuple[dict[str, Tally], Examination]:
+    """Run the rules of a shard in order.
+
+    Args:
+        view: The shard.
+        selected: Rules to run; all by default.
+        repeated_rollouts: Attempts whose identity occurs more than once in the dataset.
+        split_groups: Groups that lie in other shards too.
+
+    Returns:
+        Totals by rule, and what became of the attempts of the shard.
+    """
     result, tallies = Examination(), {}
     for rule_id in VIEW_RULES:
         if selected is None or rule_id in selected:
@@ -47,6 +63,12 @@ def examine(view: ShardView, selected: Collection[str] | None = None) -> tuple[d
         bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place)
         if (failed := _any((_rollouts(view, check) for check in bad), view.num_rollouts)).any():
             result.failed[rule_id] = failed
+    for rule_id, ids, refused in (
+        ("BD-KEY-001", view.rollout_ids, repeated_rollouts),
+        ("BD-KEY-003", view.rollouts["group_id"], split_groups),
+    ):
+        if refused:
+            result.failed[rule_id] = np.array([name in refused for name in ids], bool)
     broken = result.broken = _any(result.failed.values(), view.num_rollouts)
 
     for rule_id in in_scope["rollout"]:

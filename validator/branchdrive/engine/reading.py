@@ -1,12 +1,14 @@
 """The first step of a validation: every file is read once, by workers; shards are judged, layers are spooled.
 
+Shards that repeat an identity of an attempt, or hold a part of a group, are read once more when all identities are
+known, so that these attempts are left out of their rules and cost their groups. What was read last counts.
 Source: spec/07-rules.md#trust.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_layers
@@ -14,6 +16,7 @@ from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.worker import Executor, Failed
+from branchdrive.files.shard_facts import repeated_rollouts, split_groups
 from branchdrive.files.survey import Survey
 
 __all__ = ["Progress", "Reading", "read_dataset"]
@@ -56,17 +59,42 @@ def read_dataset(
         spool: Where shards put rows for the derived layers; ``None`` where nobody needs them.
         layers: The derived layers, of this dataset or of another.
     """
-    tasks: list[ShardTask | LayerFilesTask] = [] if layers is None else [layers]
+    shards: list[ShardTask] = []
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
-        tasks.append(
+        shards.append(
             ShardTask(survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links)
         )
-    results: dict[int, ShardResult] = {}
     reading = Reading([], None, [])
-    num_shards = len(survey.shard_folders)
     if progress:
-        progress(0, num_shards)
+        progress(0, len(shards))
+    results = _run([*([] if layers is None else [layers]), *shards], executor, reading, progress)
+    results |= _run(_with_repeats(shards, list(results.values())), executor, reading)
+    reading.shards = [results[task.folder] for task in shards]
+    return reading
+
+
+def _with_repeats(tasks: Sequence[ShardTask], results: Sequence[ShardResult]) -> list[ShardTask]:
+    """Tasks of the shards with identities that the dataset repeats, which know them now."""
+    rollouts, groups = repeated_rollouts(results).keys(), split_groups(results).keys()
+    of_folder = {result.folder: result for result in results}
+    told = [
+        replace(
+            task,
+            repeated_rollouts=frozenset(rollouts & set(of_folder[task.folder].rollout_ids)),
+            split_groups=frozenset(groups & set(of_folder[task.folder].group_ids)),
+        )
+        for task in tasks
+    ]
+    return [task for task in told if task.repeated_rollouts or task.split_groups]
+
+
+def _run(
+    tasks: Sequence[ShardTask | LayerFilesTask], executor: Executor, reading: Reading, progress: Progress | None = None
+) -> dict[str, ShardResult]:
+    """Results of shards by folder; layers and failures are noted in `reading`."""
+    results: dict[str, ShardResult] = {}
+    num_shards = sum(isinstance(task, ShardTask) for task in tasks)
     for index, outcome in executor(_read, tasks):
         task = tasks[index]
         if isinstance(task, LayerFilesTask):
@@ -76,16 +104,15 @@ def read_dataset(
                 reading.errors.append(f"derived layers: {outcome.message}")
             continue
         if isinstance(outcome, ShardResult):
-            results[index] = outcome
+            results[task.folder] = outcome
         elif isinstance(outcome, Failed):
             reading.errors.append(f"{task.folder}: {outcome.message}")
-            results[index] = _unjudged(task)
+            results[task.folder] = _unjudged(task)
         else:
-            results[index] = _post_mortem(task, executor, reading.errors)
+            results[task.folder] = _post_mortem(task, executor, reading.errors)
         if progress:
             progress(len(results), num_shards)
-    reading.shards = [results[index] for index in sorted(results)]
-    return reading
+    return results
 
 
 def _read(task: ShardTask | LayerFilesTask) -> ShardResult | LayerFiles:
@@ -105,6 +132,7 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
             else:
                 result.digests.update(outcome.digests)
                 result.unreadable.update(outcome.unreadable)
+                result.stored_code.update(outcome.stored_code)
                 result.undecodable.update(outcome.undecodable)
                 result.over_limit.update(outcome.over_limit)
                 result.present += outcome.present

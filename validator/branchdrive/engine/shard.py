@@ -30,6 +30,7 @@ from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.inputs import inputs_of
@@ -83,6 +84,8 @@ class ShardTask:
         is_hashed: Whether to digest the files.
         spool: Where rows for the derived layers go; ``None`` where they need none.
         links: Folders that links may lead into.
+        repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
+        split_groups: Its groups that lie in other shards too, once that is known.
     """
 
     root: Path
@@ -93,6 +96,8 @@ class ShardTask:
     is_hashed: bool
     spool: Spool | None = None
     links: Links = None
+    repeated_rollouts: frozenset[str] = frozenset()
+    split_groups: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -126,7 +131,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
     for path in task.files:
         name = table_of.get(path)
         if name is None:
-            _digest_media(task, path, result)
+            _look_at_media(task, path, result)
             continue
         result.num_tables += 1
         result.present = (*result.present, name)
@@ -145,17 +150,23 @@ def audit_shard(task: ShardTask) -> ShardResult:
     return result
 
 
-def _digest_media(task: ShardTask, path: str, result: ShardResult) -> None:
-    if not task.is_hashed:
-        return
+def _look_at_media(task: ShardTask, path: str, result: ShardResult) -> None:
+    """Digest a file that is no table, and see whether it holds code."""
     try:
         with open_file(task.root, path, task.links) as stream:
+            kind = stored_code(path, stream.read(HEAD_BYTES))
+            if kind is not None:
+                result.stored_code[path] = kind
+            if not task.is_hashed:
+                return
             if os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
                 result.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 return
+            stream.seek(0)
             result.digests[path] = hashlib.file_digest(stream, "sha256").hexdigest()
     except (DatasetError, OSError) as error:
-        result.unreadable[path] = str(error)
+        if task.is_hashed:
+            result.unreadable[path] = str(error)
 
 
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
@@ -209,7 +220,12 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     if task.is_hashed:
         result.attempts = attempt_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
-    tallies, examination = examine(view, None if task.spool else task.selected)
+    tallies, examination = examine(
+        view,
+        None if task.spool else task.selected,
+        repeated_rollouts=task.repeated_rollouts,
+        split_groups=task.split_groups,
+    )
     result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
     result.funnel = examination.funnel
     result.judged = {
@@ -224,6 +240,7 @@ def _judge(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) ->
     if task.spool is None:
         return
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
+    broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.split_groups)
     if broken:
         result.no_frames = f"the raw layer breaks {broken[0]}"
     elif any(tally.errors for tally in tallies.values()):

@@ -218,6 +218,7 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
             if e.path in unclaimed
         ]
         has_media = "frames" in survey.descriptor.tables
+        code = {path: kind for shard in survey.shards for path, kind in shard.stored_code.items()}
         claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
         for files in survey.shard_folders.values():
             for entry in files:
@@ -232,6 +233,8 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                     )
                 elif name not in TABLE_FILES and _has_place(entry) and _is_working_file(name):
                     found.append(Mismatch({"file": entry.path}, "tables and media", "a working file of a writer"))
+                elif entry.path in code and _has_place(entry):
+                    found.append(Mismatch({"file": entry.path}, "tables and media", f"{code[entry.path]}: stored code"))
     yield Check.of(len(plain), tuple(found))
 
 

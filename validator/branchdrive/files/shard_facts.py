@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.driving.response import Responses
 
-__all__ = ["ShardFacts"]
+__all__ = ["ShardFacts", "repeated_rollouts", "split_groups"]
 
 
 @dataclass
@@ -42,6 +44,7 @@ class ShardFacts:
         maps: Digest of the map of each town, where its rows could be judged.
         num_images: Images that were looked at.
         media_mismatches: What is wrong with them.
+        stored_code: Media that hold code, and of which kind.
         scenario_types: Scenario types of the attempts, where their rows could be judged.
     """
 
@@ -68,4 +71,20 @@ class ShardFacts:
     maps: dict[str, str] = field(default_factory=dict)
     num_images: int = 0
     media_mismatches: list[Mismatch] = field(default_factory=list)
+    stored_code: dict[str, str] = field(default_factory=dict)
     scenario_types: frozenset[str] = frozenset()
+
+
+def repeated_rollouts(shards: Sequence[ShardFacts]) -> dict[str, int]:
+    """Identities of attempts that occur more than once in the dataset, and how often."""
+    count = Counter(rollout_id for shard in shards for rollout_id in shard.rollout_ids)
+    return {rollout_id: n for rollout_id, n in count.items() if n > 1}
+
+
+def split_groups(shards: Sequence[ShardFacts]) -> dict[str, list[str]]:
+    """Identities of groups that lie in several shards, and the folders of these."""
+    homes: dict[str, list[str]] = {}
+    for shard in shards:
+        for group_id in shard.group_ids:
+            homes.setdefault(group_id, []).append(shard.folder)
+    return {group_id: folders for group_id, folders in homes.items() if len(folders) > 1}

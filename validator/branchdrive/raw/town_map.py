@@ -26,6 +26,7 @@ __all__ = [
     "Ground",
     "Shapes",
     "ground",
+    "is_surveyed",
     "is_usable",
     "is_whole",
     "lanes_under",
@@ -50,6 +51,7 @@ _LARGEST_M = 1e7
 POINTS = ("signal", "stop_sign", "yield_sign")
 AREAS = ("road_area", "crossing")
 STRIPS = ("lane", "shoulder", "parking")
+DRIVABLE = (*STRIPS, "road_area")
 
 
 def _is_one_of(elements: TableView, kinds: tuple[str, ...]) -> Mask:
@@ -119,6 +121,13 @@ def is_whole(view: ShardView) -> Mask:
 def is_usable(view: ShardView) -> Mask:
     """Elements that a point can be compared with; rules on values report the others."""
     return view.cached(is_whole) & view.cached(shapes).is_finite
+
+
+def is_surveyed(view: ShardView) -> Mask:
+    """Attempts in towns whose drivable surfaces are all usable ``[rollouts]``: what another holds is unknown."""
+    lost = ~is_usable(view) & _is_one_of(view.map, DRIVABLE)
+    towns = set(view.map["town"][lost])
+    return np.array([town not in towns for town in view.rollouts["town"]], bool)
 
 
 @dataclass(frozen=True)

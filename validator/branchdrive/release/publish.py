@@ -35,11 +35,13 @@ from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifes
 from branchdrive.formats.untrusted import read_file
 
 __all__ = [
-    "benchmark_area", "has_card", "lock_area", "make_private", "publish", "publish_layer", "published_identity",
-    "staging",
+    "WORK_DIR", "benchmark_area", "has_card", "lock_area", "make_private", "publish", "publish_layer",
+    "published_identity", "staging",
 ]  # fmt: skip
 
-_WORK = "build"
+WORK_DIR = "build"
+"""Folder in the staging area of who derives files from a dataset: layers, or media."""
+
 _NEW = "new"
 _BENCHMARK = "benchmark-"
 """How the folders begin that wait for the benchmark of a release."""
@@ -62,7 +64,7 @@ def lock_area(target: Path) -> Iterator[Path]:
         try:
             yield area
         finally:
-            delete(area / _WORK)
+            delete(area / WORK_DIR)
             _leave(area)
 
 
@@ -117,7 +119,7 @@ def _sole_writer(target: Path, area: Path) -> Iterator[None]:
     if not is_taken:
         raise UsageError(f"{target}: a collection, a build or a benchmark is running there; wait until it has finished")
     try:
-        others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, _WORK})
+        others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, WORK_DIR})
         others = [name for name in others if not name.startswith(_BENCHMARK)]
         if others:
             raise UsageError(
@@ -174,7 +176,7 @@ def _drop_stale_benchmarks(target: Path, area: Path) -> None:
 
 def _work_folder(area: Path) -> Path:
     """The builder's own folder, with what an interrupted build left there."""
-    work = area / _WORK
+    work = area / WORK_DIR
     make_private(work)
     return work
 
@@ -228,7 +230,7 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
     descriptor_bytes = render_descriptor(descriptor)
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
-    fresh = target / STAGING_DIR / _WORK / _NEW
+    fresh = target / STAGING_DIR / WORK_DIR / _NEW
     delete(fresh)
     make_dir(fresh.parent)
     make_dir(fresh)

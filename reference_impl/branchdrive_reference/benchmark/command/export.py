@@ -35,24 +35,21 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     need_models("export")
     from branchdrive.benchmark.protocol import protocol_digest
     from branchdrive.benchmark.ranking_result import utility_scale
-    from branchdrive.contract.layout import BENCHMARK, LOCK_FILE
+    from branchdrive.contract.layout import LOCK_FILE
     from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol
     from branchdrive_reference.benchmark.onnx_export import check_equal, export_selector
+    from branchdrive_reference.benchmark.prediction import locked_checkpoints
     from branchdrive_reference.benchmark.release import benchmark_data, open_release
-    from branchdrive_reference.learning.checkpoint import read_checkpoint
 
     release = open_release(args.release)
     lock = release.document(LOCK_FILE)
     protocol = published_protocol(release)
     if protocol.model(args.model) is None:
         raise UsageError(f"no model {args.model!r}; the protocol declares {', '.join(m.id for m in protocol.models)}")
-    entries = [entry for entry in lock["checkpoints"] if entry["model"] == args.model] if lock is not None else []
-    if not entries:
+    checkpoints = [] if lock is None else locked_checkpoints(release, lock, args.model)
+    if not checkpoints:
         raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
-    checkpoints = [
-        read_checkpoint(release.root / BENCHMARK / entry["file"], sha256=entry["sha256"]) for entry in entries
-    ]
     content = export_selector(
         checkpoints,
         release.layer,
@@ -63,7 +60,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     difference = check_equal(content, checkpoints, release.layer)
     replace_file(args.output, content)
     stdout.write(
-        f"{printable(str(args.output))}: {args.model}, {len(entries)} seeds, {len(content):,} bytes, "
+        f"{printable(str(args.output))}: {args.model}, {len(checkpoints)} seeds, {len(content):,} bytes, "
         f"largest difference to torch {difference:.1e}\n"
     )
     return 0

@@ -33,8 +33,8 @@ from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with
 from branchdrive.tables.content import table_digest
 
 FOLDER = "benchmark"
-PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS = (
-    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results")
+PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS, LATENCY = (
+    f"{FOLDER}/{name}.json" for name in ("protocol", "lock", "ranking_lock", "ledger", "results", "latency")
 )
 TABLES_FILE = f"{FOLDER}/TABLES.md"
 
@@ -126,7 +126,7 @@ def _results(d: BenchmarkDraft) -> None:
 
 
 def _tables(d: BenchmarkDraft) -> None:
-    d.texts[TABLES_FILE] = render_tables(d.documents[RESULTS])
+    d.texts[TABLES_FILE] = render_tables(d.documents[RESULTS], d.documents.get(LATENCY))
     STEPS["card"](d)
 
 

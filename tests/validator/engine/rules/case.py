@@ -43,7 +43,7 @@ NO_SUBJECT = frozenset({"BD-CTL-015", "BD-RPN-003", "BD-RSP-004"})
 """Rules without a subject: of one axis and of exact replays, which nothing declares, and on the first observation that
 differs, where attempts differ from the start."""
 
-UNWRITTEN = frozenset({"BD-FID-013"})
+UNWRITTEN = frozenset({"BD-FID-013", "BD-BMK-016"})
 """Rules on documents that a release may lack, and the drafts of releases do."""
 
 RECOMMENDED = frozenset(rule_id for rule_id, rule in CATALOGUE.items() if rule.level == "SHOULD")

@@ -106,6 +106,13 @@ def test_every_module_of_cases_is_an_area() -> None:
     assert {path.stem for path in folder.glob("[a-z]*.py")} == {area.__name__.rsplit(".", 1)[1] for area in AREAS}
 
 
+def test_mutants_stand_in_the_order_of_their_areas() -> None:
+    """So the mutant that the page of a rule shows does not depend on which module of cases is imported first."""
+    areas = [area.__name__ for area in AREAS]
+    places = [areas.index(mutant.edit.__module__) for mutant in MUTANTS]
+    assert places == sorted(places)
+
+
 def test_mutants_say_where() -> None:
     unplaced = [f"{mutant.rule} {mutant.name}" for mutant in MUTANTS if not mutant.at]
     # The name of these files cannot be stated in a source file or depends on the system.

@@ -31,8 +31,7 @@ def comparison_table(title: str, section: Document) -> Table:
         rows += [
             [
                 *about,
-                "route clusters",
-                str(found["num_clusters"]),
+                f"{found['num_clusters']} clusters",
                 ends_of(found["interval"], *BY_CLUSTERS),
                 NONE,
                 p_text(found["p_clusters"], found["is_bound_clusters"]),
@@ -42,8 +41,7 @@ def comparison_table(title: str, section: Document) -> Table:
             ],
             [
                 *about,
-                "groups",
-                str(found["num_groups"]),
+                f"{found['num_groups']} groups",
                 ends_of(found["interval"]),
                 ends_of(found["interval"], *BCA),
                 p_text(found["p"], found["is_bound"]),
@@ -56,7 +54,6 @@ def comparison_table(title: str, section: Document) -> Table:
         Column.name("Comparison", is_code=True),
         Column("Difference", is_text=True),
         Column.name("By"),
-        Column("N"),
         Column("Percentile"),
         Column("BCa", is_detail=True),
         Column("p"),

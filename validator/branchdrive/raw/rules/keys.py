@@ -13,6 +13,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.files.shard_facts import repeated_rollouts, split_groups
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
@@ -23,13 +24,11 @@ ATTEMPT_KEY = ("group_id", "role", "action_key", "protocol_variant", "attempt")
 @rule("BD-KEY-001")
 def rollout_ids_are_unique(survey: Survey) -> Iterator[Check]:
     """No rollout identity twice in the dataset."""
-    count = Counter(rollout_id for shard in survey.shards for rollout_id in shard.rollout_ids)
     yield Check.of(
-        sum(count.values()),
+        sum(len(shard.rollout_ids) for shard in survey.shards),
         tuple(
             Mismatch({"table": "rollouts", "rollout_id": rollout_id}, "a unique rollout_id", f"{n} rows")
-            for rollout_id, n in count.items()
-            if n > 1
+            for rollout_id, n in repeated_rollouts(survey.shards).items()
         ),
     )
 
@@ -37,16 +36,11 @@ def rollout_ids_are_unique(survey: Survey) -> Iterator[Check]:
 @rule("BD-KEY-003")
 def groups_stay_in_one_shard(survey: Survey) -> Iterator[Check]:
     """No branch group in two shards."""
-    homes: dict[str, list[str]] = {}
-    for shard in survey.shards:
-        for group_id in shard.group_ids:
-            homes.setdefault(group_id, []).append(shard.folder)
     yield Check.of(
-        len(homes),
+        len({group_id for shard in survey.shards for group_id in shard.group_ids}),
         tuple(
             Mismatch({"group_id": group_id}, "one shard", ", ".join(folders[:4]))
-            for group_id, folders in homes.items()
-            if len(folders) > 1
+            for group_id, folders in split_groups(survey.shards).items()
         ),
     )
 

@@ -1,5 +1,6 @@
 """Map rules: elements are whole, towns have maps, and what rollouts record of lanes, road and walls fits them.
 
+Attempts in a town with a drivable surface that is not usable are no subjects of what is recomputed from surfaces.
 Source: spec/05-raw-streams.md#map.
 """
 
@@ -15,7 +16,16 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.town_map import POINTS, ground, is_whole, lanes_under, least_vertices, shapes, walls_inside
+from branchdrive.raw.town_map import (
+    POINTS,
+    ground,
+    is_surveyed,
+    is_whole,
+    lanes_under,
+    least_vertices,
+    shapes,
+    walls_inside,
+)
 from branchdrive.tables.frame import repeated_rows
 
 
@@ -113,7 +123,7 @@ def lanes_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
         lanes = _names(view, lanes_under(view, int(frame[row])))
         return f"one of {lanes[:4]}" if lanes else "null: no lane is there", quote(evidence["lane_id"][row] or None)
 
-    yield _of_evidence(view, subjects, "lane_id", bad, describe)
+    yield _of_evidence(view, subjects & view.cached(is_surveyed), "lane_id", bad, describe)
 
 
 def _names(view: ShardView, lanes: list[int]) -> list[str]:
@@ -131,7 +141,7 @@ def road_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     bad = (frame >= 0) & np.where(recorded, ~under.may_be_on_road[frame], under.is_on_road[frame])
     yield _of_evidence(
         view,
-        subjects,
+        subjects & view.cached(is_surveyed),
         "on_road",
         bad,
         lambda row: (
@@ -163,6 +173,7 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``speed_limit_mps`` is that of a lane under the ego's centre, where both are known."""
     if "map" not in view:
         return
+    subjects = subjects & view.cached(is_surveyed)
     observations, under = view.observations, view.cached(ground)
     summary = observations.by_rollout(under.has_limit & ~under.fits_limit)
 
@@ -185,7 +196,7 @@ def wall_contacts_are_recorded(view: ShardView, subjects: Mask) -> Iterator[Chec
     if "map" not in view or "evidence" not in view:
         return
     walled = set(view.map["town"][view.map.equals("kind", "wall")])
-    subjects = subjects & np.array([town in walled for town in view.rollouts["town"]], bool)
+    subjects = subjects & np.array([town in walled for town in view.rollouts["town"]], bool) & view.cached(is_surveyed)
     evidence = view.stream("evidence")
     frame, wall = view.observations.rows_of(evidence), walls_inside(view)
     bad = (frame >= 0) & (wall[frame] >= 0) & ~evidence["collision"].astype(bool)

@@ -40,6 +40,12 @@ def identity_used_in_two_shards(d: Draft) -> None:
         d.set(table, "rollout_id", REPLAY, rollout_id="g2.nominal_replay.a1")
 
 
+@mutant("BD-KEY-001", at={"table": "rollouts", "rollout_id": BRAKE})
+def identity_of_a_candidate_used_in_two_shards(d: Draft) -> None:
+    for table in ("rollouts", "controls", "observations", "actors", "evidence"):
+        d.set(table, "rollout_id", BRAKE, rollout_id="g2.brake_0.50.a1")
+
+
 @boundary("BD-KEY-001", "BD-KEY-004")
 def identities_that_differ_in_their_last_character(d: Draft) -> None:
     d.copy_attempt(REPLAY, f"{REPLAY}.", attempt=3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import re
 from pathlib import Path
 
@@ -381,6 +382,36 @@ def folder_in_a_shard(d: Draft) -> None:
 @mutant("BD-LAY-009", base="media", at={"file": f"{SHARD_0}/controls.parquet.tmp"})
 def working_file_beside_media(d: Draft) -> None:
     d.before_seal(lambda root: (root / SHARD_0 / "controls.parquet.tmp").write_bytes(b"PAR1"))
+
+
+def _beside_media(d: Draft, name: str, content: bytes) -> None:
+    d.before_seal(lambda root: (root / SHARD_0 / name).write_bytes(content))
+
+
+@mutant("BD-LAY-009", base="media", at={"file": f"{SHARD_0}/views.dat"})
+def pickle_beside_media(d: Draft) -> None:
+    _beside_media(d, "views.dat", pickle.dumps({"view": b"\xff\xd8\xff"}, protocol=4))
+
+
+@mutant("BD-LAY-009", base="media", at={"file": f"{SHARD_0}/views.PKL"})
+def pickle_by_its_name(d: Draft) -> None:
+    """A pickle of protocol 0, which is text and told by its name alone."""
+    _beside_media(d, "views.PKL", pickle.dumps([1], protocol=0))
+
+
+@mutant("BD-LAY-009", base="media", at={"file": f"{SHARD_0}/views"}, findings=3)
+def programs_and_a_script_beside_media(d: Draft) -> None:
+    _beside_media(d, "views", b"\x7fELF\x02\x01\x01")
+    _beside_media(d, "views.bin", b"MZ\x90\x00\x03")
+    _beside_media(d, "views.txt", b"#!/bin/sh\n")
+
+
+@boundary("BD-LAY-009", base="media")
+def media_of_other_forms_that_no_row_names(d: Draft) -> None:
+    _beside_media(d, "views.tar", b"MZ#!.png")
+    _beside_media(d, "views.mp4", b"\x00\x00\x00\x18ftypmp42")
+    _beside_media(d, "views.raw", b"\x80\x01\x80\x06")
+    _beside_media(d, "views.none", b"")
 
 
 @boundary("BD-LAY-009", base="media")

@@ -84,6 +84,21 @@ def signal_drawn_as_a_line(d: Draft) -> None:
     _edit(d, "far-signal", x_m=[0.0, 1.0], y_m=[0.0, 1.0], z_m=None)
 
 
+@mutant("BD-MAP-001", at={"table": "map", "town": TOWN, "element_id": "lane-1"})
+def lane_under_the_ego_without_widths(d: Draft) -> None:
+    """The lane under the ego has no widths, and evidence names it: nothing asks for a lane and a road."""
+    _edit(d, "lane-1", width_m=None)
+    d.drop("map", town=TOWN, element_id="ground-1")
+
+
+@mutant("BD-MAP-001", at={"table": "map", "town": "Town12", "element_id": "lane-0"}, findings=2)
+def lane_below_a_bridge_without_widths(d: Draft) -> None:
+    """The only road below a bridge has no widths, so that nothing says that the rail is of another level."""
+    rail_of_a_bridge_over_the_road(d)
+    d.set("map", "width_m", None, town="Town12", element_id="lane-0")
+    d.drop("map", town="Town12", element_id="ground-0")
+
+
 @boundary("BD-MAP-001")
 def elements_of_the_fewest_vertices(d: Draft) -> None:
     _edit(d, "far-lane", x_m=[0.0, 0.0], y_m=[5000.0, 5000.1], width_m=[0.01, 100.0], z_m=[0.0, -3.0])

@@ -1,0 +1,201 @@
+"""Media for a finished dataset: structured files and identity stay, and an interrupted run is gone on with."""
+
+from __future__ import annotations
+
+import shutil
+import tarfile
+from collections.abc import Mapping
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from tests.synthetic import base_tables, descriptor, write_dataset
+from tests.synthetic_map import map_descriptor, map_tables
+
+from branchdrive import open_dataset, validate
+from branchdrive.cli.main import run
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
+from branchdrive_reference.rendering.plan import MediaPlan
+from branchdrive_reference.rendering.rig import cameras_of
+
+PLAN = MediaPlan(cameras_of(("semantic_bev",)))
+_MEDIA = ("media.tar", "frames.parquet")
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two shards with maps and without media."""
+    root = tmp_path_factory.mktemp("bare") / "dataset"
+    write_dataset(root, map_tables(), map_descriptor())
+    return root
+
+
+@pytest.fixture(scope="module")
+def rendered(bare: Path, tmp_path_factory: pytest.TempPathFactory) -> RenderReport:
+    """The same with media."""
+    return render_dataset(bare, PLAN, output=tmp_path_factory.mktemp("rendered") / "dataset")
+
+
+@pytest.fixture
+def copy(bare: Path, tmp_path: Path) -> Path:
+    """A dataset that a test may change."""
+    return Path(shutil.copytree(bare, tmp_path / "dataset"))
+
+
+def files(root: Path) -> Mapping[str, bytes]:
+    return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
+
+
+def test_only_media_descriptor_and_manifest_differ(bare: Path, rendered: RenderReport) -> None:
+    before, after = files(bare), files(rendered.root)
+    changed = {name for name in before | after if before.get(name) != after.get(name)}
+    own = {f"raw/shard-0000{index}/{name}" for index in (0, 1) for name in _MEDIA}
+    assert changed == {*own, "branchdrive.json", "MANIFEST.sha256"}
+
+
+def test_the_identity_stays_and_the_dataset_is_valid(bare: Path, rendered: RenderReport) -> None:
+    assert f"# dataset {rendered.identity}\n" in (bare / "MANIFEST.sha256").read_text()
+    report = validate(rendered.root)
+    assert report.verdict == validate(bare).verdict == "valid"
+
+
+def test_every_observation_of_the_window_has_its_image(rendered: RenderReport) -> None:
+    dataset = open_dataset(rendered.root)
+    rollout = dataset.group("g0").nominal
+    frames = rollout.frames("bev")
+    assert [int(tick) - (rollout.branch_tick or 0) for tick in frames.ticks] == list(range(-75, 51, 5))
+    assert frames.pixels().shape == (26, 256, 256)
+    assert rendered.num_images == sum(table.num_rows for table in dataset.table("frames"))
+
+
+def test_archives_are_plain_tar_files(rendered: RenderReport) -> None:
+    with tarfile.open(rendered.root / "raw/shard-00000/media.tar") as archive:
+        member = archive.getmembers()[0]
+        assert (member.mtime, member.uid, member.mode) == (0, 0, 0o644)
+        assert member.name.endswith(".bev.png")
+
+
+def test_a_second_run_finds_everything(rendered: RenderReport) -> None:
+    before = files(rendered.root)
+    again = render_dataset(rendered.root, PLAN)
+    assert (again.num_found, again.num_groups, again.identity) == (3, 3, rendered.identity)
+    assert files(rendered.root) == before
+
+
+@pytest.mark.parametrize("after", [1, 2, 3])
+def test_an_interrupted_run_is_gone_on_with(copy: Path, rendered: RenderReport, after: int) -> None:
+    def interrupt(num_done: int, _: int) -> None:
+        if num_done == after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(copy, PLAN, watch=interrupt)
+    assert is_rendering(copy)
+    found: list[int] = []
+    render_dataset(copy, PLAN, watch=lambda num_done, _: found.append(num_done))
+    assert found[0] == after
+    assert files(copy) == files(rendered.root)
+
+
+@pytest.mark.parametrize("num_moves", range(6))
+def test_a_run_that_ends_while_it_installs_is_gone_on_with(
+    copy: Path, rendered: RenderReport, num_moves: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from branchdrive_reference.rendering import dataset as module
+
+    done = iter(range(num_moves))
+    move = module.move
+
+    def failing(source: Path, target: Path) -> None:
+        if next(done, None) is None:
+            raise KeyboardInterrupt
+        move(source, target)
+
+    monkeypatch.setattr(module, "move", failing)
+    if num_moves < 5:
+        with pytest.raises(KeyboardInterrupt):
+            render_dataset(copy, PLAN)
+    monkeypatch.undo()
+    render_dataset(copy, PLAN)
+    assert files(copy) == files(rendered.root)
+
+
+def test_another_plan_begins_anew(copy: Path, rendered: RenderReport) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(copy, MediaPlan(PLAN.cameras, "all"), watch=_interrupt)
+    render_dataset(copy, PLAN)
+    assert files(copy) == files(rendered.root)
+
+
+def _interrupt(num_done: int, _: int) -> None:
+    if num_done:
+        raise KeyboardInterrupt
+
+
+@pytest.mark.thorough
+def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> None:
+    render_dataset(copy, PLAN, jobs=2)
+    assert files(copy) == files(rendered.root)
+
+
+def test_changed_files_are_refused(copy: Path) -> None:
+    path = copy / "raw/shard-00000/controls.parquet"
+    path.write_bytes(path.read_bytes() + b" ")
+    with pytest.raises(DatasetError, match="differ"):
+        render_dataset(copy, PLAN)
+
+
+def test_other_media_are_refused(rendered: RenderReport) -> None:
+    with pytest.raises(UsageError, match="has media already: semantic_bev"):
+        render_dataset(rendered.root, MediaPlan(cameras_of(("rgb_surround",))))
+
+
+def command(*arguments: object) -> tuple[int, str, str]:
+    stdout, stderr = StringIO(), StringIO()
+    return run(["render", *map(str, arguments)], stdout, stderr), stdout.getvalue(), stderr.getvalue()
+
+
+def test_the_command_says_what_it_did(bare: Path, rendered: RenderReport, tmp_path: Path) -> None:
+    code, out, err = command(bare, "--output", tmp_path / "out", "--streams", "semantic_bev")
+    assert (code, err) == (0, "")
+    assert out.startswith("groups    3 rendered, 0 found rendered\nimages    1,196 in ")
+    assert rendered.identity in out
+    assert files(tmp_path / "out") == files(rendered.root)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--streams", "lidar"], "--streams: unknown stream 'lidar'; choose from rgb_surround"),
+        (["--streams", ""], "unknown stream"),
+        (["--width", "3"], "16 .. 4096"),
+        (["--jobs", "0"], "1 .. 1024"),
+    ],
+)
+def test_wrong_options_are_refused(bare: Path, options: list[str], message: str) -> None:
+    code, out, err = command(bare, *options)
+    assert (code, out) == (2, "")
+    assert message in err
+
+
+def test_a_dataset_without_a_map_is_refused(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "d", base_tables(), descriptor())
+    code, _, err = command(tmp_path / "d")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "claims no stream `map`" in err
+
+
+@pytest.mark.parametrize("name", ["branchdrive.json", "MANIFEST.sha256"])
+def test_an_unfinished_dataset_is_refused(copy: Path, name: str) -> None:
+    (copy / name).unlink()
+    code, _, err = command(copy)
+    assert code == 2
+    assert "finished" in err or "no dataset" in err
+
+
+def test_an_output_with_something_else_is_refused(bare: Path, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    code, _, err = command(bare, "--output", tmp_path)
+    assert code == 2
+    assert "is not empty and holds no dataset" in err

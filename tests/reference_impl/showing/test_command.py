@@ -1,0 +1,86 @@
+"""`branchdrive show`: a sheet and an animation of a group, and one line for wrong usage."""
+
+from __future__ import annotations
+
+from io import BytesIO, StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from tests.synthetic import write_dataset
+from tests.synthetic_map import map_descriptor, map_tables
+
+from branchdrive import open_dataset
+from branchdrive.cli.main import run
+from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass
+from branchdrive_reference.rendering.dataset import render_dataset
+from branchdrive_reference.rendering.plan import MediaPlan
+from branchdrive_reference.rendering.rig import MEDIA_STREAMS, cameras_of
+from branchdrive_reference.showing.chart import coloured
+from branchdrive_reference.showing.file import animated_bytes
+from branchdrive_reference.showing.group import read_sheet
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One shard with small images of every stream."""
+    root = tmp_path_factory.mktemp("shown") / "dataset"
+    (first, *_) = map_tables().items()
+    write_dataset(root, dict([first]), map_descriptor())
+    render_dataset(root, MediaPlan(cameras_of(MEDIA_STREAMS, width_px=32, height_px=18)))
+    return root
+
+
+def show(*arguments: object) -> tuple[int, str, str]:
+    stdout, stderr = StringIO(), StringIO()
+    return run(["show", *map(str, arguments)], stdout, stderr), stdout.getvalue(), stderr.getvalue()
+
+
+def test_a_sheet_is_written_once_and_again(root: Path, tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("a.png", "b.png")]
+    for path in paths:
+        assert show(root, "g0", "--output", path) == (0, f"{path}\n", "")
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    sheet = Image.open(paths[0])
+    assert sheet.mode == "RGB"
+    assert min(sheet.size) > 600
+
+
+def test_an_animation_has_a_picture_for_each_observation(root: Path) -> None:
+    sheet = read_sheet(open_dataset(root), "g0")
+    assert sheet.ticks == tuple(range(-75, 51, 5))
+    sheet.__dict__["ticks"] = (-75, 0, 50)  # the first, the branch and the last are enough
+    heard: list[tuple[int, int]] = []
+    animation = Image.open(BytesIO(animated_bytes(sheet, lambda done, total: heard.append((done, total)))))
+    assert (animation.n_frames, heard[-1]) == (3, (3, 3))
+
+
+def test_the_futures_lie_on_the_chart(root: Path) -> None:
+    sheet = read_sheet(open_dataset(root), "g0")
+    whole, begun = (np.asarray(sheet.picture(tick)).astype(int) for tick in (0, 5))
+    assert (whole != begun).any()
+
+
+def test_classes_and_channels_have_colours() -> None:
+    values = np.array([[kind | channel for kind in SemanticClass] for channel in (0, *SemanticChannel)], np.uint8)
+    colours = coloured(values)
+    assert len({tuple(colour) for colour in colours[0].tolist()}) == len(SemanticClass)
+    assert (colours[0] != colours[-1]).any(axis=1).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["g9"], "no group 'g9'"), (["g0", "--output", "a.jpg"], "ends neither with .png nor with .gif")],
+)
+def test_wrong_usage_is_one_line(root: Path, arguments: list[str], message: str) -> None:
+    code, out, err = show(root, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_a_dataset_without_media_says_how_to_add_them(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "d", map_tables(), map_descriptor())
+    code, _, err = show(tmp_path / "d", "g0", "--output", tmp_path / "a.png")
+    assert code == 2
+    assert "has no media; add them with `branchdrive render`" in err
