@@ -13,6 +13,7 @@ from tests.reference_impl.learning.small_models import SEEDS, SMALL, make_releas
 from branchdrive import UsageError, open_model
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, Profile, Scale, fit_scale, utility
+from branchdrive_reference.benchmark.camera_latency import camera_contexts, plain_camera_selector
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.prediction import predict
 from branchdrive_reference.learning.ranker import BankRanker, CameraRanker, StepRing
@@ -94,6 +95,14 @@ def test_one_observation_more_gives_what_the_whole_window_gives(
     mean = np.mean([one.scalars for one in predict(seeing, layer, "val")], axis=0)
     np.testing.assert_allclose(found.scalars, mean[0], rtol=1e-4, atol=2e-4)
     assert (np.diff(found.utilities[found.order]) <= 0).all()
+
+
+def test_the_whole_window_is_timed_by_what_it_predicts(visual_release: Path, seeing: list[Checkpoint]) -> None:
+    layer = open_model(visual_release)
+    (context,) = camera_contexts(layer, "val", 1)
+    assert [len(images) for images in context.window] == [6] * 16
+    mean = np.mean([one.scalars for one in predict(seeing, layer, "val")], axis=0)
+    np.testing.assert_allclose(plain_camera_selector(seeing, layer)(*context), mean[0], rtol=1e-4, atol=2e-4)
 
 
 def test_what_was_never_seen_counts_as_no_image(visual_release: Path, seeing: list[Checkpoint], scale: Scale) -> None:
