@@ -18,7 +18,7 @@ from tests.reference_impl.benchmark.small_release import (
 from tests.reference_impl.learning.small_models import VISUAL
 from tests.small_images import add_images
 
-from branchdrive.benchmark.protocol import default_protocol, visual_protocol
+from branchdrive.benchmark.protocol import default_protocol, protocol_problem, visual_protocol
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses
@@ -99,6 +99,12 @@ def test_normative_protocols_differ_by_models_of_images_alone() -> None:
     assert {k: v for k, v in visual.items() if k not in own} == {k: v for k, v in structured.items() if k not in own}
     sizes = {family.name: len(family.members) for family in visual_protocol().families}
     assert (sizes["full"], sizes["ranking_full"]) == (9, 24)
+
+
+def test_another_protocol_does_not_carry_its_name() -> None:
+    changed = {**visual_protocol().document, "outcomes": {"contact_m": 0.1}}
+    assert "'branchdrive-benchmark-visual' 0.1.0 and is not the protocol of that name" in str(protocol_problem(changed))
+    assert protocol_problem({**changed, "name": "mine"}) is None
 
 
 def opened(root: Path, **changes: Any) -> Release:
