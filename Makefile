@@ -44,7 +44,7 @@ demo: setup
 	$(BIN)/branchdrive-validate $(DEMO)/dataset --jobs $(JOBS) --require-groups $(FROZEN)
 	$(BIN)/branchdrive draw $(DEMO)/dataset --output $(DEMO)/pictures
 
-## collect 20 groups from highway-env, build a release of them, validate it, report on it as a pilot
+## collect 20 groups from highway-env, build a release of them, validate it, report on it as a pilot; film two more
 example-highway: setup
 	@$(BIN)/python -c 'import highway_env' 2>/dev/null || \
 		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]"
@@ -53,12 +53,15 @@ example-highway: setup
 	$(BIN)/branchdrive build build/highway --jobs $(JOBS)
 	$(BIN)/branchdrive-validate build/highway --jobs $(JOBS)
 	$(BIN)/branchdrive pilot build/highway || [ $$? -eq 1 ]
+	@rm -rf build/highway-filmed
+	$(BIN)/python -m examples.highway_env.filmed build/highway-filmed --groups 2 --jobs $(JOBS)
+	$(BIN)/branchdrive-validate build/highway-filmed --jobs $(JOBS)
 
-## the whole test suite
+## the tests, of alike cases a sample
 test: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal
 
-## the whole breadth of what tests of the suite sample: kills anywhere, every kernel, every change
+## the whole breadth of what tests of the suite sample: every defect, kills anywhere, every kernel, every change
 thorough: setup
 	$(BIN)/pytest -q -n $(JOBS) --dist worksteal -m thorough
 

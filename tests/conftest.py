@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-settings.register_profile("default", max_examples=40, deadline=None, derandomize=True, database=None)
+settings.register_profile("default", max_examples=20, deadline=None, derandomize=True, database=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, derandomize=False, database=None)
 settings.load_profile("default")
 

@@ -130,14 +130,13 @@ class Judgement:
         if not isinstance(noise, dict):
             noise = {"kind": "injected" if noise else "exact"}
         tolerances = self.descriptor.get("tolerances", {})
-        cameras = {camera["name"] for camera in self.descriptor.get("cameras", [])}
         self.parameters = {
             **BOUNDS,
             "max_route_vertices": LIMITS["max_route_vertices"],
             "actuator": float(tolerances.get("actuator", 0)),
             "evidence": float(tolerances.get("evidence", 1e-6)),
             "unrecorded": self.descriptor.get("unrecorded", []),
-            "cameras": [name for name in documents.claimed_cameras(self.descriptor) if name in cameras],
+            "cameras": documents.claimed_cameras(self.descriptor),
             "has_evidence": "actor_risk_evidence" in self.descriptor["streams"],
             "noise": noise["kind"],
             "scenario_types": self.descriptor["collection"].get("scenario_types", []),

@@ -186,5 +186,5 @@ def claimed_tables(descriptor: dict[str, Any]) -> list[str]:
 
 
 def claimed_cameras(descriptor: dict[str, Any]) -> list[str]:
-    """Cameras of the claimed media streams."""
-    return [camera for name in descriptor["streams"] for camera in STREAMS[name].get("cameras", [])]
+    """Cameras of the claimed media streams, those beside the named ones too."""
+    return [camera["name"] for camera in descriptor.get("cameras", []) if camera["stream"] in descriptor["streams"]]

@@ -10,6 +10,8 @@ import pytest
 
 import branchdrive as bd
 from branchdrive.collector.drive import drive
+from branchdrive.driving.projection import map_pixels
+from branchdrive.formats.image_codec import decode_image
 
 pytest.importorskip("highway_env", reason="highway-env is not installed: pip install 'branchdrive[examples]'")
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -60,3 +62,38 @@ def test_steering_to_the_right_goes_to_the_right() -> None:
     assert after.y_m < before.y_m - 0.5
     assert after.yaw_rad < before.yaw_rad
     assert after.speed_mps == pytest.approx(before.speed_mps + 1.0, abs=1e-6)
+
+
+def test_the_filmed_world_shows_vehicles_where_the_camera_has_them() -> None:
+    import examples.highway_env.filmed as filmed
+
+    world = filmed.FilmedWorld("HighwayMerge")
+    world.reset(SEED)
+    for _ in range(90):
+        decision = world.expert()
+        world.step(bd.Command(*np.array([decision.steer, decision.throttle, decision.brake], np.float32)))
+    pixels, ego = decode_image(world.frames()["top_down"]), world.pose(world.ego)
+    seen = 0
+    for actor in world.actors():
+        ahead, left = bd.to_ego_frame(actor.x_m - ego["x_m"], actor.y_m - ego["y_m"], ego["yaw_rad"])
+        row, column = map_pixels(filmed.CAMERA, ahead, left)
+        if 2 < row < 126 and 2 < column < 126:
+            seen += 1
+            assert pixels[int(row), int(column)].tolist() == [100, 200, 255]
+    assert seen > 0
+    assert pixels[96, 64].tolist() == [200, 200, 0]  # the ego
+
+
+def test_filmed_groups_are_valid(tmp_path: Path) -> None:
+    import examples.highway_env.filmed as filmed
+
+    worlds, options = {"HighwayMerge": filmed.WORLDS["HighwayMerge"]}, {**collector().options(), "num_replays": 0}
+    described = filmed.describe(1)
+    bank = bd.ActionBank(name="two", policies=described.action_bank.policies[:2])
+    described = described.model_copy(update={"action_bank": bank, "action_encoding": None})
+    bd.collect_dataset(tmp_path / "dataset", described, worlds, num_groups=1, **options)
+    verdict = bd.validate(tmp_path / "dataset")
+    assert [finding.message for finding in verdict.findings if finding.rule.startswith("BD-FRM")] == []
+    dataset = bd.open_dataset(tmp_path / "dataset")
+    for rollout in dataset.group(dataset.groups[0]).rollouts:
+        assert rollout.frames("top_down").pixels().shape == (26, 128, 128, 3)

@@ -32,7 +32,7 @@ def animated_bytes(sheet: Sheet, show: Callable[[int, int], None]) -> bytes:
     pictures: list[Image.Image] = []
     for picture in sheet.animation():
         size = (round(picture.width * _SHARE), round(picture.height * _SHARE))
-        pictures.append(picture.resize(size, Image.Resampling.LANCZOS).quantize(160, Image.Quantize.MEDIANCUT))
+        pictures.append(picture.resize(size, Image.Resampling.LANCZOS).quantize(256, Image.Quantize.FASTOCTREE))
         show(len(pictures), len(sheet.ticks))
     stream = BytesIO()
     pauses = [_STEP_MS] * (len(pictures) - 1) + [_PAUSE_MS]

@@ -152,8 +152,8 @@ class Sheet:
             ):
                 fill = (0xC0, 0, 0) if touches and anchor == "rm" else _INK
                 draw.text((left + x, middle), text, fill=fill, font=_font(15), anchor=anchor)
-        seen = "history" if tick < 0 else "whole futures" if tick == 0 else f"futures to {tick * TICK_S:+.2f} s"
-        note = f"left: the world around the nominal ego, heading up; {seen} of 2.5 s, a cross where a touch begins"
+        until = tick if tick > 0 else ACTIVE_TICKS
+        note = f"left: the nominal ego, heading up; futures to {until * TICK_S:+.2f} s, a cross where a touch begins"
         draw.text((left, top + _CHART_PX - 18), note, fill=_QUIET, font=_font(12))
 
 

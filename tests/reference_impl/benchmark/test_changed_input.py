@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.changed_input import changed_contents, poor_end, poor_ends
+from tests.sampling import sampled
 
 from branchdrive.contract.layout import (
     BENCHMARK_LEDGER_FILE,
@@ -29,7 +30,7 @@ STEPS = {
 """Options of every step."""
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", sampled(STEPS, every=3))
 def test_a_changed_release_is_used_or_refused_in_words(done: Path, tmp_path: Path, step: str) -> None:
     for place, path in enumerate(FILES):
         root = shutil.copytree(done, tmp_path / str(place))
@@ -37,7 +38,7 @@ def test_a_changed_release_is_used_or_refused_in_words(done: Path, tmp_path: Pat
         shutil.rmtree(root)
 
 
-@pytest.mark.parametrize("step", ["train", "lock", "evaluate"])
+@pytest.mark.parametrize("step", sampled(["train", "lock", "evaluate"], every=2))
 def test_a_changed_protocol_is_used_or_refused_in_words(
     done: Path, small_protocol: Path, tmp_path: Path, step: str
 ) -> None:

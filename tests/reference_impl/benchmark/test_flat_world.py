@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, smallest_protocol, write_protocol
 from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.engine.rules.draft import Draft
@@ -26,15 +27,23 @@ ABSENT = 7, 4
 def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A release in place with an own benchmark."""
     folder = tmp_path_factory.mktemp("flat")
+    protocol = write_protocol(folder / "protocol.json", smallest_protocol())
+
+    def benchmark(root: Path) -> None:
+        write_flat(root)
+        build(root)
+        invoke("benchmark", root, "--protocol", protocol, "--no-figures")
+
+    return kept_folder("flat-release", benchmark, folder / "release")
+
+
+def write_flat(root: Path) -> None:
+    """A raw layer that records nothing that a dataset may leave out."""
     d = Draft(raw_tables(), {**raw_descriptor(), "unrecorded": list(RECORDABLE), "driver": {"kind": "log"}})
     for place in RECORDABLE:
         table, column = place.split(".")
         d.set(table, column, None)
-    root = d.write(folder / "release")
-    build(root)
-    protocol = write_protocol(folder / "protocol.json", smallest_protocol())
-    invoke("benchmark", root, "--protocol", protocol, "--no-figures")
-    return root
+    d.write(root)
 
 
 def test_it_is_valid_with_its_benchmark(release: Path) -> None:
@@ -63,6 +72,7 @@ def test_what_it_does_not_record_is_no_number_and_tells_nothing(release: Path) -
     assert names[8] == "speed_limit_mps"
 
 
+@pytest.mark.thorough
 def test_an_exported_selector_ignores_what_is_not_recorded(release: Path, tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     invoke("export", release, "--output", tmp_path / "selector.onnx")  # compares it with torch

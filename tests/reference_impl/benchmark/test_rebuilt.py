@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
 from tests.synthetic_release import SEED, raw_descriptor, raw_tables
 from tests.validator.engine.rules.draft import Draft
@@ -54,18 +55,24 @@ def protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def evaluated(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A release with its raw layer and a benchmark; read-only by agreement."""
-    root = Draft(raw_tables(), raw_descriptor()).write(tmp_path_factory.mktemp("evaluated") / "dataset")
-    build(root)
-    invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
-    return root
+
+    def evaluate(root: Path) -> None:
+        Draft(raw_tables(), raw_descriptor()).write(root)
+        build(root)
+        invoke("benchmark", root, "--protocol", protocol, *OPTIONS)
+
+    return kept_folder("evaluated-release", evaluate, tmp_path_factory.mktemp("evaluated") / "dataset")
 
 
 @pytest.fixture(scope="module")
 def rebuilt(evaluated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same dataset as another release, without a benchmark; read-only by agreement."""
-    root = shutil.copytree(evaluated, tmp_path_factory.mktemp("rebuilt") / "dataset")
-    build(root, COMPLETE)
-    return root
+
+    def rebuild(root: Path) -> None:
+        shutil.copytree(evaluated, root)
+        build(root, COMPLETE)
+
+    return kept_folder("rebuilt-release", rebuild, tmp_path_factory.mktemp("rebuilt") / "dataset")
 
 
 def test_accesses_move_to_the_ledger_and_to_the_card(evaluated: Path, rebuilt: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.content_cache import remembered
+from tests.sampling import sampled
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
 from branchdrive.collector.report import GroupReport
@@ -74,7 +75,7 @@ def whole_identity(tmp_path_factory: pytest.TempPathFactory, remembered_runs: No
     return identity(root)
 
 
-@pytest.mark.parametrize("finished", [0, 1, 6, 14])
+@pytest.mark.parametrize("finished", sampled([6, 0, 1, 14], every=3))
 def test_a_resumed_group_reuses_what_is_finished(tmp_path: Path, whole_identity: str, finished: int) -> None:
     plan = plan_group(SEED, 1)
     with pytest.raises(InterruptionError):
@@ -127,7 +128,7 @@ def test_attempts_are_made_as_the_script_says(tmp_path: Path, eventful: tuple[Gr
             assert record["nominal_rollout_id"] == made["nominal", "nominal", 2]["rollout_id"]
 
 
-@pytest.mark.parametrize("finished", [1, 2, 9])
+@pytest.mark.parametrize("finished", sampled([2, 1, 9], every=3))
 def test_a_resumed_group_goes_on_in_its_script(
     tmp_path: Path, eventful: tuple[GroupPlan, GroupScript], eventful_identity: str, finished: int
 ) -> None:

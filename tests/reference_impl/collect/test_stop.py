@@ -15,6 +15,7 @@ import pytest
 from tests.content_cache import remembered
 from tests.reference_impl.collect.kept_collection import identity_of
 from tests.reference_impl.collect.running import finished_rollouts, session_of, start, wait_for
+from tests.sampling import sampled
 
 from branchdrive.cli.main import run
 from branchdrive.contract.layout import DESCRIPTOR_FILE
@@ -72,7 +73,7 @@ def test_a_rollout_in_which_a_stop_arrives_is_kept(
     assert sum(group.num_reused for group in report.groups) == 3
 
 
-@pytest.mark.parametrize(("jobs", "stop"), [(1, signal.SIGINT), (2, signal.SIGTERM)])
+@pytest.mark.parametrize(("jobs", "stop"), sampled([(2, signal.SIGTERM), (1, signal.SIGINT)], every=2))
 def test_a_stopped_collection_keeps_what_is_finished(
     tmp_path: Path, identity: str, jobs: int, stop: signal.Signals
 ) -> None:
@@ -92,13 +93,16 @@ def test_a_stopped_collection_keeps_what_is_finished(
 
 @pytest.mark.parametrize(
     ("delay_s", "stop"),
-    [
-        (0.0, signal.SIGINT),
-        pytest.param(0.05, signal.SIGTERM, marks=pytest.mark.thorough),
-        pytest.param(0.2, signal.SIGINT, marks=pytest.mark.thorough),
-        (0.5, signal.SIGTERM),
-        pytest.param(1.0, signal.SIGINT, marks=pytest.mark.thorough),
-    ],
+    sampled(
+        [
+            (0.0, signal.SIGINT),
+            (0.05, signal.SIGTERM),
+            (0.2, signal.SIGINT),
+            (0.5, signal.SIGTERM),
+            (1.0, signal.SIGINT),
+        ],
+        every=5,
+    ),
 )
 def test_workers_that_begin_are_stopped_in_silence(tmp_path: Path, delay_s: float, stop: signal.Signals) -> None:
     root = tmp_path / "d"

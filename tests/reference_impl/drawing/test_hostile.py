@@ -13,6 +13,7 @@ import pytest
 from tests.reference_impl.drawing.invented import scene_of, write_invented
 from tests.reference_impl.study import samples
 from tests.reference_impl.study.samples import Edit, replaced, rows_at
+from tests.sampling import sampled
 from tests.synthetic import BRANCH_TICK
 
 from branchdrive import UsageError, open_dataset
@@ -100,7 +101,7 @@ HOSTILE: dict[str, tuple[Mapping[str, Edit], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("edits", "told"), HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.parametrize(("edits", "told"), sampled(HOSTILE.values(), every=3), ids=HOSTILE)
 def test_a_group_that_cannot_be_drawn_is_one_line(tmp_path: Path, edits: Mapping[str, Edit], told: str) -> None:
     samples.written(tmp_path / "d", edits)
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p", "--group", "g0")

@@ -48,7 +48,8 @@ def kernels() -> list[Setting]:
     return [kernel for kernel in blas_kernels() if kernel.variables["OPENBLAS_CORETYPE"] not in tried]
 
 
-@pytest.mark.parametrize("settings", [runnable, pytest.param(kernels, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("settings", [runnable, kernels])
 def test_every_processor_fits_the_same_risk(settings: Callable[[], Sequence[Setting]]) -> None:
     expected = numbers(hard_fit())
     for setting in (setting for setting in settings() if setting.environment() != os.environ):

@@ -8,18 +8,31 @@ from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from tests.synthetic import base_tables, descriptor, write_dataset
 from tests.synthetic_map import map_descriptor, map_tables
 
 from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
+from branchdrive.contract.camera import TopDownCamera
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
 
-PLAN = MediaPlan(cameras_of(("semantic_bev",)))
+SMALL = TopDownCamera(
+    name="bev",
+    stream="semantic_bev",
+    width_px=32,
+    height_px=32,
+    px_per_m=0.5,
+    origin_row_px=16.0,
+    origin_column_px=16.0,
+)
+PLAN = MediaPlan((SMALL,))
+"""Images that are drawn at once."""
+
 _MEDIA = ("media.tar", "frames.parquet")
 
 
@@ -65,7 +78,7 @@ def test_every_observation_of_the_window_has_its_image(rendered: RenderReport) -
     rollout = dataset.group("g0").nominal
     frames = rollout.frames("bev")
     assert [int(tick) - (rollout.branch_tick or 0) for tick in frames.ticks] == list(range(-75, 51, 5))
-    assert frames.pixels().shape == (26, 256, 256)
+    assert frames.pixels().shape == (26, 32, 32)
     assert rendered.num_images == sum(table.num_rows for table in dataset.table("frames"))
 
 
@@ -83,7 +96,7 @@ def test_a_second_run_finds_everything(rendered: RenderReport) -> None:
     assert files(rendered.root) == before
 
 
-@pytest.mark.parametrize("after", [1, 2, 3])
+@pytest.mark.parametrize("after", [1, 3])
 def test_an_interrupted_run_is_gone_on_with(copy: Path, rendered: RenderReport, after: int) -> None:
     def interrupt(num_done: int, _: int) -> None:
         if num_done == after:
@@ -98,7 +111,7 @@ def test_an_interrupted_run_is_gone_on_with(copy: Path, rendered: RenderReport, 
     assert files(copy) == files(rendered.root)
 
 
-@pytest.mark.parametrize("num_moves", range(6))
+@pytest.mark.parametrize("num_moves", [0, 2, 4])
 def test_a_run_that_ends_while_it_installs_is_gone_on_with(
     copy: Path, rendered: RenderReport, num_moves: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,9 +126,8 @@ def test_a_run_that_ends_while_it_installs_is_gone_on_with(
         move(source, target)
 
     monkeypatch.setattr(module, "move", failing)
-    if num_moves < 5:
-        with pytest.raises(KeyboardInterrupt):
-            render_dataset(copy, PLAN)
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(copy, PLAN)
     monkeypatch.undo()
     render_dataset(copy, PLAN)
     assert files(copy) == files(rendered.root)
@@ -141,7 +153,7 @@ def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> 
 
 def test_changed_files_are_refused(copy: Path) -> None:
     path = copy / "raw/shard-00000/controls.parquet"
-    path.write_bytes(path.read_bytes() + b" ")
+    pq.write_table(pq.read_table(path), path, compression="NONE")
     with pytest.raises(DatasetError, match="differ"):
         render_dataset(copy, PLAN)
 
@@ -156,7 +168,10 @@ def command(*arguments: object) -> tuple[int, str, str]:
     return run(["render", *map(str, arguments)], stdout, stderr), stdout.getvalue(), stderr.getvalue()
 
 
-def test_the_command_says_what_it_did(bare: Path, rendered: RenderReport, tmp_path: Path) -> None:
+def test_the_command_says_what_it_did(
+    bare: Path, rendered: RenderReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("branchdrive_reference.rendering.rig.cameras_of", lambda streams, **size: (SMALL,))
     code, out, err = command(bare, "--output", tmp_path / "out", "--streams", "semantic_bev")
     assert (code, err) == (0, "")
     assert out.startswith("groups    3 rendered, 0 found rendered\nimages    1,196 in ")

@@ -15,6 +15,7 @@ from tests.reference_impl.simulation.worlds import (
     intervention_of,
     nominal_of,
 )
+from tests.sampling import sampled
 
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.target import Motion, Risk, Targets, scalar_targets
@@ -31,7 +32,7 @@ MOST = 5
 """Worlds of every type that are ranked at most; fewer, if they show everything."""
 
 POLICIES = (BANK.nominal, *BANK.interventions)
-each_scenario = pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+each_scenario = pytest.mark.parametrize("scenario", sampled(SCENARIO_NAMES, every=5))
 
 
 def executed(scenario: str, action_key: str, number: int) -> Run:
@@ -115,6 +116,7 @@ def extremes(groups: list[Targets]) -> list[dict[str, float]]:
     return [{name: float(shares[families == name].sum()) for name in FAMILIES} for shares in (best, worst)]
 
 
+@pytest.mark.thorough
 def test_every_family_is_best_somewhere_and_worst_somewhere() -> None:
     """Under the balanced utility, over all scenario types together."""
     groups = [targets_of(scenario, 0) for scenario in SCENARIO_NAMES]

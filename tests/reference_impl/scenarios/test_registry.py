@@ -60,7 +60,7 @@ def accepted() -> dict[tuple[str, str], list[tuple[str, int]]]:
     return found
 
 
-@pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("step", [12, pytest.param(1, marks=pytest.mark.thorough)])
 @each(("route", "scenarios"), accepted().items(), ids=["/".join(route) for route in accepted()])
 def test_every_accepted_route_can_be_staged(
     route: tuple[str, str], scenarios: list[tuple[str, int]], step: int

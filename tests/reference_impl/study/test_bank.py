@@ -8,6 +8,7 @@ import pytest
 from tests.reference_impl.study import samples
 from tests.reference_impl.study.samples import dropped, rows_at
 from tests.reference_impl.study.test_faults import AGAIN, FAULTS, TWICE
+from tests.sampling import sampled
 from tests.synthetic import BRANCH_TICK
 
 from branchdrive import UsageError, load_action_bank, open_dataset
@@ -31,7 +32,7 @@ def test_the_second_attempt_stands_in_for_a_bad_first_one(tmp_path: Path) -> Non
         assert [r.rollout_id for r in rollouts if r.record["action_key"] == "brake_0.50"] == [expected]
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", sampled(FAULTS, every=5))
 def test_a_group_alone_has_the_bank_that_it_has_in_its_shard(tmp_path: Path, name: str) -> None:
     dataset = open_dataset(samples.written(tmp_path / "d", FAULTS[name][0]))
     shard = dataset.shards[0]  # where the faults are

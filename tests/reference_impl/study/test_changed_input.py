@@ -7,12 +7,16 @@ from pathlib import Path
 import pytest
 from tests.changed_input import poor_ends
 from tests.reference_impl.study import samples
+from tests.sampling import sampled
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.engine.worker import in_process
 
 
-@pytest.mark.parametrize(("path", "size"), [(DESCRIPTOR_FILE, 20), (MANIFEST_FILE, 4)])
+@pytest.mark.parametrize(
+    ("path", "size"),
+    sampled([(DESCRIPTOR_FILE, 8), (DESCRIPTOR_FILE, 60), (MANIFEST_FILE, 2), (MANIFEST_FILE, 20)], every=2),
+)
 def test_a_changed_dataset_is_shown_or_refused_in_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, size: int
 ) -> None:

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pytest
 from tests.reference_impl.study import samples
 from tests.reference_impl.study.samples import Edit, dropped, replaced, rows_at
+from tests.sampling import sampled
 from tests.synthetic import BRANCH_TICK, descriptor, group_name
 
 from branchdrive.contract.descriptor import Descriptor
@@ -95,7 +96,7 @@ FAULTS: dict[str, tuple[Mapping[str, Edit], int, int]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("edits", "good", "without_nominal"), FAULTS.values(), ids=FAULTS)
+@pytest.mark.parametrize(("edits", "good", "without_nominal"), sampled(FAULTS.values(), every=3), ids=FAULTS)
 def test_a_fault_is_skipped_and_counted(
     tmp_path: Path, edits: Mapping[str, Edit], good: int, without_nominal: int
 ) -> None:
@@ -168,7 +169,7 @@ def test_what_one_side_lacks_is_told_apart(facts: Facts) -> None:
     assert gap.median is not None
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sampled(range(6), every=4))
 def test_any_mixture_of_lost_rows_is_survived(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
 

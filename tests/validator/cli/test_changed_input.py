@@ -24,10 +24,13 @@ WAIVERS = {
 
 
 @pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("size", [8, pytest.param(80, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("path", [DESCRIPTOR_FILE, MANIFEST_FILE])
-def test_validation_of_a_changed_dataset_ends_in_a_verdict(valid_root: Path, tmp_path: Path, path: str) -> None:
+def test_validation_of_a_changed_dataset_ends_in_a_verdict(
+    valid_root: Path, tmp_path: Path, path: str, size: int
+) -> None:
     root = shutil.copytree(valid_root, tmp_path / "dataset")
-    assert poor_ends(root, path, 20, ("validate", root)) == []
+    assert poor_ends(root, path, size, ("validate", root)) == []
 
 
 def test_a_changed_dataset_is_opened_or_refused_in_words(valid_root: Path, tmp_path: Path) -> None:
@@ -48,11 +51,12 @@ def test_a_changed_dataset_is_opened_or_refused_in_words(valid_root: Path, tmp_p
 
 
 @pytest.mark.usefixtures("quick")
-def test_changed_waivers_are_applied_or_refused_in_words(valid_root: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("size", [15, pytest.param(100, marks=pytest.mark.thorough)])
+def test_changed_waivers_are_applied_or_refused_in_words(valid_root: Path, tmp_path: Path, size: int) -> None:
     file = tmp_path / "waivers.json"
     assert schema_mismatches(WAIVERS, "waivers.schema.json") == []
     ends = []
-    for what, content in changed_contents(file.name, json.dumps(WAIVERS).encode(), 40):
+    for what, content in changed_contents(file.name, json.dumps(WAIVERS).encode(), size):
         file.write_bytes(content)
         ends.append((what, poor_end("validate", valid_root, "--waivers", file)))
     assert [end for end in ends if end[1]] == []

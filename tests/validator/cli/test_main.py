@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from tests.each import each
+from tests.sampling import sampled
 
 from branchdrive.cli import entry as entry_points
 from branchdrive.cli import main as command_line
@@ -36,7 +37,8 @@ def nested(argv: Sequence[str], stdout: Any, stderr: Any) -> int:
     return run(["validate", *argv], stdout, stderr)
 
 
-each_entry = pytest.mark.parametrize("entry", [validate_run, nested], ids=["branchdrive-validate", "branchdrive"])
+ENTRIES = {"branchdrive-validate": validate_run, "branchdrive": nested}
+each_entry = pytest.mark.parametrize("entry", ENTRIES.values(), ids=ENTRIES)
 
 
 # --- wrong usage
@@ -155,7 +157,7 @@ def waivers(tmp_path: Path) -> Path:
     return path
 
 
-@each_entry
+@pytest.mark.parametrize("entry", sampled(ENTRIES.values(), every=2), ids=ENTRIES)
 def test_verdicts_become_exit_codes(
     entry: Run, valid_root: Path, invalid_root: Path, waivers: Path, quick: None
 ) -> None:

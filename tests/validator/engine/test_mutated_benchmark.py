@@ -32,6 +32,10 @@ DOCUMENTS = (PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS, LEDGER_FIL
 RULES = ("BD-LAY-002", "BD-LYR", "BD-BMK", "BD-FID-010", "BD-FID-012")
 
 
+NUM_CHANGES = settings.default.max_examples // 8
+"""Changes of every document; each takes a judgement."""
+
+
 @cache
 def originals() -> dict[str, Any]:
     """Documents of the release by path; not to be changed."""
@@ -72,7 +76,7 @@ def test_the_release_is_sound(root: Path) -> None:
 
 
 @pytest.mark.parametrize("path", DOCUMENTS)
-@settings(max_examples=5, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
+@settings(max_examples=NUM_CHANGES, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 @given(draw=st.data())
 def test_a_document_with_a_small_change_is_judged(root: Path, path: str, draw: Any) -> None:
     report = judged(root, path, json.dumps(draw.draw(changes(path))).encode())

@@ -108,6 +108,23 @@ def test_a_product_of_two_commands_is_found_and_no_other_statistic_sees_it() -> 
     assert failing(x, None, Layout((0, 1), (0, 1))) == {"interaction"}
 
 
+@pytest.mark.parametrize("kind", ["spread", "digits", "orders", "relation of columns", "relation of actions"])
+def test_what_the_card_calls_not_examined_is_not_found_in_recorded_columns(kind: str) -> None:
+    x = exchangeable(150, NUM_ACTIONS, 2, seed=9)
+    numbers = np.arange(float(NUM_ACTIONS))
+    if kind == "spread":
+        x *= 1 + numbers[:, None]
+    elif kind == "digits":
+        x = np.floor(1e3 * x) + 0.1 * numbers[:, None]
+    elif kind == "orders":
+        x += 3 * np.random.default_rng(0).permuted(np.tile(numbers, (150, 1)), axis=1)[..., None]
+    elif kind == "relation of columns":
+        x[..., 1] = x[..., 0] + 1e-6 * numbers
+    else:
+        x[:, 1::2] = x[:, ::2]
+    assert failing(exchangeable(150, NUM_ACTIONS, 3, seed=10), streams_of(x)) == set()
+
+
 def test_times_of_a_variable_belong_together() -> None:
     features = [
         GateFeature("ego", "x_m", (-5, -5)),

@@ -77,8 +77,11 @@ def test_a_pass_comes_with_its_minimum_detectable_effect() -> None:
         "at most 0.4 standard deviations.",
         "Minimum detectable effect as such a dose in one group of ten: 6.4 standard deviations.",
         "Minimum detectable effect as such a dose in one group of thirty: above 6.4 standard deviations.",
-        "Not examined by the gate: camera frames, a code in fewer than one group of thirty that hides in noise, and "
-        "products other than those of two commands. A smaller effect, or one of another form, may be there.",
+        "Not examined by the gate: camera frames, which actor is which, spreads of recorded columns that are no "
+        "features, digits below the noise, relations between columns other than products of two commands, relations "
+        "between actions, orders of actions that groups do not share, and a code in fewer than one group of thirty "
+        "that hides in noise. A smaller effect, or one of another form, may be there; in one column of few groups it "
+        "takes more than in a quarter of the features.",
         "The battery of classifiers, a diagnostic beside the gate: 2 pass, 2 inconclusive, 2 not run.",
         "PyTorch is not installed.",
     ]

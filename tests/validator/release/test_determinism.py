@@ -31,7 +31,7 @@ def test_the_same_build_twice_changes_no_byte(dataset: Path, release: Path, buil
     assert contents(dataset) == contents(audited)
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [2, pytest.param(1, marks=pytest.mark.thorough)])
 def test_worker_processes_change_no_byte(dataset: Path, audited: Path, jobs: int) -> None:
     build(dataset, stages=STAGES, executor=isolated(jobs))
     assert contents(dataset) == contents(audited)
@@ -106,7 +106,7 @@ build(Path(sys.argv[1]), stages=STAGES)
 """
 
 
-@pytest.mark.parametrize("threads", ["1", "2"])
+@pytest.mark.parametrize("threads", ["2", pytest.param("1", marks=pytest.mark.thorough)])
 def test_the_number_of_threads_changes_no_byte(built: Path, audited: Path, tmp_path: Path, threads: str) -> None:
     root = shutil.copytree(built, tmp_path / "release")
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

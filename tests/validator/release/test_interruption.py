@@ -48,8 +48,9 @@ def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     return lambda: last[0]
 
 
+@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.thorough)])
 def test_a_build_goes_on_after_a_cut_at_any_step(
-    raw: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    raw: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:
     expected, at = contents(built), 0
     while True:
@@ -69,12 +70,13 @@ def test_a_build_goes_on_after_a_cut_at_any_step(
         assert contents(root) == expected, at
         assert raw_state(root) == before, at
         shutil.rmtree(root)
-        at += 6
+        at += step
     assert num_taken() > 40
 
 
+@pytest.mark.parametrize("step", [17, pytest.param(1, marks=pytest.mark.thorough)])
 def test_a_rebuild_goes_on_after_a_cut_at_any_step(
-    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:
     """The ledger of the first build is never lost, and no stage builds on a mixture of both."""
     undisturbed = shutil.copytree(built, tmp_path / "undisturbed")
@@ -92,7 +94,7 @@ def test_a_rebuild_goes_on_after_a_cut_at_any_step(
         build(root, seed=SEED + 1)
         assert contents(root) == expected, at
         shutil.rmtree(root)
-        at += 8
+        at += step
 
 
 def test_finished_parts_of_an_audit_are_not_computed_again(
@@ -186,7 +188,7 @@ def start(root: Path) -> subprocess.Popen[str]:
     [
         STAGING_DIR,
         pytest.param("canonical/source.json", marks=pytest.mark.thorough),
-        "quality/split.json",
+        pytest.param("quality/split.json", marks=pytest.mark.thorough),
         pytest.param("model/contexts.parquet", marks=pytest.mark.thorough),
     ],
 )

@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 from hypothesis import Phase, find, given, settings
 from hypothesis import strategies as st
+from tests.sampling import sampled
 
 from branchdrive import Report, validate
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.testing import OPTIONAL_STREAMS, Defect, SmallDataset, datasets, defects
 from branchdrive.testing.defect import _MAKES
 
-NUM_EXAMPLES = settings().max_examples // 4
+NUM_EXAMPLES = settings().max_examples // 2
 """Each takes about a tenth of a second."""
 
 ANY = settings(database=None, phases=[Phase.generate])
@@ -40,7 +41,7 @@ def test_a_generated_dataset_fails_no_rule(dataset: SmallDataset) -> None:
     assert report.funnel.lost == {}
 
 
-@settings(max_examples=2 * NUM_EXAMPLES)
+@settings(max_examples=NUM_EXAMPLES)
 @given(defects())
 def test_a_defect_fails_its_rule_at_its_place(defect: Defect) -> None:
     report = judged(defect)
@@ -50,7 +51,7 @@ def test_a_defect_fails_its_rule_at_its_place(defect: Defect) -> None:
     assert any(defect.at.items() <= place.items() for place in places), places
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("rule", sampled(RULES, every=4))
 def test_every_defect_can_be_asked_for(rule: str) -> None:
     dataset = datasets(streams=OPTIONAL_STREAMS[1:2], min_groups=1, max_groups=1).filter(lambda d: d.scenes[0].actors)
     defect = find(defects(dataset, rule=rule), lambda found: True, settings=ANY)
@@ -63,6 +64,7 @@ def test_a_rule_without_defects_is_named() -> None:
         find(defects(rule="BD-ENC"), lambda found: True, settings=ANY)
 
 
+@pytest.mark.thorough
 def test_the_smallest_dataset_is_small() -> None:
     smallest = find(datasets(), lambda dataset: True, settings=settings(database=None))
     assert len(smallest.scenes) == 1

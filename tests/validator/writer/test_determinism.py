@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from tests.sampling import sampled
 from tests.validator.writer.invented import (
     ATTEMPTS,
     identity_fields,
@@ -23,13 +24,13 @@ from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.errors import ContractError
 from branchdrive.writer.writer import DatasetWriter
 
-NUM_GROUPS = 5
+NUM_GROUPS = 3
 REPOSITORY = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Manifest of five groups, written one after the other."""
+    """Manifest of three groups, written one after the other."""
     root = tmp_path_factory.mktemp("expected")
     write_dataset(root, NUM_GROUPS)
     return (root / MANIFEST_FILE).read_bytes()
@@ -39,7 +40,7 @@ def manifest(root: Path) -> bytes:
     return (root / MANIFEST_FILE).read_bytes()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sampled(range(3), every=3))
 def test_the_order_of_groups_attempts_and_commits_means_nothing(tmp_path: Path, expected: bytes, seed: int) -> None:
     rng = random.Random(seed)
     attempts: Sequence[tuple[str, str]] = rng.sample(ATTEMPTS, len(ATTEMPTS))
@@ -121,13 +122,13 @@ for index in map(int, sys.argv[2:]):
 
 def test_several_processes_write_the_same_bytes(tmp_path: Path, expected: bytes) -> None:
     with DatasetWriter(tmp_path, make_descriptor(), groups_per_shard=2) as writer:
-        # Both processes take group 2: the second waits for the first and finds its rollouts.
+        # Both processes take group 1: the second waits for the first and finds its rollouts.
         workers = [
             subprocess.Popen([sys.executable, "-c", WORKER, str(tmp_path), *shares], cwd=REPOSITORY)
-            for shares in (["4", "2", "0"], ["3", "2", "1"])
+            for shares in (["2", "1"], ["1", "0"])
         ]
         assert [worker.wait(timeout=60) for worker in workers] == [0, 0]
-        assert writer.commit() == 2
+        assert writer.commit() == 1
         writer.finalize()
     assert manifest(tmp_path) == expected
 

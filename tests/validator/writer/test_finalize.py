@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.each import each
 from tests.validator.writer.invented import make_descriptor, write_dataset, write_group, write_rollout
 
 from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
@@ -37,6 +39,14 @@ def test_a_finished_dataset_is_left_as_it_is(tmp_path: Path) -> None:
     assert (tmp_path / MANIFEST_FILE).stat().st_mtime_ns == written_ns
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished dataset of three groups; read-only by agreement."""
+    root = tmp_path_factory.mktemp("finished")
+    write_dataset(root, 3)
+    return root
+
+
 def misstate_the_identity(root: Path) -> None:
     stated = build_manifest(root)
     write_manifest(root, replace(stated, identity="0" * 64))
@@ -57,34 +67,37 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_finished_dataset_that_differs_from_its_manifest_is_refused(tmp_path: Path, damage: str) -> None:
-    write_dataset(tmp_path, 3)
-    DAMAGES[damage](tmp_path)
-    before = contents(tmp_path)
+@each("damage", DAMAGES)
+def test_a_finished_dataset_that_differs_from_its_manifest_is_refused(
+    finished: Path, tmp_path_factory: pytest.TempPathFactory, damage: str
+) -> None:
+    root = shutil.copytree(finished, tmp_path_factory.mktemp("damaged") / "dataset")
+    DAMAGES[damage](root)
+    before = contents(root)
     with pytest.raises(DatasetError, match=r"is finished, but .* from MANIFEST.sha256"):
-        open_writer(tmp_path)
-    assert contents(tmp_path) == before
+        open_writer(root)
+    assert contents(root) == before
 
 
-@pytest.mark.parametrize(
-    "path", ["notes.txt", "raw/notes.txt", "raw/shard-00000/media.tar", "raw/shard-00009/x.csv", "model/m.bin", ".x"]
-)
-def test_a_foreign_file_is_not_sealed(tmp_path: Path, path: str) -> None:
+FOREIGN = ("notes.txt", "raw/notes.txt", "raw/shard-00000/media.tar", "raw/shard-00009/x.csv", "model/m.bin", ".x")
+
+
+def test_a_foreign_file_is_not_sealed(tmp_path: Path) -> None:
     identity = write_dataset(tmp_path / "expected", 1)
     root = tmp_path / "d"
     with open_writer(root) as writer:
         with writer.begin_group("g0") as group:
             write_group(group)
         writer.commit()
-        (root / path).parent.mkdir(parents=True, exist_ok=True)
-        (root / path).write_text("foreign")
-        with pytest.raises(UsageError, match=rf"\['{path}'\] have no place"):
-            writer.finalize()
-        assert not (root / MANIFEST_FILE).exists()
-        (root / path).unlink()
-        if not any((root / path).parent.iterdir()):
-            (root / path).parent.rmdir()
+        for path in FOREIGN:
+            (root / path).parent.mkdir(parents=True, exist_ok=True)
+            (root / path).write_text("foreign")
+            with pytest.raises(UsageError, match=rf"\['{path}'\] have no place"):
+                writer.finalize()
+            assert not (root / MANIFEST_FILE).exists()
+            (root / path).unlink()
+            if not any((root / path).parent.iterdir()):
+                (root / path).parent.rmdir()
         assert writer.finalize() == identity
 
 

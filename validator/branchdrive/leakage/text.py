@@ -27,8 +27,11 @@ _VERDICTS = {
 
 
 _NOT_EXAMINED = (
-    "Not examined by the gate: camera frames, a code in fewer than one group of thirty that hides in noise, and "
-    "products other than those of two commands. A smaller effect, or one of another form, may be there."
+    "Not examined by the gate: camera frames, which actor is which, spreads of recorded columns that are no features, "
+    "digits below the noise, relations between columns other than products of two commands, relations between "
+    "actions, orders of actions that groups do not share, and a code in fewer than one group of thirty that hides in "
+    "noise. A smaller effect, or one of another form, may be there; in one column of few groups it takes more than in "
+    "a quarter of the features."
 )
 
 

@@ -46,7 +46,6 @@ class MediaBuffer:
         self._path = path
         self._cameras = folder.cameras
         self._stream: BinaryIO | None = None
-        self._num_bytes = 0
         self._rows: dict[tuple[int, str], dict[str, object]] = {}
 
     def append(self, tick: int, camera: str, image: bytes) -> None:
@@ -61,7 +60,12 @@ class MediaBuffer:
         declared = self._cameras.get(camera)
         if declared is None:
             raise UsageError(f"{where}: the descriptor declares the cameras {sorted(self._cameras)}; name one of them")
-        if not isinstance(tick, int | np.integer) or tick < 0 or tick % OBSERVATION_STRIDE_TICKS:
+        if (
+            isinstance(tick, bool)
+            or not isinstance(tick, int | np.integer)
+            or tick < 0
+            or tick % OBSERVATION_STRIDE_TICKS
+        ):
             raise UsageError(f"{where}: observations are saved at ticks 0, 5, 10 and so on; give the tick of one")
         if (int(tick), camera) in self._rows:
             raise UsageError(f"{where}: the camera has an image of this observation already; give each once")
@@ -87,8 +91,8 @@ class MediaBuffer:
         with named(self._path):
             if self._stream is None:
                 self._stream = self._path.open("wb")
+            offset = self._stream.tell()
             self._stream.write(image)
-        offset, self._num_bytes = self._num_bytes, self._num_bytes + len(image)
         return {
             "file": STAGED_MEDIA, "offset_bytes": offset, "size_bytes": len(image), "checksum": image_checksum(image),
             "encoding": header.encoding,

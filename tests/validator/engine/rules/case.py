@@ -22,6 +22,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.formats.parquet import decode_table
+from branchdrive.tables.content import table_digest
 
 Edit: TypeAlias = Callable[[Any], object]
 Base = Literal["full", "media", "map", "bare", "release", "detached", "alone", "benchmark"]
@@ -205,6 +206,7 @@ def judged_folder(root: Path, **options: Any) -> Report:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
         patch.setattr("branchdrive.engine.layer_files.decode_table", _decoded)
+        patch.setattr("branchdrive.engine.layer_files.table_digest", _digest)
         return validate(root, executor=remembering, **options)
 
 
@@ -241,3 +243,14 @@ def _decoded(content: bytes, name: str) -> pa.Table:
     if key not in _tables:
         _tables[key] = decode_table(content, name)
     return _tables[key]
+
+
+_digests: dict[int, str] = {}
+"""Digests of the rows of decoded tables, which live as long as the process, by identity."""
+
+
+def _digest(name: str, table: pa.Table) -> str:
+    """Digest of a table of a derived layer; that of the same table is computed once."""
+    if id(table) not in _digests:
+        _digests[id(table)] = table_digest(name, table)
+    return _digests[id(table)]
