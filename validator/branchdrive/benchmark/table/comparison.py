@@ -31,7 +31,7 @@ def comparison_table(title: str, section: Document) -> Table:
         rows += [
             [
                 *about,
-                f"{found['num_clusters']} clusters",
+                _counted(found["num_clusters"], "cluster"),
                 ends_of(found["interval"], *BY_CLUSTERS),
                 NONE,
                 p_text(found["p_clusters"], found["is_bound_clusters"]),
@@ -41,7 +41,7 @@ def comparison_table(title: str, section: Document) -> Table:
             ],
             [
                 *about,
-                f"{found['num_groups']} groups",
+                _counted(found["num_groups"], "group"),
                 ends_of(found["interval"]),
                 ends_of(found["interval"], *BCA),
                 p_text(found["p"], found["is_bound"]),
@@ -78,3 +78,7 @@ def _notes(section: Document) -> list[str]:
             if family["num_evaluated"] < family["num_declared"]
         ),
     ]
+
+
+def _counted(number_of: int, unit: str) -> str:
+    return f"{number_of} {unit}" if number_of == 1 else f"{number_of} {unit}s"
