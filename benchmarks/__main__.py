@@ -14,7 +14,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import benchmark, highway_env, paper, ranking, release, rendering, simulator, startup, validation
+from benchmarks import (
+    benchmark,
+    camera_ranking,
+    highway_env,
+    paper,
+    ranking,
+    release,
+    rendering,
+    simulator,
+    startup,
+    validation,
+)
 from benchmarks.release import ReleaseBench
 from benchmarks.row import Row
 from branchdrive.cli.build import calibration
@@ -38,6 +49,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         "rendering": rendering.rows(),
         "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS),
         "ranking": ranking.rows(folder),
+        "ranking from cameras": camera_ranking.rows(folder, release=folder / "release"),
         "start-up": startup.rows(),
     }
 

@@ -26,7 +26,7 @@ from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.training import train_model
 
-__all__ = ["rows"]
+__all__ = ["made_release", "rows"]
 
 _MODEL, _PROFILE = "M3", PROFILES["balanced"]
 _SEED, _NUM_GROUPS, _REPEATS = 7, 24, 500
@@ -40,7 +40,7 @@ def rows(folder: Path, *, release: Path | None = None, repeats: int = _REPEATS) 
         release: A release; None makes a small one below `folder`.
         repeats: Rankings that are timed.
     """
-    layer = open_model(_made(folder / "release") if release is None else release)
+    layer = open_model(made_release(folder / "release") if release is None else release)
     checkpoints = _checkpoints(layer, folder / "checkpoints")
     training = layer.targets("train")
     scale = fit_scale(Targets(training.scalars, training.scalars_available))
@@ -57,7 +57,8 @@ def rows(folder: Path, *, release: Path | None = None, repeats: int = _REPEATS) 
     yield Row("predictions of the selector against plain torch", f"{found:.1e}", f"<= {TOLERANCE:.0e}")
 
 
-def _made(root: Path) -> Path:
+def made_release(root: Path) -> Path:
+    """A small release in the new folder `root`."""
     collect(root, num_groups=_NUM_GROUPS, seed=_SEED)
     build_release(root)
     return root

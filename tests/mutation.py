@@ -31,6 +31,7 @@ from tests.validator.engine.rules.cases import (
     media,
     model,
     nulls,
+    places,
     quality,
     release,
     replays,
@@ -50,7 +51,7 @@ __all__ = [
 ]  # fmt: skip
 
 AREAS = (
-    layout, companions, documents, tables, values, nulls, keys, attempts, controls, axis, windows, evidence,
+    layout, places, companions, documents, tables, values, nulls, keys, attempts, controls, axis, windows, evidence,
     extents, world, trigger, groups, media, maps, layers, canonical, quality, split, fidelity, model, targets, features,
     leakage, histories, battery, release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip

@@ -13,7 +13,7 @@ from types import ModuleType
 from tests.each import each
 from tests.repo.checkout import ROOT
 
-from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol, read_protocol
+from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol, read_protocol, visual_protocol
 from branchdrive.benchmark.warning import warnings
 from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
@@ -77,7 +77,7 @@ def test_the_columns_of_predictions_are_those_that_are_read() -> None:
 
 
 def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
-    models = default_protocol().models
+    models = visual_protocol().models
     assert re.findall(r"^\| (M[0-9]r?) \| .* \| .* \|$", PAGE.split("### Guards")[0], re.M) == [
         model.id for model in models
     ]
@@ -101,7 +101,7 @@ def test_baselines_are_those_of_the_protocol() -> None:
 
 
 def test_trees_are_declared_as_the_page_says(tmp_path: Path) -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+    (block,) = (found for found in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "trees.json" in found)
     examples, written = ROOT / "docs/examples/trees.json", tmp_path / "with-trees.json"
     exec(block.replace("docs/examples/trees.json", str(examples)).replace("build/with-trees.json", str(written)), {})
     found = read_protocol(json.loads(written.read_text()))

@@ -10,7 +10,13 @@ from typing import Any
 
 from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import further_risks_of
-from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol, protocol_digest, read_protocol
+from branchdrive.benchmark.protocol import (
+    BenchmarkProtocol,
+    default_protocol,
+    protocol_digest,
+    read_protocol,
+    visual_protocol,
+)
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import PROTOCOL_FILE
 from branchdrive.contract.limits import spec_limits
@@ -19,27 +25,33 @@ from branchdrive.formats.untrusted import read_named_file
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.configuration import Configuration
+from branchdrive_reference.learning.image_encoding import STREAM_OF
 
 __all__ = [
+    "PROTOCOLS",
     "RISK",
     "choose_protocol",
     "keep_risks",
     "published_protocol",
     "read_protocol_file",
     "stored_document",
+    "untrained_sentence",
     "waiting_risks",
 ]
+
+PROTOCOLS = {"structured": default_protocol, "visual": visual_protocol}
+"""Normative protocols, by the names that commands know them by."""
 
 RISK = "benchmark/risk.json"
 """Where risks wait until the ranking lock holds them; it is no file of the release."""
 
 
 def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> BenchmarkProtocol:
-    """The protocol in `file`, else the one that waits or is published, else the default one.
+    """The protocol in `file`, else the one that waits or is published, else the normative one for the release.
 
     Args:
         workspace: The working area.
-        file: What the user named.
+        file: What the user named; see `read_protocol_file`.
         keep: Whether it waits from now on, for the commands that follow.
 
     Raises:
@@ -59,7 +71,7 @@ def choose_protocol(workspace: Workspace, file: Path | None, *, keep: bool) -> B
 
 
 def published_protocol(release: Release) -> BenchmarkProtocol:
-    """The published protocol, else the default one.
+    """The published protocol, else the normative one for the release.
 
     Raises:
         DatasetError: It cannot be read.
@@ -69,9 +81,32 @@ def published_protocol(release: Release) -> BenchmarkProtocol:
 
 def _protocol(release: Release, stored: Any | None) -> BenchmarkProtocol:
     try:
-        return default_protocol() if stored is None else read_protocol(stored)
+        if stored is not None:
+            return read_protocol(stored)
+        return default_protocol() if _lacking_streams(release) else visual_protocol()
     except DatasetError as error:
         raise DatasetError(f"{release.root}: {PROTOCOL_FILE!r}: {error}") from error
+
+
+def _lacking_streams(release: Release) -> tuple[str, ...]:
+    """Streams of images that the normative models read and of which the release has none."""
+    claimed = release.layer.descriptor.streams if release.has_raw else ()
+    return tuple(stream for stream in STREAM_OF.values() if stream not in claimed)
+
+
+def untrained_sentence(release: Release, protocol: BenchmarkProtocol) -> str | None:
+    """Which normative models are left out because the release has no images for them; ``None`` where none is.
+
+    Args:
+        release: The release.
+        protocol: The one in force.
+    """
+    lacking = _lacking_streams(release)
+    if protocol_digest(protocol) != protocol_digest(default_protocol()) or not lacking:
+        return None
+    left_out = ", ".join(model.id for model in visual_protocol().models if protocol.model(model.id) is None)
+    reason = f"has no images of {', '.join(lacking)}" if release.has_raw else "is here without its raw layer"
+    return f"{left_out} are not trained: the release {reason}"
 
 
 def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:
@@ -83,11 +118,13 @@ def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:
 
 
 def read_protocol_file(file: Path) -> BenchmarkProtocol:
-    """The protocol in a file.
+    """The protocol in a file, or a normative one by its name in `PROTOCOLS`.
 
     Raises:
         UsageError: There is none.
     """
+    if str(file) in PROTOCOLS:
+        return PROTOCOLS[str(file)]()
     try:
         return read_protocol(parse_json(read_named_file(file, spec_limits().max_document_bytes)))
     except (ValueError, RecursionError, DatasetError) as error:

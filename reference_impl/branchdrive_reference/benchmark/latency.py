@@ -35,6 +35,11 @@ from branchdrive.driving.utility import Profile, Scale, utility
 from branchdrive.errors import UsageError
 from branchdrive.model.features import recorded_features
 from branchdrive.model.reader import ModelLayer
+from branchdrive_reference.benchmark.camera_latency import (
+    camera_contexts,
+    exported_camera_selector,
+    plain_camera_selector,
+)
 from branchdrive_reference.benchmark.document import published_protocol
 from branchdrive_reference.benchmark.onnx_export import (
     INPUTS,
@@ -49,6 +54,7 @@ from branchdrive_reference.benchmark.release import Release, benchmark_data
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.prediction import check_release, physical
+from branchdrive_reference.learning.ranker import reads_cameras
 
 __all__ = [
     "EXPORT",
@@ -64,6 +70,9 @@ EXPORT = ("onnx", "onnxscript", "onnxruntime")
 """Packages without which no exported selector is timed."""
 
 NUM_THREADS = 1
+
+NUM_WINDOWS = 8
+"""Contexts whose images are in memory while a model that reads cameras is timed."""
 
 Array = NDArray[np.float32]
 Predict = Callable[[Array, Array], NDArray[Any]]
@@ -100,17 +109,22 @@ def latency_document(release: Release, *, repeats: int, show: Update) -> dict[st
     for done, model in enumerate(models):
         show(done, len(models), model.id)
         checkpoints = locked_checkpoints(release, lock, model.id)
-        ways = {"torch": plain_selector(checkpoints, layer)}
+        sees = reads_cameras(checkpoints)
+        plain = plain_camera_selector if sees else plain_selector
+        ways: dict[str, Callable[..., NDArray[Any]]] = {"torch": plain(checkpoints, layer)}
+        given: Sequence[tuple[Any, ...]] = camera_contexts(layer, "train", NUM_WINDOWS) if sees else contexts
         if is_exporting:
             try:
                 content = export_selector(checkpoints, layer, scale=scale, profiles=profiles)
             except UsageError:
-                pass  # it reads something else than histories and actions
+                pass  # it reads no action, or nothing else
             else:
                 check_equal(content, checkpoints, layer)
-                ways["exported"] = exported_selector(content)
+                ways["exported"] = (
+                    exported_camera_selector(content, checkpoints, layer) if sees else exported_selector(content)
+                )
         profile = next(iter(profiles.values()))
-        times = latencies_ms(list(ways.values()), contexts, scale, profile, repeats=repeats)
+        times = latencies_ms(list(ways.values()), given, scale, profile, repeats=repeats)
         figures = dict(zip(ways, map(_figures, times), strict=True))
         found.append({"model": model.id, "num_seeds": len(checkpoints), "exported": None, **figures})
     show(len(models), len(models))
@@ -179,7 +193,12 @@ def exported_selector(content: bytes) -> Predict:
 
 
 def latencies_ms(
-    ways: Sequence[Predict], contexts: Sequence[tuple[Array, Array]], scale: Scale, profile: Profile, *, repeats: int
+    ways: Sequence[Callable[..., NDArray[Any]]],
+    contexts: Sequence[tuple[Any, ...]],
+    scale: Scale,
+    profile: Profile,
+    *,
+    repeats: int,
 ) -> list[list[float]]:
     """Milliseconds of every repeat of each way, taken in turn; a tenth of the repeats before them is not counted."""
     found: list[list[float]] = [[] for _ in ways]

@@ -4,6 +4,10 @@ Inputs are ``state [16, 21]`` and ``controls [80, 3]`` in physical units, float3
 the order of the bank and of the targets, in their units. Metadata name the bank, the targets, the checkpoints, and
 the scale and weights from which a profile's utility follows, so that nothing else is needed to choose.
 
+A selector that reads cameras takes one observation at a time, before its history where it reads one: ``views
+[6, *encoding]``, ``mask [6]`` and ``past [seeds, 15, width]``, and beside the targets it gives ``steps``, of the last
+15 observations, which are ``past`` of the next observation. What it says counts from the 16th observation on.
+
 Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" (latency of the structured selector).
 """
 
@@ -19,6 +23,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from branchdrive.contract.timing import HISTORY_OBSERVATIONS
+from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import TARGETS
 from branchdrive.driving.utility import REVERSED, WEIGHED, Profile, Scale
 from branchdrive.environment import extra
@@ -26,17 +32,22 @@ from branchdrive.errors import BranchDriveError
 from branchdrive.model.features import HISTORIES
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.checkpoint import Checkpoint
-from branchdrive_reference.learning.ranker import BankNetwork
+from branchdrive_reference.learning.image_encoder import open_encoder
+from branchdrive_reference.learning.image_encoding import ENCODINGS, VIEWS
+from branchdrive_reference.learning.image_inputs import image_arrays, mask_of
+from branchdrive_reference.learning.ranker import VIEW_CAMERAS, BankNetwork, CameraNetwork, reads_cameras
 
 __all__ = [
-    "INPUTS", "OPSET", "OUTPUT", "TOLERANCE", "check_equal", "contexts_of", "export_selector", "largest_difference",
-    "open_selector",
+    "CAMERA_INPUTS", "INPUTS", "OPSET", "OUTPUT", "STEPS", "TOLERANCE", "check_equal", "contexts_of",
+    "export_selector", "largest_difference", "open_selector",
 ]  # fmt: skip
 
 OPSET = 18
 """Version of the operators."""
 
 INPUTS, OUTPUT = ("state", "controls"), "targets"
+CAMERA_INPUTS, STEPS = ("views", "mask", "past"), "steps"
+"""What a selector that reads cameras takes and gives besides."""
 
 TOLERANCE = 1e-5
 """Largest difference to torch, in units of the larger of 1 and the value."""
@@ -61,7 +72,7 @@ def export_selector(
     """The bytes of the model.
 
     Args:
-        checkpoints: Seeds of one model that reads histories and actions.
+        checkpoints: Seeds of one model that reads actions, and histories, surround views or both.
         release: The release that they were trained on.
         scale: Quantiles of the training targets.
         profiles: Preferences by name.
@@ -74,8 +85,15 @@ def export_selector(
     with extra("export", of="`export`"):
         import onnx
         import onnxscript  # noqa: F401
-    network = BankNetwork(checkpoints, release).eval()
-    inputs = tuple(torch.from_numpy(values) for values in contexts_of(release, "train", 1)[0])
+    context = tuple(torch.from_numpy(values) for values in contexts_of(release, "train", 1)[0])
+    network: BankNetwork | CameraNetwork
+    if reads_cameras(checkpoints):
+        network = CameraNetwork(checkpoints, release).eval()
+        inputs = (*_first_observation(network), *context[: len(network.reads)])
+        names, outputs = [*CAMERA_INPUTS, *network.reads], [OUTPUT, STEPS]
+    else:
+        network, inputs = BankNetwork(checkpoints, release).eval(), context
+        names, outputs = list(INPUTS), [OUTPUT]
     log = logging.getLogger("torch.onnx")
     level = log.level
     log.setLevel(logging.ERROR)
@@ -83,7 +101,7 @@ def export_selector(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # deprecations inside of the exporter
             program = torch.onnx.export(
-                network, inputs, dynamo=True, opset_version=OPSET, input_names=list(INPUTS), output_names=[OUTPUT],
+                network, inputs, dynamo=True, opset_version=OPSET, input_names=names, output_names=outputs,
                 verbose=False,
             )  # fmt: skip
     finally:
@@ -112,13 +130,20 @@ def check_equal(
         PlatformError: The extra is not installed.
         BranchDriveError: The difference is larger than `TOLERANCE`.
     """
+    if reads_cameras(checkpoints):
+        found = _largest_camera_difference(content, CameraNetwork(checkpoints, release).eval(), release, partition)
+        return _equal(found)
     network = BankNetwork(checkpoints, release).eval()
 
     def predict(state: Array, controls: Array) -> Array:
         with torch.inference_mode():
             return network(torch.from_numpy(state), torch.from_numpy(controls)).numpy()  # type: ignore[no-any-return]
 
-    found = largest_difference(content, predict, contexts_of(release, partition))
+    return _equal(largest_difference(content, predict, contexts_of(release, partition)))
+
+
+def _equal(found: float) -> float:
+    """A difference that is small enough."""
     if not found <= TOLERANCE:
         raise BranchDriveError(
             f"the exported selector differs from torch by {found:g}, at most {TOLERANCE:g} is allowed"
@@ -160,6 +185,35 @@ def largest_difference(
     return largest
 
 
+def _largest_camera_difference(content: bytes, network: CameraNetwork, release: ModelLayer, partition: str) -> float:
+    """The same over the observations of the contexts: one by one exported, all at once in torch."""
+    encoders = {VIEWS: open_encoder(network.encoding)}
+    images = image_arrays(release, partition, InputContract.SENSOR, encoders)
+    session, largest = open_selector(content), 0.0
+    for views, mask, context in zip(
+        images[VIEWS], images[mask_of(VIEWS)], contexts_of(release, partition), strict=True
+    ):
+        history = dict(zip(network.reads, context, strict=False))
+        past = np.zeros((len(network.blank_step()), HISTORY_OBSERVATIONS - 1, network.images.step_width), np.float32)
+        for view, there in zip(views, mask, strict=True):
+            given = dict(zip(CAMERA_INPUTS, (view, there, past), strict=True))
+            found, past = session.run([OUTPUT, STEPS], given | history)
+        with torch.inference_mode():
+            steps = [network.images.encode_step(*map(torch.from_numpy, one)) for one in zip(views, mask, strict=True)]
+            window = torch.stack(steps, dim=1)
+            expected = network.rank(window, *map(torch.from_numpy, history.values())).numpy()
+        largest = max(largest, float((np.abs(found - expected) / np.maximum(1.0, np.abs(expected))).max()))
+    return largest
+
+
+def _first_observation(network: CameraNetwork) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """An observation without images after none."""
+    about, blank = ENCODINGS[network.encoding], network.blank_step()
+    views = torch.zeros((len(VIEW_CAMERAS), *about.shape), dtype=getattr(torch, about.dtype))
+    past = torch.zeros((len(blank), HISTORY_OBSERVATIONS - 1, network.images.step_width))
+    return views, torch.zeros(len(VIEW_CAMERAS), dtype=torch.bool), past
+
+
 def contexts_of(release: ModelLayer, partition: str, most: int | None = None) -> list[tuple[Array, Array]]:
     """Contexts of a partition in physical units, float32: ``state [16, 21]`` and ``controls [80, 3]`` of each."""
     found = release.sensor_inputs(partition)
@@ -170,7 +224,10 @@ def contexts_of(release: ModelLayer, partition: str, most: int | None = None) ->
 def _about(
     checkpoints: Sequence[Checkpoint], release: ModelLayer, scale: Scale, profiles: Mapping[str, Profile]
 ) -> dict[str, Any]:
+    images = checkpoints[0].configuration.model.images
+    seen = {"branchdrive.views": {"cameras": list(VIEW_CAMERAS), "encoding": images[VIEWS].encoding}}
     return {
+        **(seen if reads_cameras(checkpoints) else {}),
         "branchdrive.candidates": list(release.candidate_order),
         **{
             f"branchdrive.{name}": [{"name": one.name, "unit": one.unit} for one in HISTORIES[name].features]

@@ -44,7 +44,8 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
 from branchdrive.driving.feature import InputContract
 from branchdrive.driving.utility import Profile
-from branchdrive.errors import DatasetError
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive_reference.learning.image_encoding import BEV, ENCODINGS, STREAM_OF, VIEWS
 
 __all__ = [
     "MAX_WIDTH",
@@ -53,6 +54,7 @@ __all__ = [
     "Configuration",
     "DecisionConfig",
     "HistoryConfig",
+    "ImagesConfig",
     "ModelConfig",
     "PreferenceConfig",
     "TrainingConfig",
@@ -78,6 +80,12 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 _MAX_PLACE = 200
 _NOTHING_ELSE = ConfigDict(extra="forbid")
+
+
+def _encoding_name(name: str) -> str:
+    if name not in ENCODINGS:
+        raise ValueError(f"no image encoding {name!r:.80}; there are {', '.join(ENCODINGS)}")
+    return name
 
 
 def is_model_name(text: str) -> bool:
@@ -115,6 +123,31 @@ class ActionConfig:
 
     hidden_width: Width
     width: Width
+
+
+@dataclass(frozen=True)
+class ImagesConfig:
+    """Encoder of a history of images.
+
+    Attributes:
+        encoding: What of an image is read, see `branchdrive_reference.learning.image_encoding`.
+        image_width: Width of an encoded image.
+        step_width: Width of all images of one observation.
+        width: Width of the encoding of the history.
+        patch_width: Width of an encoded patch; ``None`` for an encoding without patches.
+    """
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    encoding: Annotated[str, AfterValidator(_encoding_name)]
+    image_width: Width
+    step_width: Width
+    width: Width
+    patch_width: Width | None = None
+
+    def __post_init__(self) -> None:
+        if ENCODINGS[self.encoding].has_patches != (self.patch_width is not None):
+            raise ValueError("a `patch_width` goes with an encoding of patches, and with no other")
 
 
 @dataclass(frozen=True)
@@ -157,11 +190,29 @@ class ModelConfig:
     history: HistoryConfig | None = None
     action: ActionConfig | None = None
     trees: TreesConfig | None = None
+    views: ImagesConfig | None = None
+    bev: ImagesConfig | None = None
+
+    def __post_init__(self) -> None:
+        for name, images in self.images.items():
+            if ENCODINGS[images.encoding].input != name:
+                raise ValueError(f"the encoding {images.encoding!r} is not one of `{name}`")
+            if self.trees is not None:
+                raise ValueError("trees read no images")
+            try:
+                InputContract.named(self.contract).admit_stream(STREAM_OF[name])
+            except UsageError as error:
+                raise ValueError(str(error)) from None
+
+    @property
+    def images(self) -> dict[str, ImagesConfig]:
+        """Encoders of images, by the name of their input."""
+        return {name: images for name, images in ((VIEWS, self.views), (BEV, self.bev)) if images is not None}
 
     @property
     def is_trained(self) -> bool:
         """Whether there are weights to train by descent."""
-        return self.trees is None and (self.history is not None or self.action is not None)
+        return self.trees is None and (self.history is not None or self.action is not None or bool(self.images))
 
     @property
     def reads_actions(self) -> bool:

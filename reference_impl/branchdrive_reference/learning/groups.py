@@ -7,9 +7,12 @@ An item is a dictionary of tensors, float32 and masks bool, which the default lo
                                       trajectory  [A, 10, 5]
     expert      [16, 4]               mixed and privileged contracts
     surroundings, surroundings_mask  [16, 11]     privileged contract
+    views [16, 6, *encoding], views_mask [16, 6]  where asked for
+    bev   [16, 1, *encoding], bev_mask   [16, 1]  where asked for, privileged contract
 
 Everything is normalised by the training scalings, except one-hots and flags, sines and cosines, actions and
-surroundings, which are as they are. No NaN is in an item: where a mask is false stands 0, to be left out of a loss.
+surroundings, which are as they are, and images, which are encoded and keep their type. No NaN is in an item: where a
+mask is false stands 0, to be left out of a loss.
 No identifier is in an item; `BranchGroupDataset.groups` has the group of each.
 
 Source: paper, "Model Inputs and Targets"; spec/12-model.md#contracts.
@@ -17,6 +20,7 @@ Source: paper, "Model Inputs and Targets"; spec/12-model.md#contracts.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +29,7 @@ import numpy as np
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
 from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive_reference.learning.image_inputs import image_arrays
 
 try:
     import torch
@@ -38,11 +43,16 @@ except ModuleNotFoundError as error:
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from branchdrive_reference.learning.image_encoder import ImageEncoder
+
 __all__ = ["BranchGroupDataset", "input_arrays"]
 
 
 class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
     """The branch groups of one partition under one input contract, in memory.
+
+    Images are read where encoders are given for them: ``views`` of the six surround cameras, ``bev`` of the semantic
+    bird's-eye view, see `branchdrive_reference.learning.image_encoder.open_encoder`.
 
     >>> from torch.utils.data import DataLoader
     >>> def loader(release: str) -> DataLoader:
@@ -54,7 +64,8 @@ class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
         contract: What the inputs may hold.
 
     Raises:
-        UsageError: No group is in the partition, or the release has not what the contract reads.
+        UsageError: No group is in the partition, the release has not what the contract reads, or the contract refuses
+            images.
         DatasetError: The release cannot be read.
     """
 
@@ -65,6 +76,7 @@ class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
         contract: InputContract | str = InputContract.SENSOR,
         *,
         variant: str | None = None,
+        images: Mapping[str, ImageEncoder] | None = None,
     ) -> None:
         layer = release if isinstance(release, ModelLayer) else open_model(release)
         self.groups = layer.groups(partition, variant)
@@ -74,6 +86,7 @@ class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
             raise UsageError(f"no group of the partition {partition!r} is in the variant {variant!r}")
         targets = layer.targets(partition, variant=variant, normalised=True)
         parts = input_arrays(layer, partition, contract, variant)
+        parts |= image_arrays(layer, partition, contract, images or {}, variant)
         parts["scalars"] = np.where(targets.scalars_available, targets.scalars, 0.0)
         parts["mask"] = targets.scalars_available
         parts["trajectory"] = targets.trajectories
@@ -132,5 +145,5 @@ def input_arrays(
 
 
 def _tensor(values: NDArray[Any]) -> torch.Tensor:
-    kept = values if values.dtype == np.bool_ else values.astype(np.float32)
+    kept = values if values.dtype in (np.bool_, np.uint8) else values.astype(np.float32)
     return torch.from_numpy(np.array(kept, order="C"))

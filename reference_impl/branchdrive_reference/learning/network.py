@@ -30,6 +30,7 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.learning.configuration import ActionConfig, HistoryConfig, ModelConfig
+from branchdrive_reference.learning.image_network import ImageHistoryEncoder
 from branchdrive_reference.learning.outcome import Outcome
 from branchdrive_reference.learning.stream import WEIGHTS, stream
 from branchdrive_reference.learning.trees import TreesNetwork
@@ -139,7 +140,10 @@ class OutcomeNetwork(nn.Module):
 
     def __init__(self, config: ModelConfig, num_action_features: int) -> None:
         super().__init__()
-        contexts = {HISTORY: HistoryEncoder(config.history)} if config.history is not None else {}
+        contexts: dict[str, HistoryEncoder | ImageHistoryEncoder] = {}
+        if config.history is not None:
+            contexts[HISTORY] = HistoryEncoder(config.history)
+        contexts |= {name: ImageHistoryEncoder(images) for name, images in config.images.items()}
         self.contexts = nn.ModuleDict(contexts)
         self._reads = {name: encoder.reads for name, encoder in contexts.items()}
         self.bank = None if config.action is None else ActionEncoder(config.action, num_action_features)

@@ -171,8 +171,13 @@ class _Watcher(threading.Thread):
 
 
 def _longest_first(tasks: Sequence[Task]) -> list[Task]:
-    """Tasks that read histories before others, so that no process ends with a long one alone."""
-    return sorted(tasks, key=lambda task: task.configuration.model.history is None)
+    """Tasks that read images before those of histories and others, so that no process ends with a long one alone."""
+
+    def briefness(task: Task) -> tuple[int, bool]:
+        model = task.configuration.model
+        return -len(model.images), model.history is None
+
+    return sorted(tasks, key=briefness)
 
 
 class _StoppedError(Exception):

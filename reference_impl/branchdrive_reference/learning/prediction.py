@@ -24,6 +24,7 @@ from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 from branchdrive_reference.learning.execution import deterministic, open_device
 from branchdrive_reference.learning.groups import input_arrays
+from branchdrive_reference.learning.image_inputs import image_arrays, image_encoders
 from branchdrive_reference.learning.network import Outcome
 from branchdrive_reference.learning.provenance import normalisation_digest
 
@@ -135,8 +136,10 @@ def _outcome(
 ) -> Outcome:
     check_release(checkpoint, layer)
     network = checkpoint.network().double().to(device)
-    contract = InputContract(checkpoint.configuration.model.contract)
+    model = checkpoint.configuration.model
+    contract = InputContract(model.contract)
     arrays = input_arrays(layer, partition, contract, variant)
+    arrays |= image_arrays(layer, partition, contract, image_encoders(model), variant)
     inputs = {name: torch.from_numpy(np.array(values)).to(device) for name, values in arrays.items()}
     if "actions" in network.reads:
         inputs["actions"] = torch.from_numpy(layer.actions()).double().to(device)

@@ -1,47 +1,43 @@
-"""Ranking the action bank from one context by the history-and-action models of several seeds, as one network.
+"""Ranking the action bank from one context by models of several seeds, as one network.
 
-Weights of the seeds are stacked, and both recurrences of every seed run side by side, so that a step of all is one
-batched product; narrower ones are padded with zeros, which keep their part of the state at 0. The bank is encoded
-when the ranker is made. Scaling is part of the network: contexts go in and scalars come out in their units.
-The prediction is the mean over seeds, and only scalars are computed, which are all that utility needs.
+The prediction is the mean over seeds, and only scalars are computed, which are all that utility needs. From cameras,
+the images of an observation become one step of each seed, the last 16 steps are kept, and a new observation costs its
+own images alone: ranking after it gives what ranking from all 96 images gives.
 
 Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" (outcome-derived selection, latency of the
-structured selector); stacking is this project's choice.
+structured selector); stacking and kept steps are this project's choice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor, nn
-from torch.nn import functional
 
+from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import Profile, Scale, utility
 from branchdrive.errors import UsageError
-from branchdrive.model.features import recorded_features
-from branchdrive.model.normalisation_document import Scalings
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.checkpoint import Checkpoint
-from branchdrive_reference.learning.network import (
-    ACTION,
-    HISTORY,
-    STEP_CONTROLS,
-    ActionEncoder,
-    Decoder,
-    HistoryEncoder,
-    OutcomeNetwork,
-    SequenceEncoder,
-)
+from branchdrive_reference.learning.image_encoder import open_encoder
+from branchdrive_reference.learning.image_encoding import ENCODINGS, STREAM_OF, VIEWS
+from branchdrive_reference.learning.image_network import ImageHistoryEncoder
+from branchdrive_reference.learning.network import HISTORY, ActionEncoder, Decoder, HistoryEncoder, OutcomeNetwork
 from branchdrive_reference.learning.prediction import check_release
+from branchdrive_reference.learning.stacked import StackedDecoder, StackedHistory, StackedImages
 
-__all__ = ["BankNetwork", "BankRanker", "Ranking"]
+__all__ = ["BankNetwork", "BankRanker", "CameraNetwork", "CameraRanker", "Ranking", "StepRing", "reads_cameras"]
 
 Array = NDArray[np.float64]
+
+VIEW_CAMERAS = STREAMS[STREAM_OF[VIEWS]].cameras
+"""Cameras of an observation, in the order of their images."""
 
 
 class Ranking(NamedTuple):
@@ -56,6 +52,13 @@ class Ranking(NamedTuple):
     order: NDArray[np.intp]
     utilities: Array
     scalars: Array
+
+    @classmethod
+    def of(cls, scalars: Tensor, scale: Scale, profile: Profile) -> Ranking:
+        """The ranking by predicted targets ``[A, 6]``."""
+        values = scalars.numpy().astype(np.float64)
+        utilities = utility(Targets(values, np.ones(values.shape, np.bool_)), scale, profile)
+        return cls(np.argsort(-utilities, kind="stable"), utilities, values)
 
 
 class BankRanker:
@@ -85,152 +88,202 @@ class BankRanker:
             state: ``[16, 21]`` in physical units.
             controls: ``[80, 3]`` in physical units.
         """
-        context = (torch.from_numpy(np.array(values, np.float32)) for values in (state, controls))
         with torch.inference_mode():
-            scalars = self.network(*context).numpy().astype(np.float64)
-        utilities = utility(Targets(scalars, np.ones(scalars.shape, np.bool_)), self._scale, self._profile)
-        return Ranking(np.argsort(-utilities, kind="stable"), utilities, scalars)
+            return Ranking.of(self.network(*_context(state, controls)), self._scale, self._profile)
+
+
+class CameraRanker:
+    """Ranks the candidates of the bank from what the cameras saw last; the quickest on one thread of torch.
+
+    Give it every observation as it comes, a quarter of a second apart. Before the first ones, no image is there.
+
+    Args:
+        checkpoints: Models of one configuration that read surround views and actions, and histories or not.
+        release: The release they were trained on; only scalings and encoded actions are read.
+        scale: Quantiles of the training targets.
+        profile: What is preferred.
+
+    Raises:
+        UsageError: A model reads something else, or was trained under another split or normalisation.
+        DatasetError: The release cannot be read.
+        PlatformError: The encoder of images is not on this machine.
+    """
+
+    def __init__(
+        self, checkpoints: Sequence[Checkpoint], release: ModelLayer, *, scale: Scale, profile: Profile
+    ) -> None:
+        self.network = CameraNetwork(checkpoints, release)
+        self._scale, self._profile = scale, profile
+        self._encoder = open_encoder(self.network.encoding)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all observations."""
+        with torch.inference_mode():
+            self._ring = StepRing(self.network.blank_step())
+
+    def observe(self, images: Mapping[str, bytes]) -> None:
+        """Take one observation: its images by camera; a camera that is left out has none.
+
+        Raises:
+            UsageError: There is no such camera.
+            DecodeError: One is no image.
+        """
+        if strange := sorted(images.keys() - set(VIEW_CAMERAS)):
+            raise UsageError(f"no camera {strange[0]!r}; there are {', '.join(VIEW_CAMERAS)}")
+        about = ENCODINGS[self.network.encoding]
+        values = np.zeros((len(VIEW_CAMERAS), *about.shape), about.dtype)
+        there = np.array([camera in images for camera in VIEW_CAMERAS])
+        values[there] = self._encoder.encode([images[camera] for camera in VIEW_CAMERAS if camera in images])
+        with torch.inference_mode():
+            self._ring.push(self.network.images.encode_step(torch.from_numpy(values), torch.from_numpy(there)))
+
+    def __call__(self, state: ArrayLike | None = None, controls: ArrayLike | None = None) -> Ranking:
+        """Rank from the last 16 observations.
+
+        Args:
+            state: ``[16, 21]`` in physical units, for a model that reads histories.
+            controls: ``[80, 3]`` in physical units, for a model that reads histories.
+
+        Raises:
+            UsageError: The model reads histories and has none, or has one and reads none.
+        """
+        given = [] if state is None or controls is None else _context(state, controls)
+        if len(given) != len(self.network.reads):
+            raise UsageError(f"the model reads {list(self.network.reads) or 'no history'}; give it that and no more")
+        with torch.inference_mode():
+            return Ranking.of(self.network.rank(self._ring.window(), *given), self._scale, self._profile)
+
+
+class StepRing:
+    """The last 16 steps of every seed, each in the place of the one before it 16 observations ago.
+
+    Args:
+        blank: The step of an observation without images, ``[seeds, step width]``.
+    """
+
+    def __init__(self, blank: Tensor) -> None:
+        self._steps = blank[:, None].repeat(1, HISTORY_OBSERVATIONS, 1)
+        self._oldest = 0
+
+    def push(self, step: Tensor) -> None:
+        """Put a step ``[seeds, step width]`` in the place of the oldest."""
+        self._steps[:, self._oldest] = step
+        self._oldest = (self._oldest + 1) % HISTORY_OBSERVATIONS
+
+    def window(self) -> Tensor:
+        """All steps, the oldest first, ``[seeds, 16, step width]``."""
+        return torch.cat([self._steps[:, self._oldest :], self._steps[:, : self._oldest]], dim=1)
 
 
 class BankNetwork(nn.Module):
     """Mean predicted scalars of the bank: ``state [16, 21]`` and ``controls [80, 3]`` to ``[A, 6]``, in their units.
 
-    It is made of tensor operations with fixed shapes alone, so that it can be traced and exported. A lane is one
-    recurrence of one seed; the lanes of a seed stand together, that of the state first.
+    It is made of tensor operations with fixed shapes alone, so that it can be traced and exported.
     See `BankRanker` for arguments and errors.
     """
 
-    bank: Tensor
-    state_recorded: Tensor | None
-    embed: Tensor
-    embed_bias: Tensor
-    embed_norm: Tensor
-    embed_shift: Tensor
-    input: Tensor
-    input_bias: Tensor
-    recurrence: Tensor
-    recurrence_bias: Tensor
-    history: Tensor
-    norm: Tensor
-    shift: Tensor
-    mix: Tensor
-    mix_bias: Tensor
-    scalars: Tensor
-    scalars_bias: Tensor
-    target_scale: Tensor
-    target_offset: Tensor
-
     def __init__(self, checkpoints: Sequence[Checkpoint], release: ModelLayer) -> None:
         super().__init__()
-        networks = [_network(checkpoint, release) for checkpoint in checkpoints]
-        if len({checkpoint.configuration.digest for checkpoint in checkpoints}) != 1:
-            raise UsageError(f"{len(checkpoints)} checkpoints are not seeds of one configuration")
-        encoders, decoders = [encoder for encoder, _, _ in networks], [decoder for _, _, decoder in networks]
-        lanes = [lane for encoder in encoders for lane in (encoder.state, encoder.controls)]
-        self._width = max(lane.recur.hidden_size for lane in lanes)
-        self._features = max(lane.embed.in_features for lane in lanes)
-        self._keep_scalings(release.scalings())
-        is_recorded = recorded_features("state", release.descriptor)
-        self.register_buffer("state_recorded", None if is_recorded.all() else torch.from_numpy(is_recorded))
-        actions = torch.from_numpy(release.actions())
+        networks = _networks(checkpoints, release)
+        if any(encoders.keys() != {HISTORY} for encoders, _, _ in networks):
+            raise UsageError(f"{checkpoints[0].provenance.model} is no model of histories and actions alone")
         with torch.no_grad():
-            self._keep_lanes(lanes)
-            self._keep("bank", [decoder.share(ACTION, bank(actions)) + decoder.bias for _, bank, decoder in networks])
-            self._keep_decoders(decoders, [lane.recur.hidden_size for lane in lanes[:2]])
+            self.history, self.decoder = _history(networks, release), _decoder(networks, release)
 
     def forward(self, state: Tensor, controls: Tensor) -> Tensor:
         """From a context in physical units."""
-        known = state if self.state_recorded is None else torch.where(self.state_recorded, state, 0.0)
-        scaled = self._scaled("state", known), self._scaled("controls", controls).reshape(-1, STEP_CONTROLS)
-        rows = torch.stack([functional.pad(part, (0, self._features - part.shape[1])) for part in scaled])
-        rows = rows.repeat(self.bank.shape[0], 1, 1)
-        steps = _normed(torch.baddbmm(self.embed_bias, rows, self.embed), self.embed_norm, self.embed_shift)
-        driven = torch.baddbmm(self.input_bias, functional.gelu(steps), self.input)
-        last = torch.zeros_like(driven[:, :1, : self._width])
-        for step in driven.split(1, dim=1):
-            last = self._next(step, last)
-        both = last.reshape(self.bank.shape[0], 1, -1)
-        total = torch.bmm(both, self.history) + self.bank
-        fused = functional.gelu(_normed(total, self.norm, self.shift))
-        fused = fused + functional.gelu(torch.baddbmm(self.mix_bias, fused, self.mix))
-        scalars = torch.baddbmm(self.scalars_bias, fused, self.scalars).mean(0)
-        return scalars * self.target_scale + self.target_offset
-
-    def _next(self, driven: Tensor, last: Tensor) -> Tensor:
-        """One step of a gated recurrence, reset and update gates first."""
-        recurred = torch.baddbmm(self.recurrence_bias, last, self.recurrence)
-        gates = 2 * self._width
-        reset, update = torch.sigmoid(driven[..., :gates] + recurred[..., :gates]).chunk(2, dim=2)
-        fresh = torch.tanh(driven[..., gates:] + reset * recurred[..., gates:])
-        return torch.lerp(fresh, last, update)
-
-    def _scaled(self, name: str, values: Tensor) -> Tensor:
-        offset, scale, limit = (getattr(self, f"{name}_{part}") for part in ("offset", "scale", "limit"))
-        return torch.minimum(torch.maximum((values - offset) / scale, -limit), limit)
-
-    def _keep_scalings(self, scalings: Scalings) -> None:
-        for name, scaling in (("state", scalings.state), ("controls", scalings.controls)):
-            for part in ("offset", "scale", "limit"):
-                self.register_buffer(f"{name}_{part}", _float32(getattr(scaling, part)))
-        is_scaled = np.isfinite(scalings.scalars.offset)
-        self.register_buffer("target_scale", _float32(np.where(is_scaled, scalings.scalars.scale, 0.0)))
-        self.register_buffer("target_offset", _float32(np.where(is_scaled, scalings.scalars.offset, 0.0)))
-
-    def _keep_lanes(self, lanes: Sequence[SequenceEncoder]) -> None:
-        width = self._width
-        self._keep("embed", [_padded(lane.embed.weight.T, self._features) for lane in lanes])
-        self._keep("embed_bias", [lane.embed.bias[None] for lane in lanes])
-        self._keep("embed_norm", [lane.norm.weight[None] for lane in lanes])
-        self._keep("embed_shift", [lane.norm.bias[None] for lane in lanes])
-        for name, kind in (("input", "ih"), ("recurrence", "hh")):
-            weights = [_gates(getattr(lane.recur, f"weight_{kind}_l0").T, width) for lane in lanes]
-            self._keep(name, weights if kind == "ih" else [_padded(weight, width) for weight in weights])
-            self._keep(f"{name}_bias", [_gates(getattr(lane.recur, f"bias_{kind}_l0")[None], width) for lane in lanes])
-
-    def _keep_decoders(self, decoders: Sequence[Decoder], widths: Sequence[int]) -> None:
-        self._keep(
-            "history",
-            [
-                torch.cat([_padded(part, self._width) for part in decoder.halves[HISTORY].T.split(list(widths))])
-                for decoder in decoders
-            ],
-        )
-        self._keep("norm", [decoder.norm.weight[None] for decoder in decoders])
-        self._keep("shift", [decoder.norm.bias[None] for decoder in decoders])
-        for name in ("mix", "scalars"):
-            layers = [getattr(decoder, name) for decoder in decoders]
-            self._keep(name, [layer.weight.T for layer in layers])
-            self._keep(f"{name}_bias", [layer.bias[None] for layer in layers])
-
-    def _keep(self, name: str, parts: Sequence[Tensor]) -> None:
-        """Keep one matrix of every lane or seed as one tensor."""
-        self.register_buffer(name, torch.stack(list(parts)).detach().contiguous())
+        scalars: Tensor = self.decoder(self.history(state, controls))
+        return scalars
 
 
-def _network(checkpoint: Checkpoint, release: ModelLayer) -> tuple[HistoryEncoder, ActionEncoder, Decoder]:
-    check_release(checkpoint, release)
-    network = checkpoint.network()
-    if isinstance(network, OutcomeNetwork) and network.bank is not None:
-        encoders = dict(network.contexts.items())
-        history = encoders.pop(HISTORY, None)
-        if isinstance(history, HistoryEncoder) and not encoders:
-            return history, network.bank, network.decoder
-    raise UsageError(f"{checkpoint.provenance.model} is no model of histories and actions alone")
+class CameraNetwork(nn.Module):
+    """Mean predicted scalars of the bank from steps of images, and from a history where the model reads one.
+
+    It is made of tensor operations with fixed shapes alone, so that it can be traced and exported.
+    See `CameraRanker` for arguments and errors.
+
+    Attributes:
+        encoding: Name of the encoding of its images.
+        reads: Names of the inputs of its history.
+    """
+
+    def __init__(self, checkpoints: Sequence[Checkpoint], release: ModelLayer) -> None:
+        super().__init__()
+        networks = _networks(checkpoints, release)
+        encoders = [found[VIEWS] for found, _, _ in networks if found.keys() - {HISTORY} == {VIEWS}]
+        images = [encoder for encoder in encoders if isinstance(encoder, ImageHistoryEncoder)]
+        if len(images) != len(networks):
+            raise UsageError(f"{checkpoints[0].provenance.model} is no model of surround views and actions")
+        has_history = HISTORY in networks[0][0]
+        self.encoding = checkpoints[0].configuration.model.images[VIEWS].encoding
+        self.reads = HistoryEncoder.reads if has_history else ()
+        with torch.no_grad():
+            self.images = StackedImages(images, [decoder for _, _, decoder in networks], VIEWS)
+            self.history = _history(networks, release) if has_history else None
+            self.decoder = _decoder(networks, release)
+
+    def forward(self, views: Tensor, mask: Tensor, past: Tensor, *history: Tensor) -> tuple[Tensor, Tensor]:
+        """One observation more.
+
+        Args:
+            views: Its encoded images ``[6, *encoding]``.
+            mask: Which of them there are ``[6]``.
+            past: Steps of the 15 observations before it, oldest first, ``[seeds, 15, step width]``.
+            history: ``state [16, 21]`` and ``controls [80, 3]`` in physical units, for a model that reads them.
+
+        Returns:
+            Targets ``[A, 6]``, and the steps of the last 15 observations, which are `past` next time.
+        """
+        steps = torch.cat([past, self.images.encode_step(views, mask)[:, None]], dim=1)
+        return self.rank(steps, *history), steps[:, 1:]
+
+    def rank(self, steps: Tensor, *history: Tensor) -> Tensor:
+        """Targets ``[A, 6]`` from the steps of a window ``[seeds, 16, step width]``, oldest first."""
+        context = self.images(steps)
+        if self.history is not None:
+            context = context + self.history(*history)
+        scalars: Tensor = self.decoder(context)
+        return scalars
+
+    def blank_step(self) -> Tensor:
+        """The step of an observation without images, ``[seeds, step width]``."""
+        about = ENCODINGS[self.encoding]
+        views = torch.zeros((len(VIEW_CAMERAS), *about.shape))
+        return self.images.encode_step(views, torch.zeros(len(VIEW_CAMERAS), dtype=torch.bool))
 
 
-def _normed(values: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    return functional.layer_norm(values, values.shape[-1:]) * weight + bias
+def reads_cameras(checkpoints: Sequence[Checkpoint]) -> bool:
+    """Whether models read surround views."""
+    return any(VIEWS in checkpoint.configuration.model.images for checkpoint in checkpoints)
 
 
-def _padded(matrix: Tensor, num_rows: int) -> Tensor:
-    """With rows of zeros below."""
-    return functional.pad(matrix, (0, 0, 0, num_rows - matrix.shape[0]))
+_Network = tuple[dict[str, nn.Module], ActionEncoder, Decoder]
 
 
-def _gates(matrix: Tensor, width: int) -> Tensor:
-    """Each of the three gates' columns with columns of zeros behind."""
-    return torch.cat([functional.pad(gate, (0, width - gate.shape[1])) for gate in matrix.chunk(3, dim=1)], dim=1)
+def _networks(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> list[_Network]:
+    """Encoders of contexts by name, encoder of actions and decoder of every seed."""
+    if len({checkpoint.configuration.digest for checkpoint in checkpoints}) != 1:
+        raise UsageError(f"{len(checkpoints)} checkpoints are not seeds of one configuration")
+    found = []
+    for checkpoint in checkpoints:
+        check_release(checkpoint, release)
+        network = checkpoint.network()
+        if not isinstance(network, OutcomeNetwork) or network.bank is None:
+            raise UsageError(f"{checkpoint.provenance.model} is no model of contexts and actions")
+        found.append((dict(network.contexts.items()), network.bank, network.decoder))
+    return found
 
 
-def _float32(values: Array) -> Tensor:
-    return torch.from_numpy(values.astype(np.float32))
+def _history(networks: Sequence[_Network], release: ModelLayer) -> StackedHistory:
+    encoders = [encoders[HISTORY] for encoders, _, _ in networks]
+    kept = [encoder for encoder in encoders if isinstance(encoder, HistoryEncoder)]
+    return StackedHistory(kept, [decoder for _, _, decoder in networks], release)
+
+
+def _decoder(networks: Sequence[_Network], release: ModelLayer) -> StackedDecoder:
+    return StackedDecoder([decoder for _, _, decoder in networks], [bank for _, bank, _ in networks], release)
+
+
+def _context(state: ArrayLike, controls: ArrayLike) -> list[Tensor]:
+    return [torch.from_numpy(np.array(values, np.float32)) for values in (state, controls)]

@@ -38,6 +38,7 @@ from branchdrive_reference.learning.configuration import Configuration, Training
 from branchdrive_reference.learning.decision import DecisionLoss
 from branchdrive_reference.learning.execution import deterministic, open_device
 from branchdrive_reference.learning.groups import BranchGroupDataset
+from branchdrive_reference.learning.image_inputs import image_encoders
 from branchdrive_reference.learning.loss import loss_terms
 from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, build_network, initialise
 from branchdrive_reference.learning.provenance import Provenance, provenance
@@ -87,8 +88,9 @@ def training_data(layer: ModelLayer, configuration: Configuration) -> dict[str, 
         UsageError: There is no training or validation group.
         DatasetError: The release cannot be read.
     """
-    contract = InputContract(configuration.model.contract)
-    return {name: BranchGroupDataset(layer, name, contract).tensors for name in ("train", "val")}
+    model = configuration.model
+    contract, encoders = InputContract(model.contract), image_encoders(model)
+    return {name: BranchGroupDataset(layer, name, contract, images=encoders).tensors for name in ("train", "val")}
 
 
 def train_model(

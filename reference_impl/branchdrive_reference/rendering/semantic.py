@@ -116,7 +116,7 @@ class SemanticView:
         x, y, yaw = (np.array([value]) for value in (snapshot.x_m, snapshot.y_m, snapshot.yaw_rad))
         own = self._corners(x, y, yaw, np.array([[snapshot.length_m, snapshot.width_m]]))
         ego = fixed_point(_placed(own, to_pixels))
-        wheeled = outlines[np.isin(bodies.actor_class, ("vehicle", "cycle"))]
+        wheeled = outlines[(bodies.actor_class == "vehicle") | (bodies.actor_class == "cycle")]
         people = outlines[bodies.actor_class == "pedestrian"]
         for group, channel in ((wheeled, SemanticChannel.OTHER_VEHICLE), (ego, SemanticChannel.EGO)):
             plane = np.zeros_like(image)

@@ -8,12 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.text import quote
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.errors import UsageError
 from branchdrive.raw.rollout import Rollout
 
 __all__ = ["Actors", "Recording", "Snapshot"]
 
 Array = NDArray[np.float64]
+
+_LARGEST = 1e7
+"""No number that is drawn is larger; the format ends positions here, in metres."""
 
 _UNKNOWN_HEIGHTS_M = {"vehicle": 1.6, "cycle": 1.7, "pedestrian": 1.75, "static": 1.2}
 """Where heights are not recorded."""
@@ -65,7 +70,11 @@ class Snapshot:
 
 
 class Recording:
-    """A rollout, to be looked at observation by observation."""
+    """A rollout, to be looked at observation by observation.
+
+    Raises:
+        UsageError: What is recorded cannot be drawn.
+    """
 
     def __init__(self, rollout: Rollout) -> None:
         self._rollout = rollout
@@ -85,6 +94,7 @@ class Recording:
         self._actor_class = column("actors", "actor_class")
         names = ("x_m", "y_m", "yaw_rad", "length_m", "width_m")
         self._actors = np.stack([column("actors", name).astype(float) for name in names], axis=1)
+        self._check(rollout)
         unknown = np.array([_UNKNOWN_HEIGHTS_M[name] for name in self._actor_class])
         recorded_m: Array = np.ma.filled(np.ma.asarray(column("actors", "height_m"), dtype=float), np.nan)
         self._height_m = np.where(np.isfinite(recorded_m), recorded_m, unknown)
@@ -95,10 +105,21 @@ class Recording:
         steps = np.hypot(*np.diff(self._route_m, axis=0).T)
         self._route_arc_m = np.concatenate([np.zeros(1), np.cumsum(steps)])
 
-    @property
-    def rollout_id(self) -> str:
-        """Identity of the rollout."""
-        return self._rollout.rollout_id
+    def _check(self, rollout: Rollout) -> None:
+        """Refuse what cannot be drawn: a picture is no judgement of a dataset, so the bounds are wide."""
+        route = [rollout.record["route_x_m"], rollout.record["route_y_m"]]
+        faults = {
+            "a route without two whole vertices": len({*map(len, route)}) != 1 or len(route[0]) < 2,
+            "actors of unknown classes": not {*self._actor_class} <= {*_UNKNOWN_HEIGHTS_M},
+            "poses or extents that are no numbers": not all(
+                (np.abs(values) <= _LARGEST).all() for values in (self._pose, self._actors, self._extents, *route)
+            ),
+        }
+        found = [fault for fault, is_there in faults.items() if is_there]
+        if found:
+            raise UsageError(
+                f"rollout {quote(rollout.rollout_id)} cannot be drawn: it has {found[0]}; run `branchdrive-validate`"
+            )
 
     def window(self, offsets: Sequence[int] | None) -> list[int]:
         """Ticks of observations at some offsets from the branch; all ticks without offsets, none without a branch."""

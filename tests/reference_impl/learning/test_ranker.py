@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from tests.reference_impl.learning.small_models import SEEDS, SMALL, make_release, small
 
 from branchdrive import UsageError, open_model
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, Profile, Scale, fit_scale, utility
+from branchdrive_reference.benchmark.camera_latency import camera_contexts, plain_camera_selector
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.prediction import predict
-from branchdrive_reference.learning.ranker import BankRanker
+from branchdrive_reference.learning.ranker import BankRanker, CameraRanker, StepRing
 from branchdrive_reference.learning.training import train_model
 
 
@@ -60,6 +63,78 @@ def test_one_seed_will_do(release: Path, trained: list[Checkpoint], scale: Scale
     ranker = BankRanker(trained[1:2], layer, scale=scale, profile=PROFILES["safety"])
     found = ranker(inputs.state[0], inputs.controls[0]).scalars
     np.testing.assert_allclose(found, one.scalars[0], rtol=1e-5, atol=2e-4)
+
+
+@pytest.fixture(scope="module", params=["M4", "M5"])
+def seeing(request: pytest.FixtureRequest, visual_release: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    folder, configuration = tmp_path_factory.mktemp("seeing"), small(request.param, max_epochs=2)
+    return [train_model(visual_release, folder, configuration, seed=seed) for seed in SEEDS[:2]]
+
+
+def observations(release: Path, group: int) -> list[dict[str, bytes]]:
+    """Images of every observation of a validation group, by camera."""
+    images = open_model(release).images("sensor", "rgb_surround", "val")
+    return [{camera: images.read(group, step, c) for c, camera in enumerate(images.cameras)} for step in range(16)]
+
+
+def test_one_observation_more_gives_what_the_whole_window_gives(
+    visual_release: Path, seeing: list[Checkpoint], scale: Scale
+) -> None:
+    layer, profile = open_model(visual_release), PROFILES["balanced"]
+    ranker = CameraRanker(seeing, layer, scale=scale, profile=profile)
+    inputs = layer.sensor_inputs("val")
+    history = (inputs.state[0], inputs.controls[0]) if ranker.network.reads else ()
+    seen = observations(visual_release, 0)
+    for images in (*reversed(seen), *seen):  # the window is the last 16 of them
+        ranker.observe(images)
+    found = ranker(*history)
+    whole = CameraRanker(seeing, layer, scale=scale, profile=profile)
+    for images in seen:
+        whole.observe(images)
+    np.testing.assert_array_equal(found.scalars, whole(*history).scalars)
+    mean = np.mean([one.scalars for one in predict(seeing, layer, "val")], axis=0)
+    np.testing.assert_allclose(found.scalars, mean[0], rtol=1e-4, atol=2e-4)
+    assert (np.diff(found.utilities[found.order]) <= 0).all()
+
+
+def test_the_whole_window_is_timed_by_what_it_predicts(visual_release: Path, seeing: list[Checkpoint]) -> None:
+    layer = open_model(visual_release)
+    (context,) = camera_contexts(layer, "val", 1)
+    assert [len(images) for images in context.window] == [6] * 16
+    mean = np.mean([one.scalars for one in predict(seeing, layer, "val")], axis=0)
+    np.testing.assert_allclose(plain_camera_selector(seeing, layer)(*context), mean[0], rtol=1e-4, atol=2e-4)
+
+
+def test_what_was_never_seen_counts_as_no_image(visual_release: Path, seeing: list[Checkpoint], scale: Scale) -> None:
+    layer = open_model(visual_release)
+    ranker = CameraRanker(seeing, layer, scale=scale, profile=PROFILES["balanced"])
+    inputs = layer.sensor_inputs("val")
+    history = (inputs.state[0], inputs.controls[0]) if ranker.network.reads else ()
+    nothing = ranker(*history).scalars
+    for _ in range(20):
+        ranker.observe({})
+    np.testing.assert_array_equal(ranker(*history).scalars, nothing)
+    ranker.observe(observations(visual_release, 0)[0])
+    assert (ranker(*history).scalars != nothing).any()
+    ranker.reset()
+    np.testing.assert_array_equal(ranker(*history).scalars, nothing)
+    with pytest.raises(UsageError, match="no camera 'bev'; there are front, front_left"):
+        ranker.observe({"bev": b""})
+    with pytest.raises(UsageError, match="give it that and no more"):
+        ranker(*() if history else (inputs.state[0], inputs.controls[0]))
+
+
+def test_a_ring_keeps_the_last_sixteen_in_order() -> None:
+    ring = StepRing(torch.zeros(2, 3))
+    for number in range(1, 21):
+        ring.push(torch.full((2, 3), float(number)))
+        expected = [max(number - 15 + step, 0) for step in range(16)]
+        assert ring.window()[1, :, 2].tolist() == expected
+
+
+def test_other_models_rank_from_no_cameras(release: Path, trained: list[Checkpoint], scale: Scale) -> None:
+    with pytest.raises(UsageError, match="M3 is no model of surround views and actions"):
+        CameraRanker(trained, open_model(release), scale=scale, profile=PROFILES["balanced"])
 
 
 def test_other_models_are_refused(release: Path, trained: list[Checkpoint], scale: Scale, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import tarfile
 from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
@@ -16,7 +17,7 @@ from tests.synthetic_map import map_descriptor, map_tables
 from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.errors import DatasetError, UsageError
+from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
@@ -151,6 +152,14 @@ def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> 
     assert files(copy) == files(rendered.root)
 
 
+def test_media_that_do_not_fit_on_the_disk_are_refused(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    before = files(copy)
+    with pytest.raises(PlatformError, match=r"about 0\.0 GB do not fit"):
+        render_dataset(copy, PLAN)
+    assert files(copy) == before
+
+
 def test_changed_files_are_refused(copy: Path) -> None:
     path = copy / "raw/shard-00000/controls.parquet"
     pq.write_table(pq.read_table(path), path, compression="NONE")
@@ -161,6 +170,11 @@ def test_changed_files_are_refused(copy: Path) -> None:
 def test_other_media_are_refused(rendered: RenderReport) -> None:
     with pytest.raises(UsageError, match="has media already: semantic_bev"):
         render_dataset(rendered.root, MediaPlan(cameras_of(("rgb_surround",))))
+
+
+def test_further_observations_are_other_media(rendered: RenderReport) -> None:
+    with pytest.raises(UsageError, match="has media already"):
+        render_dataset(rendered.root, MediaPlan(PLAN.cameras, "all"))
 
 
 def command(*arguments: object) -> tuple[int, str, str]:

@@ -16,7 +16,6 @@ import pytest
 from tests.each import each
 from tests.sampling import sampled
 
-from branchdrive.cli import entry as entry_points
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
 from branchdrive.contract.document import schema_mismatches
@@ -288,24 +287,6 @@ def test_a_rule_is_explained(rule_id: str) -> None:
 
 
 # --- interrupts and bugs
-
-
-@pytest.mark.parametrize(
-    ("point", "prog"), [(entry_points.main, "branchdrive"), (entry_points.validate_main, "branchdrive-validate")]
-)
-def test_an_interrupt_while_the_commands_are_loaded_is_one_line(
-    point: Callable[[], int], prog: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class Interrupts:
-        def find_spec(self, name: str, *_: object) -> None:
-            if name == "branchdrive.cli.main":
-                raise KeyboardInterrupt
-
-    monkeypatch.delattr("branchdrive.cli.main")
-    monkeypatch.delitem(sys.modules, "branchdrive.cli.main")
-    monkeypatch.setattr(sys, "meta_path", [Interrupts(), *sys.meta_path])
-    assert point() == 130
-    assert capsys.readouterr() == ("", f"{prog}: interrupted\n")
 
 
 @each_entry

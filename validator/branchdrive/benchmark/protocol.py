@@ -34,10 +34,11 @@ __all__ = [
     "MAX_DRAWS", "MAX_MEMBERS", "MAX_OWNERS", "MAX_REDRAWS", "MAX_SHUFFLED", "BenchmarkProtocol", "DeclaredFamily",
     "DeclaredModel", "Guard", "Member", "Partitions", "ProfileWeights", "SelectedOutcomes", "Shuffles", "Statistics",
     "default_protocol", "protocol_digest", "protocol_problem", "read_protocol",
+    "visual_protocol",
 ]  # fmt: skip
 
-NORMATIVE = "benchmark-protocol.json"
-"""The protocol of this version, among the schemas."""
+NORMATIVE, VISUAL = "benchmark-protocol.json", "benchmark-protocol-visual.json"
+"""The protocol of this version, and that with the models of images, among the schemas."""
 
 PROTOCOL_SCHEMA = "protocol.schema.json"
 
@@ -77,6 +78,7 @@ class DeclaredModel(ProtocolPart):
         contract: Input contract under which it reads.
         seeds: Seeds of its trainings; one for a model that learns no weights.
         configuration: What it and its training are made of, in terms of the software that trains it.
+        reported_apart: ``True`` for a model that reads what no vehicle has; tables have it by itself.
     """
 
     id: str
@@ -84,6 +86,7 @@ class DeclaredModel(ProtocolPart):
     contract: str
     seeds: Annotated[tuple[Integer, ...], Field(strict=False, min_length=1)]
     configuration: dict[str, Any]
+    reported_apart: Literal[True] | None = None
 
     @property
     def config_digest(self) -> str:
@@ -351,13 +354,13 @@ def _judged(document: Any) -> BenchmarkProtocol | str:
         found = BenchmarkProtocol.model_validate(document)
     except ValidationError as error:
         return str(error.errors(include_url=False, include_context=False)[0]["msg"]).removeprefix("Value error, ")
-    normative = load_resource(NORMATIVE)
-    is_called_so = (found.name, found.version) == (normative["name"], normative["version"])
-    if is_called_so and protocol_digest(found) != protocol_digest(normative):
-        return (
-            f"it is called {found.name!r} {found.version} and is not the protocol of that name and version; "
-            "give it a name of its own"
-        )
+    for normative in map(load_resource, (NORMATIVE, VISUAL)):
+        is_called_so = (found.name, found.version) == (normative["name"], normative["version"])
+        if is_called_so and protocol_digest(found) != protocol_digest(normative):
+            return (
+                f"it is called {found.name!r} {found.version} and is not the protocol of that name and version; "
+                "give it a name of its own"
+            )
     return found
 
 
@@ -365,6 +368,12 @@ def _judged(document: Any) -> BenchmarkProtocol | str:
 def default_protocol() -> BenchmarkProtocol:
     """The normative protocol of this version, ``schemas/v0.1/benchmark-protocol.json``."""
     return read_protocol(load_resource(NORMATIVE))
+
+
+@cache
+def visual_protocol() -> BenchmarkProtocol:
+    """The normative protocol with M4, M5 and M6, ``schemas/v0.1/benchmark-protocol-visual.json``."""
+    return read_protocol(load_resource(VISUAL))
 
 
 def protocol_digest(document: Mapping[str, Any] | BenchmarkProtocol) -> str:

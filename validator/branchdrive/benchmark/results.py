@@ -87,7 +87,8 @@ def results_document(
 def _model_record(protocol: BenchmarkProtocol, model: str, seeds: Sequence[int]) -> dict[str, Any]:
     declared = protocol.model(model)
     title = model if declared is None else declared.title
-    return {"id": model, "title": title, "seeds": list(seeds), "declared": declared is not None}
+    record = {"id": model, "title": title, "seeds": list(seeds), "declared": declared is not None}
+    return record | ({"reported_apart": True} if declared is not None and declared.reported_apart else {})
 
 
 def noise_record(noise: OutcomeNoise) -> dict[str, Any]:

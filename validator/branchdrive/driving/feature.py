@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-from branchdrive.contract.columns import TABLES, Column
+from branchdrive.contract.columns import STREAMS, TABLES, Column, Stream
 from branchdrive.errors import UsageError
 
 __all__ = ["MIXED_PROFILE", "SENSOR_PROFILE", "Feature", "InputContract", "Profile"]
@@ -76,6 +76,24 @@ class InputContract(Enum):
             raise UsageError(
                 f"column `{table}.{column}` is of track {declared.track!r} and the input contract {self.value!r} "
                 f"admits {admitted}; take it out of the profile or choose another contract"
+            )
+        return declared
+
+    def admit_stream(self, name: str) -> Stream:
+        """The declaration of a stream of images that the contract admits.
+
+        Raises:
+            UsageError: There is no such stream, or its track is not admitted.
+        """
+        declared = STREAMS.get(name)
+        if declared is None or not declared.cameras:
+            there = ", ".join(stream.name for stream in STREAMS.values() if stream.cameras)
+            raise UsageError(f"no stream of images {name!r}; there are {there}")
+        if declared.track not in self.tracks:
+            admitted = ", ".join(self.tracks)
+            raise UsageError(
+                f"stream `{name}` is of track {declared.track!r} and the input contract {self.value!r} admits "
+                f"{admitted}; leave the images out or choose another contract"
             )
         return declared
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
@@ -31,6 +32,7 @@ from branchdrive.formats.untrusted import Links, linked_folders, read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
 from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
+from branchdrive.model.images import ImageHistory
 from branchdrive.model.normalisation_document import Scalings, scalings_of
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
@@ -197,6 +199,25 @@ class ModelLayer:
         values = np.ma.getdata(packed) if declared.is_required(self.descriptor.unrecorded) else packed
         return values if table == "actions" else values[self._rows(partition, variant)]
 
+    def images(
+        self, contract: InputContract | str, stream: str, partition: str | None = None, *, variant: str | None = None
+    ) -> ImageHistory:
+        """Images of a stream at the 16 observations of the history, cameras in the order of the stream.
+
+        They lie in the raw layer and are read one by one.
+
+        Raises:
+            UsageError: As `groups`; the contract refuses the stream, as `sensor` does ``semantic_bev``; or the dataset
+                does not claim it.
+            DatasetError: The media index cannot be read or packed.
+        """
+        declared = InputContract.named(contract).admit_stream(stream)
+        if stream not in self.descriptor.streams:
+            claimed = [name for name in self.descriptor.streams if STREAMS[name].cameras]
+            raise UsageError(f"{self.root}: has no images of the stream {stream!r}; it claims {claimed}")
+        groups = self.groups(partition, variant)
+        return ImageHistory(self.root, self.descriptor, self._media_index, groups, declared.cameras, links=self._links)
+
     def scalings(self) -> Scalings:
         """Scalings that were fitted on training groups, to normalise and to invert."""
         return self._scalings
@@ -292,6 +313,10 @@ class ModelLayer:
 
     def _history(self, table: str) -> Array:
         return arrays.pack_history(self._frame(table), table, self._group_ids)
+
+    @cached_property
+    def _media_index(self) -> dict[str, Values]:
+        return self._frame("media_index")
 
     @cached_property
     def _state(self) -> Array:

@@ -21,6 +21,7 @@ from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
 from branchdrive.contract.resources import load_resource
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, OBSERVATION_STRIDE_TICKS
+from branchdrive.testing.cameras import camera_lists
 from branchdrive.testing.conforming import conforming, matching
 
 if TYPE_CHECKING:
@@ -202,14 +203,6 @@ def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
 
 
 @st.composite
-def _camera_documents(draw: DrawFn, name: str, stream: str) -> Document:
-    """A camera of a stream, of one of the projections that the stream may have."""
-    nodes = [load_resource("descriptor.schema.json")["$defs"][f"{kind}_camera"] for kind in ("pinhole", "top_down")]
-    of_stream = [node for node in nodes if stream in node["properties"]["stream"]["enum"]]
-    return draw(conforming(draw(st.sampled_from(of_stream)), name=st.just(name), stream=st.just(stream)))
-
-
-@st.composite
 def descriptor_documents(draw: DrawFn) -> Document:
     """Descriptors of small banks, optional properties there or not."""
     document = draw(_unclaiming_descriptor_documents())
@@ -218,12 +211,8 @@ def descriptor_documents(draw: DrawFn) -> Document:
     required = [name for name, stream in STREAMS.items() if stream.required]
     optional = [name for name in STREAMS if name not in required]
     document["streams"] = draw(st.permutations([*required, *sorted(draw(st.sets(st.sampled_from(optional))))]))
-    streams = {camera: name for name in document["streams"] for camera in STREAMS[name].cameras}
-    if streams:
-        others = draw(st.sets(identifiers(), max_size=2)) - set(streams)
-        streams |= {name: draw(st.sampled_from(sorted(set(streams.values())))) for name in sorted(others)}
-        cameras = [draw(_camera_documents(name, stream)) for name, stream in sorted(streams.items())]
-        document["cameras"] = draw(st.permutations(cameras))
+    if cameras := draw(camera_lists(document["streams"])):
+        document["cameras"] = cameras
     return document
 
 

@@ -43,6 +43,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_device(args.device)
     if not args.no_figures:
         need_plots()
+    from branchdrive_reference.benchmark.document import untrained_sentence
     from branchdrive_reference.benchmark.evaluation import evaluate_published
     from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step
 
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             workspace, protocol, models=None, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=progress,
         )  # fmt: skip
-        stderr.write(sentence(trained))
+        stderr.write(sentence(trained, untrained_sentence(workspace.release, protocol)))
         lock_step(workspace, protocol)
         workspace = predict_step(workspace, protocol, device=args.device, progress=progress)
         with progress("evaluating") as show:

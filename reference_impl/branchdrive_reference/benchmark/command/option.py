@@ -35,7 +35,8 @@ def add_protocol(parser: argparse.ArgumentParser) -> None:
     """Another protocol than the default one."""
     parser.add_argument(
         "--protocol", metavar="FILE", type=Path,
-        help="benchmark protocol as JSON (default: the one in use in the release, else that of this version)",
+        help="benchmark protocol as JSON, or `structured` or `visual` for those of this version (default: the one in "
+        "use in the release, else `visual` where it has images and `structured` where not)",
     )  # fmt: skip
 
 

@@ -80,45 +80,6 @@ def test_a_broken_rollout_hides_its_own_later_faults_only(tmp_path: Path, base: 
         assert tallies[rule_id].total == base[rule_id].total
 
 
-def _renamed(draft: Draft, old: str, new: str) -> None:
-    for table in ("rollouts", *STREAMS):
-        draft.set(table, "rollout_id", new, rollout_id=old)
-
-
-def test_an_identity_in_two_shards_costs_both_groups(tmp_path: Path, base: dict[str, Tally]) -> None:
-    """No row says which of the two attempts is meant, so that neither is examined further."""
-    draft = new_draft()
-    _renamed(draft, "g2.brake_0.50.a1", BRAKE)
-    misapply(draft, BRAKE)
-    report = report_of(draft, tmp_path)
-    tallies = {tally.rule_id: tally for tally in report.tallies}
-    assert failed(tallies) == {"BD-KEY-001": 1}
-    assert tallies["BD-CTL-008"].examined == base["BD-CTL-008"].examined - 2
-    assert report.funnel is not None
-    assert report.funnel.lost == {"bank": 2}
-    assert report.funnel.reasons["bank"] == {"BD-KEY-001": 2}
-
-
-def test_an_identity_in_two_shards_costs_nothing_where_another_attempt_stands_for_it(tmp_path: Path) -> None:
-    draft = new_draft()
-    draft.copy_attempt(BRAKE, "g0.brake_0.50.a2", attempt=2)
-    _renamed(draft, "g2.brake_0.50.a1", BRAKE)
-    funnel = report_of(draft, tmp_path).funnel
-    assert funnel is not None
-    assert funnel.reasons["bank"] == {"BD-KEY-001": 1}
-    assert funnel.lost == {"bank": 1}
-
-
-def test_a_group_in_two_shards_is_lost(tmp_path: Path) -> None:
-    draft = new_draft()
-    draft.copy_attempt(BRAKE, "g2.other", attempt=7)
-    draft.set("rollouts", "group_id", "g2", rollout_id="g2.other")
-    report = report_of(draft, tmp_path)
-    assert {tally.rule_id for tally in report.tallies if tally.num_findings} >= {"BD-KEY-003"}
-    assert report.funnel is not None
-    assert report.funnel.reasons["bank"]["BD-KEY-003"] == 2
-
-
 def test_structure_rules_do_not_exclude_from_each_other(tmp_path: Path) -> None:
     draft = new_draft()
     draft.set("observations", "x_m", math.inf, rollout_id=BRAKE, tick=0)

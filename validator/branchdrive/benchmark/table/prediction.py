@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from branchdrive.benchmark.metric.metric import HEADLINES, METRICS_OF_TARGETS
 from branchdrive.benchmark.table.cell import BCA, BY_CLUSTERS, Document, ends_of, number, spread_over_seeds
 from branchdrive.benchmark.table.comparison import comparison_table
@@ -14,6 +16,11 @@ from branchdrive.text.table import Column, Table
 __all__ = ["prediction_tables"]
 
 _INTERVALS = (("route clusters", BY_CLUSTERS), ("groups", ("low", "high")), ("groups, BCa", BCA))
+_DAGGER = "†"
+_PRIVILEGED = (
+    f"{_DAGGER} reads what no sensor of the vehicle tells, and is compared with nothing but what families declare: it "
+    "shows how much a context can be worth, not what a vehicle reaches."
+)
 _SYMBOLS = ", ".join(f"{target.symbol} is `{target.name}`" for target in TARGETS)
 
 
@@ -22,7 +29,7 @@ def prediction_tables(results: Document) -> list[Table]:
     return [
         _population(results),
         *description_tables(results),
-        _headlines(results),
+        *_headlines(results),
         _intervals(results),
         *(_of_targets(results, metric) for metric in METRICS_OF_TARGETS),
         comparison_table("Comparisons of models", results["prediction"]),
@@ -45,22 +52,39 @@ def _estimates(results: Document) -> dict[tuple[str, str], Document]:
 
 def _titles(results: Document) -> dict[str, str]:
     return {
-        model["id"]: f"{model['id']} {model['title'] if model['declared'] else '(not declared)'}"
+        model["id"]: f"{model['id']}{_DAGGER if _is_apart(model) else ''} "
+        f"{model['title'] if model['declared'] else '(not declared)'}"
         for model in results["models"]
     }
 
 
-def _headlines(results: Document) -> Table:
+def _is_apart(model: Document) -> bool:
+    return "reported_apart" in model
+
+
+def _headlines(results: Document) -> list[Table]:
+    """The paper's table; models that are reported apart have one of their own behind it."""
+    apart = {model["id"] for model in results["models"] if _is_apart(model)}
+    titles = _titles(results)
+    judged = {model: title for model, title in titles.items() if model not in apart}
+    tables = [_headline_table(results, "Prediction", judged)]
+    if apart:
+        alone = {model: titles[model] for model in titles if model in apart}
+        tables.append(_headline_table(results, "Prediction, privileged", alone, _PRIVILEGED))
+    return tables
+
+
+def _headline_table(results: Document, heading: str, titles: Mapping[str, str], *notes: str) -> Table:
     found, sizes = _estimates(results), parameter_texts(results)
     rows = []
-    for model, title in _titles(results).items():
+    for model, title in titles.items():
         values = [found[model, metric.name] for metric in HEADLINES]
         groups = min(value["num_groups"] for value in values)
         size = [] if sizes is None else [sizes[model]]
         rows.append([title, *size, *(spread_over_seeds(v["value"], v["seed_sd"]) for v in values), str(groups)])
     params = [] if sizes is None else [Column("Params, M")]
     columns = [Column.name("Model"), *params, *(Column(metric.heading) for metric in HEADLINES), Column("N groups")]
-    return Table("Prediction", columns, rows)
+    return Table(heading, columns, rows, notes)
 
 
 def _intervals(results: Document) -> Table:

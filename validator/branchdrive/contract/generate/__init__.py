@@ -51,8 +51,8 @@ def generated_files(root: Path) -> dict[Path, str]:
     schemas = root / "schemas" / f"v{SPEC_VERSION}"
     for name, schema in (record_schemas() | metric_schemas()).items():
         files[schemas / name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
-    protocol = schemas / "benchmark-protocol.json"
-    files[protocol] = protocol_text(protocol.read_text(encoding="utf-8"))
+    for protocol in sorted(schemas.glob("benchmark-protocol*.json")):
+        files[protocol] = protocol_text(protocol.read_text(encoding="utf-8"))
     return files
 
 

@@ -140,7 +140,7 @@ def metric_schemas() -> dict[str, dict[str, Any]]:
 
 
 def protocol_text(text: str) -> str:
-    """Text of `benchmark-protocol.json` with its metrics."""
+    """Text of a normative protocol with its metrics."""
     names = metric_names(load_resource("benchmark-protocol.json")["targets"])
     listed = ",".join(f'\n    "{name}"' for name in names)
     return _LIST.sub(rf"\g<1>{listed}\g<2>", text)

@@ -1,0 +1,109 @@
+"""Images of the histories of groups: which there are, and their bytes when they are asked for.
+
+An image is found through the media index of the model layer and read by itself, one range of one file. What is read
+is held against the checksum of the index, so that nobody works on other images than those that the release lists.
+
+Source: paper, "Release Structure" (modality paths); spec/12-model.md#media.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.timing import HISTORY_OFFSETS
+from branchdrive.errors import DatasetError
+from branchdrive.formats.untrusted import Links
+from branchdrive.raw.media_folder import ImagePlace, MediaFolder
+from branchdrive.tables.frame import Values
+
+__all__ = ["ImageHistory"]
+
+
+class ImageHistory:
+    """The images of some cameras over the 16 observations up to the branch, of some groups.
+
+    Attributes:
+        groups: Ids of the groups, ``N`` of them.
+        cameras: Names of the cameras, ``C`` of them.
+        available: Which images the release has, ``[N, 16, C]``.
+        checksums: Checksums of the index, ``[N, 16, C]`` of text; empty where there is no image.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        descriptor: Descriptor,
+        index: Mapping[str, Values],
+        groups: Sequence[str],
+        cameras: Sequence[str],
+        *,
+        links: Links = None,
+    ) -> None:
+        self.groups, self.cameras = tuple(groups), tuple(cameras)
+        self._root, self._descriptor, self._index, self._links = root, descriptor, index, links
+        self._row = _packed(root, index, self.groups, self.cameras)
+        self.available: NDArray[np.bool_] = self._row >= 0
+        known = np.concatenate([np.asarray(index["checksum"], object), [""]])
+        self.checksums: NDArray[np.object_] = known[self._row]
+
+    def read(self, group: int, step: int, camera: int) -> bytes:
+        """Bytes of one image, by its place on the axes of `available`.
+
+        Raises:
+            DatasetError: There is none, it cannot be read, or it is not the one of the index.
+        """
+        row = int(self._row[group, step, camera])
+        if row < 0:
+            raise DatasetError(
+                f"{self._root}: group {self.groups[group]!r} has no image of `{self.cameras[camera]}` at the "
+                f"observation {HISTORY_OFFSETS[step]} ticks from its branch"
+            )
+        return self._read([row])[0]
+
+    def read_all(self, group: int) -> list[bytes]:
+        """Bytes of all images that a group has, step by step and camera by camera; errors as `read`."""
+        return self._read(self._row[group][self.available[group]].tolist())
+
+    def __repr__(self) -> str:
+        return f"ImageHistory({len(self.groups)} groups, {', '.join(self.cameras)}: {int(self.available.sum())} images)"
+
+    def _read(self, rows: Iterable[int]) -> list[bytes]:
+        places: dict[str, list[ImagePlace]] = {}  # a group lies in one shard
+        for row in rows:
+            place = ImagePlace(*(self._index[name][row] for name in ImagePlace._fields))
+            places.setdefault(str(self._index["shard"][row]), []).append(place)
+        found: list[bytes] = []
+        for shard, there in places.items():
+            if not (self._root / shard).is_dir():
+                raise DatasetError(
+                    f"{self._root}: {shard!r} is not here, and images lie in the raw layer; use the release in place"
+                )
+            folder = MediaFolder(self._root, shard, self._descriptor.cameras_by_name, self._links)
+            found += folder.read_all(there)
+        return found
+
+
+def _packed(
+    root: Path, index: Mapping[str, Values], groups: Sequence[str], cameras: Sequence[str]
+) -> NDArray[np.int64]:
+    """Row of the index of every image ``[N, 16, C]``, -1 where there is none."""
+    found = np.full((len(groups), len(HISTORY_OFFSETS), len(cameras)), -1, np.int64)
+    place, camera_of = ({name: i for i, name in enumerate(names)} for names in (groups, cameras))
+    step_of = {offset: step for step, offset in enumerate(HISTORY_OFFSETS)}
+    keys = zip(index["group_id"].tolist(), index["offset_ticks"].tolist(), index["camera"].tolist(), strict=True)
+    for row, (group, offset, camera) in enumerate(keys):
+        if group not in place or camera not in camera_of:
+            continue
+        where = place[group], step_of.get(offset, -1), camera_of[camera]
+        if where[1] < 0 or found[where] >= 0:
+            raise DatasetError(
+                f"{root}: the media index has another or a second row for `{camera}` of group {group!r} at {offset} "
+                "ticks; run `branchdrive-validate`"
+            )
+        found[where] = row
+    return found
