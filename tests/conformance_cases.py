@@ -31,6 +31,7 @@ from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.waiver import load_waivers
+from branchdrive.errors import UsageError
 from branchdrive.process import spawn_context
 from branchdrive_conformance.archive import pack
 from branchdrive_conformance.case import (
@@ -166,7 +167,10 @@ class Maker:
         """Whether a case makes the dataset of a draft: the same files with the same content."""
         target = self.fresh("stored").parent
         target.rmdir()
-        materialize(self.folder, case, target, is_linked=True)
+        try:
+            materialize(self.folder, case, target, is_linked=True)
+        except UsageError:
+            return False  # its recipe fits another state of the base
         _, final = self.drafted(draft)
         beside = draft.raw_root(final) if isinstance(draft, ReleaseDraft) else None
         if (beside is None) != (case.raw is None):

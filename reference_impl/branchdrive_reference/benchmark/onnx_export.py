@@ -225,9 +225,9 @@ def _about(
     checkpoints: Sequence[Checkpoint], release: ModelLayer, scale: Scale, profiles: Mapping[str, Profile]
 ) -> dict[str, Any]:
     images = checkpoints[0].configuration.model.images
-    seen = {"branchdrive.views": {"cameras": list(VIEW_CAMERAS), "encoding": images[VIEWS].encoding}}
+    seen = {"cameras": list(VIEW_CAMERAS), "encoding": images[VIEWS].encoding} if VIEWS in images else None
     return {
-        **(seen if reads_cameras(checkpoints) else {}),
+        **({} if seen is None else {"branchdrive.views": seen}),
         "branchdrive.candidates": list(release.candidate_order),
         **{
             f"branchdrive.{name}": [{"name": one.name, "unit": one.unit} for one in HISTORIES[name].features]

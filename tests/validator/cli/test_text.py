@@ -27,7 +27,7 @@ LAYER_RULES = {
     for layer in dict.fromkeys(info.layer for info in CATALOGUE.values() if info.layer is not None)
 }
 """Rules of each derived layer, in the order in which the catalogue comes to them."""
-NUM_UNCLAIMED = 12 + sum(map(len, LAYER_RULES.values()))
+NUM_UNCLAIMED = 22 + sum(map(len, LAYER_RULES.values()))
 SGR = re.compile(r"\x1b\[[0-9;]*m")
 
 

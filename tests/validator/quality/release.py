@@ -146,6 +146,7 @@ def leakage(verdict: str = "pass", **gate: Any) -> Table:
             "minimum_detectable_effect": effect, **gate,
         },
         "protocol": {"gate": {"alpha": 0.001}},
+        "inputs": {"variables": {"streams": ["evidence/traffic_light"]}},
         "battery": {"ways": [{"tests": tests}, {"tests": tests}]},
         "not_run": [{"test": f"{way}/gru", "reason": "PyTorch is not installed."} for way in "ab"],
     }  # fmt: skip

@@ -43,7 +43,7 @@ _BUILT_IN = {
 
 _WORKFLOW = (
     "init", "collect", "staging", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules", "build",
-    "benchmark", "train", "lock", "predict", "evaluate", "export",
+    "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
 )  # fmt: skip
 """Order in which the help lists commands; those that it does not name follow by name."""
 

@@ -151,7 +151,9 @@ def replicate_values(
     num_moved = -(-num_groups // _PART_OF_GROUPS[pattern])
     groups = np.sort(orders(words(seed, _GROUPS, 1, num_groups, first_row=replicate))[0][:num_moved])
     chosen = moved[groups]
-    inject(chosen, pattern, offset_sd * reference.sd, order, action)
+    with np.errstate(over="ignore"):
+        offset = offset_sd * reference.sd
+    inject(chosen, pattern, offset, order, action)
     moved[groups] = chosen
     return moved
 
