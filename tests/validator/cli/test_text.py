@@ -58,8 +58,8 @@ def _unclaimed(layer: str) -> str:
 UNCLAIMED = "\n".join(
     [
         "  not-claimed: the descriptor claims no stream that this rule is about - BD-FRM-001, BD-FRM-002, BD-FRM-003, "
-        "BD-MAP-001,",
-        "  BD-MAP-002, BD-MAP-003 and 6 more",
+        "BD-FRM-004,",
+        "  BD-FRM-005, BD-FRM-006 and 16 more",
         "  skipped: no subject - BD-CTL-015, BD-RSP-004, BD-RPN-003",
         *map(_unclaimed, LAYER_RULES),
     ]

@@ -134,6 +134,7 @@ class ChangedRelease:
         draft.add_filtering()
         draft.reseal("card")
         draft.follow("lock")
+        draft.add_latencies()
         with tempfile.TemporaryDirectory() as folder:
             view = release_view(draft.write(Path(folder) / "dataset"))
         self.view = WatchedView(view)

@@ -35,7 +35,7 @@ NUM_CHANGES = {
     "model/features.json": 50,
     "model/normalisation.json": 50,
     "benchmark/results.json": 8,
-    "benchmark/latency.json": 1,
+    "benchmark/latency.json": 40,
     "benchmark/lock.json": 40,
     "benchmark/protocol.json": 15,
     "benchmark/ranking_lock.json": 20,

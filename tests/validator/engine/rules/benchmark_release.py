@@ -92,6 +92,23 @@ class BenchmarkDraft(ReleaseDraft):
             if name not in keep:
                 FOLLOWING[name](self)
 
+    def add_latencies(self, **changes: Any) -> None:
+        """Add latencies of the locked models, with the tables that show them; `changes` replace members."""
+        timed = {"median_ms": 1.5, "quantile_95_ms": 1.5}
+        self.documents[LATENCY] = {
+            "prediction_lock_digest": self.digest(LOCK),
+            "machine": {"processor": None, "architecture": "x86_64", "device": "cpu", "num_threads": 1},
+            "software": {"python": "3.11.9", "torch": "2.5.1+cpu"},
+            "num_candidates": len(self.data.candidates),
+            "num_repeats": 500,
+            "models": [
+                {"model": model.id, "num_seeds": len(model.seeds), "torch": timed, "exported": None}
+                for model in self.protocol.models
+            ],
+            **changes,
+        }
+        self.follow("tables")
+
     def _write_checkpoints(self, root: Path) -> None:
         for name, content in self.checkpoints.items():
             (root / FOLDER / name).parent.mkdir(exist_ok=True)

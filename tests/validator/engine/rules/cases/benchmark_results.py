@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from tests.validator.engine.rules.benchmark_release import (
     BENCHMARK_LEDGER,
@@ -67,27 +65,9 @@ def results_with_baselines(d: BenchmarkDraft) -> None:
     _declare_baselines(d)
 
 
-def publish_latencies(d: BenchmarkDraft, **changes: Any) -> None:
-    """Latencies of the locked models, with the tables that show them; `changes` replace members."""
-    timed = {"median_ms": 1.5, "quantile_95_ms": 1.5}
-    d.documents[LATENCY] = {
-        "prediction_lock_digest": d.digest(LOCK),
-        "machine": {"processor": None, "architecture": "x86_64", "device": "cpu", "num_threads": 1},
-        "software": {"python": "3.11.9", "torch": "2.5.1+cpu"},
-        "num_candidates": len(d.data.candidates),
-        "num_repeats": 500,
-        "models": [
-            {"model": model.id, "num_seeds": len(model.seeds), "torch": timed, "exported": None}
-            for model in d.protocol.models
-        ],
-        **changes,
-    }
-    d.follow("tables")
-
-
 @boundary("BD-BMK-016", "BD-BMK-013", base="benchmark")
 def latencies_whose_median_is_their_quantile(d: BenchmarkDraft) -> None:
-    publish_latencies(d)
+    d.add_latencies()
 
 
 # BD-LYR-007
@@ -226,7 +206,7 @@ def tables_that_flatter(d: BenchmarkDraft) -> None:
 @mutant("BD-BMK-013", at={"file": TABLES_FILE})
 def tables_without_the_latencies(d: BenchmarkDraft) -> None:
     text = d.texts[TABLES_FILE]
-    publish_latencies(d)
+    d.add_latencies()
     d.texts[TABLES_FILE] = text
 
 
@@ -250,30 +230,30 @@ def predictions_that_nobody_locked(d: BenchmarkDraft) -> None:
 
 @mutant("BD-BMK-016", at={"file": LATENCY, "pointer": "/prediction_lock_digest"}, base="benchmark")
 def latencies_under_another_lock(d: BenchmarkDraft) -> None:
-    publish_latencies(d, prediction_lock_digest="0" * 64)
+    d.add_latencies(prediction_lock_digest="0" * 64)
 
 
 @mutant("BD-BMK-016", at={"file": LATENCY, "pointer": "/num_candidates"}, base="benchmark")
 def latencies_of_another_bank(d: BenchmarkDraft) -> None:
-    publish_latencies(d, num_candidates=len(d.data.candidates) + 1)
+    d.add_latencies(num_candidates=len(d.data.candidates) + 1)
 
 
 @mutant("BD-BMK-016", at={"file": LATENCY, "pointer": "/models"}, base="benchmark")
 def latencies_without_a_model(d: BenchmarkDraft) -> None:
-    publish_latencies(d)
+    d.add_latencies()
     d.documents[LATENCY]["models"].pop()
     d.follow("tables")
 
 
 @mutant("BD-BMK-016", at={"file": LATENCY, "pointer": "/models/3/num_seeds"}, base="benchmark")
 def latencies_of_fewer_seeds(d: BenchmarkDraft) -> None:
-    publish_latencies(d)
+    d.add_latencies()
     d.documents[LATENCY]["models"][3]["num_seeds"] -= 1
     d.follow("tables")
 
 
 @mutant("BD-BMK-016", at={"file": LATENCY, "pointer": "/models/1/torch/median_ms"}, base="benchmark")
 def median_above_the_quantile(d: BenchmarkDraft) -> None:
-    publish_latencies(d)
+    d.add_latencies()
     d.documents[LATENCY]["models"][1]["torch"] = {"median_ms": 1.6, "quantile_95_ms": 1.5}
     d.follow("tables")
