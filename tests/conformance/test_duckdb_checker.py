@@ -85,7 +85,8 @@ def test_a_defect_fails_its_rule_alone_at_its_place(case: Mutant, reports: dict[
     assert set(failed) <= case.may_fail
     places = [finding["location"] for finding in report["findings"] if finding["rule"] == case.rule]
     assert any(case.at.items() <= place.items() for place in places)
-    assert report["verdict"] == ("invalid" if case.is_decisive else "valid")
+    sound = "partial" if case.base == "media" else "valid"  # rules on pixels are not judged
+    assert report["verdict"] == ("invalid" if case.is_decisive else sound)
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if isinstance(case, Boundary)], ids=lambda case: case.name)
