@@ -15,6 +15,7 @@ from benchmarks.simulator import measure_ticks_per_s
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
+from tests.sampling import THOROUGH
 
 from benchmarks import benchmark, highway_env, paper, ranking, release
 from branchdrive.benchmark.protocol import default_protocol
@@ -32,6 +33,7 @@ def bare(tmp_path: Path) -> Path:
     return kept_folder("bare-release", make_release, tmp_path / "bare")
 
 
+@THOROUGH
 def test_speed_is_measured() -> None:
     assert measure_ticks_per_s(num_rollouts=2, repeats=1) > 0
 
@@ -116,6 +118,7 @@ def test_a_build_that_fails_is_no_measurement(tmp_path: Path) -> None:
         list(release.rows(tmp_path, ReleaseBench(tmp_path / "empty")))
 
 
+@THOROUGH
 def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run_here(command: str, *arguments: str) -> Measured:
         return Measured(0, invoke(command, *arguments), 0.1, peak_bytes(os.getpid()), 0, 0)

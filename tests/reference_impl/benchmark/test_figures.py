@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke
+from tests.sampling import THOROUGH
 
 from branchdrive_reference.benchmark.figure.gallery import figures
 from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
@@ -47,6 +48,7 @@ def results(done: Path) -> Any:
     return json.loads((done / "benchmark" / "results.json").read_bytes())
 
 
+@THOROUGH
 def test_published_figures_are_those_of_the_results(benchmarked: Path, results: Any) -> None:
     before = contents(benchmarked)
     invoke("evaluate", benchmarked)

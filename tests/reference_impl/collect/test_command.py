@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.reference_impl.collect.running import finished_rollouts, start, wait_for
+from tests.sampling import THOROUGH
 
 from branchdrive import DatasetWriter, open_dataset, validate
 from branchdrive.cli.main import run
@@ -284,6 +285,7 @@ def test_faults_are_declared_and_leave_a_valid_dataset(faulty: tuple[Path, Colle
     assert any(group.stopped_because for group in report.groups)
 
 
+@THOROUGH
 def test_faults_and_noise_do_not_depend_on_workers_or_interruptions(
     tmp_path: Path, faulty: tuple[Path, CollectionReport]
 ) -> None:

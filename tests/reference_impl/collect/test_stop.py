@@ -15,7 +15,7 @@ import pytest
 from tests.content_cache import remembered
 from tests.reference_impl.collect.kept_collection import identity_of
 from tests.reference_impl.collect.running import finished_rollouts, session_of, start, wait_for
-from tests.sampling import sampled
+from tests.sampling import THOROUGH, sampled
 
 from branchdrive.cli.main import run
 from branchdrive.contract.layout import DESCRIPTOR_FILE
@@ -73,7 +73,7 @@ def test_a_rollout_in_which_a_stop_arrives_is_kept(
     assert sum(group.num_reused for group in report.groups) == 3
 
 
-@pytest.mark.parametrize(("jobs", "stop"), sampled([(2, signal.SIGTERM), (1, signal.SIGINT)], every=2))
+@pytest.mark.parametrize(("jobs", "stop"), sampled([(1, signal.SIGINT), (2, signal.SIGTERM)], every=2))
 def test_a_stopped_collection_keeps_what_is_finished(
     tmp_path: Path, identity: str, jobs: int, stop: signal.Signals
 ) -> None:
@@ -125,6 +125,7 @@ while any("spawn_main" in argument for argument in sys.orig_argv) and not Path({
 """A module that every interpreter loads first: it keeps workers from starting until there is a file."""
 
 
+@THOROUGH
 def test_further_interrupts_wait_for_no_rollout_and_leave_no_worker_behind(tmp_path: Path) -> None:
     root, gate = tmp_path / "d", tmp_path / "gate"
     (tmp_path / "sitecustomize.py").write_text(WAITING.format(gate=str(gate)))

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from tests.sampling import THOROUGH
 
 from branchdrive.cli.init import skeleton
 from branchdrive.cli.main import run
@@ -23,6 +24,7 @@ def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", *arguments], cwd=folder, capture_output=True, text=True, check=False)
 
 
+@THOROUGH
 def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path, quick: None) -> None:
     folder = tmp_path / "my-world"
     code, out, err = init("my-world", "--output", folder)

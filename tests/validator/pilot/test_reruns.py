@@ -93,7 +93,7 @@ def test_equal_runs_are_fine_and_say_what_was_not_tried(source: Path, collected:
     [
         ("process", {"fresh", "again"}, "in a fresh process gives other data"),
         ("seed", {"reverse", "alone"}, "depends on the seeds that ran before it"),
-        ("order", {"reverse"}, "depends on the order of groups"),
+        pytest.param("order", {"reverse"}, "depends on the order of groups", marks=pytest.mark.thorough),
     ],
 )
 def test_what_runs_differ_by_is_named(

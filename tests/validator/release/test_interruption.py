@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from tests.reference_impl.collect.running import heed_interrupts, session_of, wait_for
+from tests.sampling import THOROUGH
 from tests.synthetic_release import SEED
 from tests.validator.release.running import build, call, contents, raw_state
 
@@ -75,6 +76,7 @@ def test_a_build_goes_on_after_a_cut_at_any_step(
 
 
 @pytest.mark.parametrize("step", [17, pytest.param(1, marks=pytest.mark.thorough)])
+@THOROUGH
 def test_a_rebuild_goes_on_after_a_cut_at_any_step(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:
