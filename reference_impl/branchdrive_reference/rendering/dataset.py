@@ -19,7 +19,13 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.durable import delete, make_dir, move, partial_path, replace_file, sync_dir
-from branchdrive.formats.manifest import Manifest, build_manifest, parse_manifest, write_manifest
+from branchdrive.formats.manifest import (
+    Manifest,
+    build_manifest,
+    check_against_manifest,
+    parse_manifest,
+    write_manifest,
+)
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted import read_file
@@ -147,6 +153,7 @@ class _Rendering:
                 f"{str(self._root)!r} has the layers {', '.join(derived)}, which were built without media; pass "
                 "`--output DIR` for a copy of its raw layer with media"
             )
+        check_against_manifest(self._root)
         content = self._plan.document() + manifest.identity.encode()
         if area.exists() and (not (area / _PLAN_FILE).exists() or (area / _PLAN_FILE).read_bytes() != content):
             delete(area)
@@ -202,8 +209,10 @@ class _Rendering:
     def _install(self, area: Path) -> None:
         """Put everything in its place; after an interruption at any point it can be done again."""
         identity = (area / _READY_FILE).read_text()
-        (self._root / MANIFEST_FILE).unlink(missing_ok=True)
-        sync_dir(self._root)
+        if (self._root / MANIFEST_FILE).is_file():
+            check_against_manifest(self._root)  # the last moment at which a refusal leaves the dataset as it is
+            (self._root / MANIFEST_FILE).unlink()
+            sync_dir(self._root)
         for shard in find_shards(self._root):
             for name in (MEDIA_FILE, TABLES[FRAMES].file_name):
                 source = area / shard_name(shard.index) / name

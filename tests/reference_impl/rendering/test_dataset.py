@@ -160,11 +160,27 @@ def test_media_that_do_not_fit_on_the_disk_are_refused(copy: Path, monkeypatch: 
     assert files(copy) == before
 
 
-def test_changed_files_are_refused(copy: Path) -> None:
+@pytest.mark.parametrize("after", [None, 3])
+def test_changed_files_are_refused_and_nothing_is_touched(copy: Path, after: int | None) -> None:
     path = copy / "raw/shard-00000/controls.parquet"
-    pq.write_table(pq.read_table(path), path, compression="NONE")
+
+    def change() -> None:
+        pq.write_table(pq.read_table(path), path, compression="NONE")
+
+    if after is None:
+        change()
+    rendered: list[int] = []
+
+    def watch(num_done: int, _: int) -> None:
+        rendered.append(num_done)
+        if num_done == after:
+            change()
+
+    kept = {name: content for name, content in files(copy).items() if copy / name != path}
     with pytest.raises(DatasetError, match="differ"):
-        render_dataset(copy, PLAN)
+        render_dataset(copy, PLAN, watch=watch)
+    assert {name: content for name, content in files(copy).items() if copy / name != path} == kept
+    assert bool(rendered) == (after is not None)
 
 
 def test_other_media_are_refused(rendered: RenderReport) -> None:
