@@ -14,11 +14,19 @@ from pathlib import Path
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, STAGING_DIR, layer_of, shard_name
+from branchdrive.contract.layout import (
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    STAGING_DIR,
+    layer_of,
+    shard_name,
+)
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.formats.durable import delete, make_dir, move, partial_path, replace_file, sync_dir
+from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, replace_file, sync_dir
 from branchdrive.formats.manifest import (
     Manifest,
     build_manifest,
@@ -28,7 +36,7 @@ from branchdrive.formats.manifest import (
 )
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
@@ -267,16 +275,35 @@ def _copy(root: Path, output: Path) -> None:
         raise UsageError(f"{str(output)!r} is not empty and holds no dataset; choose another folder")
     if names and read_descriptor(output).dataset_id != descriptor.dataset_id:
         raise UsageError(f"{str(output)!r} holds another dataset; choose another folder")
-    if (output / MANIFEST_FILE).is_file() or (output / STAGING_DIR).exists():
+    raw = {path: digest for path, digest in manifest.files.items() if layer_of(path) == RAW_DIR}
+    is_finished = (output / MANIFEST_FILE).is_file()
+    if is_finished or (output / STAGING_DIR).exists():
+        found = _manifest(output) if is_finished else build_manifest(output)
+        if {path: digest for path, digest in found.files.items() if layer_of(path) == RAW_DIR} != raw:
+            raise UsageError(f"{str(output)!r} has another raw layer than {str(root)!r}; choose another folder")
         return
-    raw = sorted(path for path in manifest.files if layer_of(path) == "raw")
     output.mkdir(parents=True, exist_ok=True)
     document = {**descriptor.model_dump(mode="json"), "layers": ["raw"]}
     replace_file(output / DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
-    for path in [*raw, *([LICENCE_FILE] if LICENCE_FILE in manifest.files else [])]:
-        target = output / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = partial_path(target)
-        shutil.copyfile(root / path, partial)
-        move(partial, target)
-    write_manifest(output, build_manifest(output))
+    copied = raw | {path: digest for path, digest in manifest.files.items() if path == LICENCE_FILE}
+    for path in copied:
+        _copy_file(root, output, path)
+    found = build_manifest(output)
+    differing = sorted(path for path, digest in copied.items() if found.files[path] != digest)
+    if differing:
+        raise DatasetError(f"{root}: {differing[:5]} differ from {MANIFEST_FILE}; restore the files first")
+    write_manifest(output, found)
+
+
+def _copy_file(root: Path, output: Path, path: str) -> None:
+    """Copy a file, durably, and none that a link leads to.
+
+    Raises:
+        DatasetError: It is no regular file of the dataset.
+    """
+    target = output / path
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = partial_path(target)
+    with open_file(root, path) as source, durable_stream(partial) as stream:
+        shutil.copyfileobj(source, stream)
+    move(partial, target)

@@ -18,6 +18,7 @@ from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
 from branchdrive.contract.camera import TopDownCamera
 from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
@@ -35,6 +36,7 @@ PLAN = MediaPlan((SMALL,))
 """Images that are drawn at once."""
 
 _MEDIA = ("media.tar", "frames.parquet")
+CONTROLS = "raw/shard-00000/controls.parquet"
 
 
 @pytest.fixture(scope="module")
@@ -162,25 +164,53 @@ def test_media_that_do_not_fit_on_the_disk_are_refused(copy: Path, monkeypatch: 
 
 @pytest.mark.parametrize("after", [None, 3])
 def test_changed_files_are_refused_and_nothing_is_touched(copy: Path, after: int | None) -> None:
-    path = copy / "raw/shard-00000/controls.parquet"
-
-    def change() -> None:
-        pq.write_table(pq.read_table(path), path, compression="NONE")
-
+    path = copy / CONTROLS
     if after is None:
-        change()
+        rewrite(path)
     rendered: list[int] = []
 
     def watch(num_done: int, _: int) -> None:
         rendered.append(num_done)
         if num_done == after:
-            change()
+            rewrite(path)
 
     kept = {name: content for name, content in files(copy).items() if copy / name != path}
     with pytest.raises(DatasetError, match="differ"):
         render_dataset(copy, PLAN, watch=watch)
     assert {name: content for name, content in files(copy).items() if copy / name != path} == kept
     assert bool(rendered) == (after is not None)
+
+
+def rewrite(path: Path) -> None:
+    """Other bytes of equal rows."""
+    pq.write_table(pq.read_table(path), path, compression="NONE")
+
+
+def test_a_changed_source_is_not_copied(copy: Path, tmp_path: Path) -> None:
+    rewrite(copy / CONTROLS)
+    with pytest.raises(DatasetError, match=r"controls\.parquet'\] differ"):
+        render_dataset(copy, PLAN, output=tmp_path / "out")
+    assert not (tmp_path / "out/MANIFEST.sha256").exists()
+
+
+def test_no_link_of_the_source_is_followed(copy: Path, tmp_path: Path) -> None:
+    elsewhere = (copy / CONTROLS).rename(tmp_path / "elsewhere.parquet")
+    (copy / CONTROLS).symlink_to(elsewhere)
+    with pytest.raises(DatasetError, match="without following links"):
+        render_dataset(copy, PLAN, output=tmp_path / "out")
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_an_output_with_another_raw_layer_is_refused(copy: Path, rendered: RenderReport, is_finished: bool) -> None:
+    rewrite(copy / CONTROLS)
+    write_manifest(copy, build_manifest(copy))
+    if not is_finished:
+        (copy / "MANIFEST.sha256").unlink()
+        (copy / ".staging").mkdir()
+    before = files(copy)
+    with pytest.raises(UsageError, match="has another raw layer"):
+        render_dataset(rendered.root, PLAN, output=copy)
+    assert files(copy) == before
 
 
 def test_other_media_are_refused(rendered: RenderReport) -> None:
