@@ -135,21 +135,30 @@ class _Rendering:
         check_renderable(descriptor)
         with staging(self._root, create=False) as work:
             area = work / FRAMES
-            if not (area / _READY_FILE).exists():
+            is_installing = (area / _READY_FILE).exists() and not (self._root / MANIFEST_FILE).exists()
+            if not is_installing:
                 if (self._root / MANIFEST_FILE).is_file() and self._is_done(descriptor):
                     return self._report()
                 self._prepare(area, descriptor)
             self._install(area)
             delete(area)
+        if is_installing and not self._is_done(read_descriptor(self._root)):
+            raise UsageError(
+                f"{str(self._root)!r}: an interrupted run was installing other media than these; they are complete "
+                "now, and stay as they are"
+            )
         return self._report()
 
     def _is_done(self, descriptor: Descriptor) -> bool:
-        """Whether the dataset has the media of this plan already, or more of them."""
+        """Whether the dataset has the media of this plan already, or more of them.
+
+        An image may be missing as a fault of a camera; the others have their images of the observation all the same.
+        """
         if descriptor.cameras != self._plan.cameras:
             return False
-        shards = find_shards(self._root)
-        wanted = sum(_num_observations(shard, self._plan) for shard in shards) * len(self._plan.cameras)
-        return self._plan.offsets is not None or sum(shard.table(FRAMES).num_rows for shard in shards) >= wanted
+        if self._plan.offsets is not None:
+            return True
+        return all(_num_filmed(shard) >= _num_observations(shard, self._plan) for shard in find_shards(self._root))
 
     def _prepare(self, area: Path, descriptor: Descriptor) -> None:
         """Render what is missing; the area then holds everything that is to be installed."""
@@ -258,6 +267,11 @@ def _num_observations(shard: Shard, plan: MediaPlan) -> int:
     if plan.offsets is None:
         return int(sum(rollouts.column("num_observations").to_pylist()))
     return int(len(plan.offsets) * (len(rollouts) - rollouts.column("branch_tick").null_count))
+
+
+def _num_filmed(shard: Shard) -> int:
+    """Observations of a shard with images."""
+    return int(shard.table(FRAMES).group_by(["rollout_id", "tick"]).aggregate([]).num_rows)
 
 
 def _observation_bytes(plan: MediaPlan) -> float:

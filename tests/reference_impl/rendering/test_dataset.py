@@ -18,6 +18,7 @@ from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
 from branchdrive.contract.camera import TopDownCamera
 from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.formats.durable import move
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
@@ -32,6 +33,8 @@ SMALL = TopDownCamera(
     origin_row_px=16.0,
     origin_column_px=16.0,
 )
+LARGER = SMALL.model_copy(update={"width_px": 48})
+(ABOVE,) = cameras_of(("rgb_top_down",), width_px=16, height_px=16)
 PLAN = MediaPlan((SMALL,))
 """Images that are drawn at once."""
 
@@ -114,26 +117,60 @@ def test_an_interrupted_run_is_gone_on_with(copy: Path, rendered: RenderReport, 
     assert files(copy) == files(rendered.root)
 
 
-@pytest.mark.parametrize("num_moves", [0, 2, 4])
-def test_a_run_that_ends_while_it_installs_is_gone_on_with(
-    copy: Path, rendered: RenderReport, num_moves: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from branchdrive_reference.rendering import dataset as module
-
+def interrupt_installing(root: Path, num_moves: int) -> None:
+    """Render, and stop after some files have taken their places."""
     done = iter(range(num_moves))
-    move = module.move
 
     def failing(source: Path, target: Path) -> None:
         if next(done, None) is None:
             raise KeyboardInterrupt
         move(source, target)
 
-    monkeypatch.setattr(module, "move", failing)
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("branchdrive_reference.rendering.dataset.move", failing)
+        render_dataset(root, PLAN)
+
+
+@pytest.mark.parametrize("num_moves", [0, 2, 4])
+def test_a_run_that_ends_while_it_installs_is_gone_on_with(copy: Path, rendered: RenderReport, num_moves: int) -> None:
+    interrupt_installing(copy, num_moves)
+    render_dataset(copy, PLAN)
+    assert files(copy) == files(rendered.root)
+
+
+@pytest.mark.parametrize("num_moves", [0, 4])
+def test_other_media_are_not_said_to_be_installed(copy: Path, rendered: RenderReport, num_moves: int) -> None:
+    interrupt_installing(copy, num_moves)
+    with pytest.raises(UsageError, match="was installing other media"):
+        render_dataset(copy, MediaPlan((LARGER,)))
+    assert files(copy) == files(rendered.root)
+
+
+def test_a_plan_is_compared_until_files_take_their_places(
+    copy: Path, rendered: RenderReport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("branchdrive_reference.rendering.dataset._Rendering._install", stop)
     with pytest.raises(KeyboardInterrupt):
-        render_dataset(copy, PLAN)
+        render_dataset(copy, MediaPlan((LARGER,)))
     monkeypatch.undo()
     render_dataset(copy, PLAN)
     assert files(copy) == files(rendered.root)
+
+
+def test_all_observations_are_found_done_where_a_camera_drops_an_image(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = MediaPlan((SMALL, ABOVE), "all")
+    monkeypatch.setattr(
+        "branchdrive_reference.rendering.group.with_drawn_fault", lambda images, *_: dict(list(images.items())[1:])
+    )
+    first = render_dataset(copy, plan)
+    before = files(copy)
+    assert render_dataset(copy, plan).num_images == first.num_images
+    assert files(copy) == before
 
 
 def test_another_plan_begins_anew(copy: Path, rendered: RenderReport) -> None:
