@@ -24,7 +24,7 @@ from branchdrive.contract.layout import (
     shard_name,
 )
 from branchdrive.contract.limits import spec_limits
-from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, replace_file, sync_dir
 from branchdrive.formats.manifest import (
@@ -101,6 +101,7 @@ def render_dataset(
         UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
             somebody else works on it, or the output holds something else.
         DatasetError: A file cannot be read, or differs from the manifest.
+        ContractError: The media of a shard would be larger than the format allows.
         PlatformError: The media do not fit on the disk.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
@@ -186,14 +187,24 @@ class _Rendering:
         replace_file(area / _READY_FILE, manifest.identity.encode())
 
     def _check_room(self, area: Path) -> None:
-        """Refuse media that do not fit on the disk, before hours of work."""
-        shards = find_shards(self._root)
-        needed = sum(_num_observations(shard, self._plan) for shard in shards) * _observation_bytes(self._plan)
+        """Refuse media that do not fit into an archive or on the disk, before hours of work.
+
+        While an archive is made of its pieces, both are on the disk.
+        """
+        one = _observation_bytes(self._plan)
+        sizes = {shard: _num_observations(shard, self._plan) * one for shard in find_shards(self._root)}
+        largest = max((size for shard, size in sizes.items() if not _index_path(area, shard).exists()), default=0.0)
+        if largest > spec_limits().max_media_bytes:
+            raise ContractError(
+                f"{self._root}: a shard has media of about {largest / 1e9:,.1f} GB, more than "
+                f"{spec_limits().max_media_bytes:,} bytes; render smaller images or fewer streams"
+            )
+        needed = sum(sizes.values()) + largest
         there = sum(path.stat().st_size for path in area.rglob("*.tar"))
         free = shutil.disk_usage(self._root).free
         if needed - there > free:
             raise PlatformError(
-                f"{self._root}: media of about {needed / 1e9:,.1f} GB do not fit on this disk, which has "
+                f"{self._root}: media need about {needed / 1e9:,.1f} GB until they are complete; this disk has "
                 f"{free / 1e9:,.1f} GB free; make room, or render smaller images or fewer streams"
             )
 
@@ -202,7 +213,7 @@ class _Rendering:
             Task(area / shard_name(shard.index), shard.index, number, group_id)
             for shard in open_dataset(self._root).shards
             for number, group_id in enumerate(_groups(shard))
-            if not (area / shard_name(shard.index) / TABLES[FRAMES].file_name).exists()
+            if not _index_path(area, shard).exists()
         ]
         missing = [task for task in tasks if not piece_paths(task.folder, task.number)[1].exists()]
         self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._root))
@@ -213,10 +224,10 @@ class _Rendering:
 
     def _join(self, area: Path, shard: Shard) -> None:
         """Make the files of a shard of its pieces, the index last."""
-        folder = area / shard_name(shard.index)
-        index_path = folder / TABLES[FRAMES].file_name
+        index_path = _index_path(area, shard)
         if index_path.exists():
             return
+        folder = index_path.parent
         numbers = range(len(_groups(shard)))
         replace_file(index_path, encode_table(joined_pieces(folder, numbers, folder / MEDIA_FILE)))
         for number in numbers:
@@ -253,6 +264,11 @@ class _Rendering:
         num_groups = self._num_groups or sum(len(_groups(shard)) for shard in shards)
         num_found = self._num_found if self._num_groups else num_groups
         return RenderReport(self._root, _manifest(self._root).identity, num_images, num_bytes, num_found, num_groups)
+
+
+def _index_path(area: Path, shard: Shard) -> Path:
+    """Where the index of a shard's images waits, once they are all in one archive."""
+    return area / shard_name(shard.index) / TABLES[FRAMES].file_name
 
 
 def _groups(shard: Shard) -> list[str]:

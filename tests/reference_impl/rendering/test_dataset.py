@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tarfile
-from collections.abc import Mapping
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +17,8 @@ from tests.synthetic_map import map_descriptor, map_tables
 from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.durable import move
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
@@ -62,7 +63,7 @@ def copy(bare: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(bare, tmp_path / "dataset"))
 
 
-def files(root: Path) -> Mapping[str, bytes]:
+def files(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
@@ -191,11 +192,26 @@ def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> 
     assert files(copy) == files(rendered.root)
 
 
-def test_media_that_do_not_fit_on_the_disk_are_refused(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+@pytest.mark.parametrize("share", [0.5, 1.05])
+def test_media_that_do_not_fit_on_the_disk_are_refused(
+    copy: Path, rendered: RenderReport, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = int(share * rendered.num_images * (1800 + 0.04 * SMALL.width_px * SMALL.height_px))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     before = files(copy)
-    with pytest.raises(PlatformError, match=r"about 0\.0 GB do not fit"):
+    with pytest.raises(PlatformError, match=r"media need about 0\.0 GB"):
         render_dataset(copy, PLAN)
+    assert files(copy) == before
+
+
+def test_an_archive_that_the_format_does_not_allow_is_refused_before_anything_is_rendered(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = replace(spec_limits(), max_media_bytes=1_000_000)
+    monkeypatch.setattr("branchdrive_reference.rendering.dataset.spec_limits", lambda: small)
+    before = files(copy)
+    with pytest.raises(ContractError, match="more than 1,000,000 bytes"):
+        render_dataset(copy, PLAN, watch=lambda *_: pytest.fail("it renders"))
     assert files(copy) == before
 
 
