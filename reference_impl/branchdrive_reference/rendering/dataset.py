@@ -14,15 +14,29 @@ from pathlib import Path
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layout import DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, STAGING_DIR, layer_of, shard_name
+from branchdrive.contract.layout import (
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    STAGING_DIR,
+    layer_of,
+    shard_name,
+)
 from branchdrive.contract.limits import spec_limits
-from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.formats.durable import delete, make_dir, move, partial_path, replace_file, sync_dir
-from branchdrive.formats.manifest import Manifest, build_manifest, parse_manifest, write_manifest
+from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, replace_file, sync_dir
+from branchdrive.formats.manifest import (
+    Manifest,
+    build_manifest,
+    check_against_manifest,
+    parse_manifest,
+    write_manifest,
+)
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
@@ -87,6 +101,7 @@ def render_dataset(
         UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
             somebody else works on it, or the output holds something else.
         DatasetError: A file cannot be read, or differs from the manifest.
+        ContractError: The media of a shard would be larger than the format allows.
         PlatformError: The media do not fit on the disk.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
@@ -121,21 +136,30 @@ class _Rendering:
         check_renderable(descriptor)
         with staging(self._root, create=False) as work:
             area = work / FRAMES
-            if not (area / _READY_FILE).exists():
+            is_installing = (area / _READY_FILE).exists() and not (self._root / MANIFEST_FILE).exists()
+            if not is_installing:
                 if (self._root / MANIFEST_FILE).is_file() and self._is_done(descriptor):
                     return self._report()
                 self._prepare(area, descriptor)
             self._install(area)
             delete(area)
+        if is_installing and not self._is_done(read_descriptor(self._root)):
+            raise UsageError(
+                f"{str(self._root)!r}: an interrupted run was installing other media than these; they are complete "
+                "now, and stay as they are"
+            )
         return self._report()
 
     def _is_done(self, descriptor: Descriptor) -> bool:
-        """Whether the dataset has the media of this plan already, or more of them."""
+        """Whether the dataset has the media of this plan already, or more of them.
+
+        An image may be missing as a fault of a camera; the others have their images of the observation all the same.
+        """
         if descriptor.cameras != self._plan.cameras:
             return False
-        shards = find_shards(self._root)
-        wanted = sum(_num_observations(shard, self._plan) for shard in shards) * len(self._plan.cameras)
-        return self._plan.offsets is not None or sum(shard.table(FRAMES).num_rows for shard in shards) >= wanted
+        if self._plan.offsets is not None:
+            return True
+        return all(_num_filmed(shard) >= _num_observations(shard, self._plan) for shard in find_shards(self._root))
 
     def _prepare(self, area: Path, descriptor: Descriptor) -> None:
         """Render what is missing; the area then holds everything that is to be installed."""
@@ -147,6 +171,7 @@ class _Rendering:
                 f"{str(self._root)!r} has the layers {', '.join(derived)}, which were built without media; pass "
                 "`--output DIR` for a copy of its raw layer with media"
             )
+        check_against_manifest(self._root)
         content = self._plan.document() + manifest.identity.encode()
         if area.exists() and (not (area / _PLAN_FILE).exists() or (area / _PLAN_FILE).read_bytes() != content):
             delete(area)
@@ -162,14 +187,24 @@ class _Rendering:
         replace_file(area / _READY_FILE, manifest.identity.encode())
 
     def _check_room(self, area: Path) -> None:
-        """Refuse media that do not fit on the disk, before hours of work."""
-        shards = find_shards(self._root)
-        needed = sum(_num_observations(shard, self._plan) for shard in shards) * _observation_bytes(self._plan)
+        """Refuse media that do not fit into an archive or on the disk, before hours of work.
+
+        While an archive is made of its pieces, both are on the disk.
+        """
+        one = _observation_bytes(self._plan)
+        sizes = {shard: _num_observations(shard, self._plan) * one for shard in find_shards(self._root)}
+        largest = max((size for shard, size in sizes.items() if not _index_path(area, shard).exists()), default=0.0)
+        if largest > spec_limits().max_media_bytes:
+            raise ContractError(
+                f"{self._root}: a shard has media of about {largest / 1e9:,.1f} GB, more than "
+                f"{spec_limits().max_media_bytes:,} bytes; render smaller images or fewer streams"
+            )
+        needed = sum(sizes.values()) + largest
         there = sum(path.stat().st_size for path in area.rglob("*.tar"))
         free = shutil.disk_usage(self._root).free
         if needed - there > free:
             raise PlatformError(
-                f"{self._root}: media of about {needed / 1e9:,.1f} GB do not fit on this disk, which has "
+                f"{self._root}: media need about {needed / 1e9:,.1f} GB until they are complete; this disk has "
                 f"{free / 1e9:,.1f} GB free; make room, or render smaller images or fewer streams"
             )
 
@@ -178,7 +213,7 @@ class _Rendering:
             Task(area / shard_name(shard.index), shard.index, number, group_id)
             for shard in open_dataset(self._root).shards
             for number, group_id in enumerate(_groups(shard))
-            if not (area / shard_name(shard.index) / TABLES[FRAMES].file_name).exists()
+            if not _index_path(area, shard).exists()
         ]
         missing = [task for task in tasks if not piece_paths(task.folder, task.number)[1].exists()]
         self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._root))
@@ -189,10 +224,10 @@ class _Rendering:
 
     def _join(self, area: Path, shard: Shard) -> None:
         """Make the files of a shard of its pieces, the index last."""
-        folder = area / shard_name(shard.index)
-        index_path = folder / TABLES[FRAMES].file_name
+        index_path = _index_path(area, shard)
         if index_path.exists():
             return
+        folder = index_path.parent
         numbers = range(len(_groups(shard)))
         replace_file(index_path, encode_table(joined_pieces(folder, numbers, folder / MEDIA_FILE)))
         for number in numbers:
@@ -202,8 +237,10 @@ class _Rendering:
     def _install(self, area: Path) -> None:
         """Put everything in its place; after an interruption at any point it can be done again."""
         identity = (area / _READY_FILE).read_text()
-        (self._root / MANIFEST_FILE).unlink(missing_ok=True)
-        sync_dir(self._root)
+        if (self._root / MANIFEST_FILE).is_file():
+            check_against_manifest(self._root)  # the last moment at which a refusal leaves the dataset as it is
+            (self._root / MANIFEST_FILE).unlink()
+            sync_dir(self._root)
         for shard in find_shards(self._root):
             for name in (MEDIA_FILE, TABLES[FRAMES].file_name):
                 source = area / shard_name(shard.index) / name
@@ -229,6 +266,11 @@ class _Rendering:
         return RenderReport(self._root, _manifest(self._root).identity, num_images, num_bytes, num_found, num_groups)
 
 
+def _index_path(area: Path, shard: Shard) -> Path:
+    """Where the index of a shard's images waits, once they are all in one archive."""
+    return area / shard_name(shard.index) / TABLES[FRAMES].file_name
+
+
 def _groups(shard: Shard) -> list[str]:
     """Groups of a shard in the order of its rows."""
     groups: list[str] = shard.decode(ROLLOUTS).column("group_id").unique().to_pylist()
@@ -241,6 +283,11 @@ def _num_observations(shard: Shard, plan: MediaPlan) -> int:
     if plan.offsets is None:
         return int(sum(rollouts.column("num_observations").to_pylist()))
     return int(len(plan.offsets) * (len(rollouts) - rollouts.column("branch_tick").null_count))
+
+
+def _num_filmed(shard: Shard) -> int:
+    """Observations of a shard with images."""
+    return int(shard.table(FRAMES).group_by(["rollout_id", "tick"]).aggregate([]).num_rows)
 
 
 def _observation_bytes(plan: MediaPlan) -> float:
@@ -258,16 +305,35 @@ def _copy(root: Path, output: Path) -> None:
         raise UsageError(f"{str(output)!r} is not empty and holds no dataset; choose another folder")
     if names and read_descriptor(output).dataset_id != descriptor.dataset_id:
         raise UsageError(f"{str(output)!r} holds another dataset; choose another folder")
-    if (output / MANIFEST_FILE).is_file() or (output / STAGING_DIR).exists():
+    raw = {path: digest for path, digest in manifest.files.items() if layer_of(path) == RAW_DIR}
+    is_finished = (output / MANIFEST_FILE).is_file()
+    if is_finished or (output / STAGING_DIR).exists():
+        found = _manifest(output) if is_finished else build_manifest(output)
+        if {path: digest for path, digest in found.files.items() if layer_of(path) == RAW_DIR} != raw:
+            raise UsageError(f"{str(output)!r} has another raw layer than {str(root)!r}; choose another folder")
         return
-    raw = sorted(path for path in manifest.files if layer_of(path) == "raw")
     output.mkdir(parents=True, exist_ok=True)
     document = {**descriptor.model_dump(mode="json"), "layers": ["raw"]}
     replace_file(output / DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
-    for path in [*raw, *([LICENCE_FILE] if LICENCE_FILE in manifest.files else [])]:
-        target = output / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = partial_path(target)
-        shutil.copyfile(root / path, partial)
-        move(partial, target)
-    write_manifest(output, build_manifest(output))
+    copied = raw | {path: digest for path, digest in manifest.files.items() if path == LICENCE_FILE}
+    for path in copied:
+        _copy_file(root, output, path)
+    found = build_manifest(output)
+    differing = sorted(path for path, digest in copied.items() if found.files[path] != digest)
+    if differing:
+        raise DatasetError(f"{root}: {differing[:5]} differ from {MANIFEST_FILE}; restore the files first")
+    write_manifest(output, found)
+
+
+def _copy_file(root: Path, output: Path, path: str) -> None:
+    """Copy a file, durably, and none that a link leads to.
+
+    Raises:
+        DatasetError: It is no regular file of the dataset.
+    """
+    target = output / path
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = partial_path(target)
+    with open_file(root, path) as source, durable_stream(partial) as stream:
+        shutil.copyfileobj(source, stream)
+    move(partial, target)

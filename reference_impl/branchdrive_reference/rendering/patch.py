@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.semantic_bev import PX_PER_M as BEV_PX_PER_M
 from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass
 from branchdrive_reference.geometry.polyline import Array, Polyline
+from branchdrive_reference.rendering.cropping import cropped
 from branchdrive_reference.rendering.marking import Pieces, kerb_pieces, painted_pieces, zebra_pieces
 from branchdrive_reference.rendering.opencv import SUBPIXEL_BITS, Image, cv2, fixed_point
 from branchdrive_reference.rendering.palette import SURFACES, Daylight
@@ -35,6 +37,9 @@ _COARSE = 4
 
 _REACH_M = 20.0
 """Half the width of a strip at most, and of what lies beside it."""
+
+_LONG_M = 2000.0
+"""An element that reaches farther beyond a patch is cropped: drawing knows no points that are 4 km away."""
 
 _FAR_PAINT_M = 0.4
 """Width of lines in the distance: as wide as they are, they would be too faint to be seen."""
@@ -281,7 +286,12 @@ class Town:
         empty = Patch(tile, ())
         low, high = empty.origin_m - _REACH_M, empty.origin_m + _SIDE_PX / PX_PER_M + _REACH_M
         meets = ((self._low <= high) & (self._high >= low)).all(axis=1)
-        return Patch(tile, tuple(self._elements[row] for row in np.flatnonzero(meets)))
+        is_long = np.any((self._low < low - _LONG_M) | (self._high > high + _LONG_M), axis=1)
+        parts = (
+            cropped(self._elements[row], low, high) if is_long[row] else (self._elements[row],)
+            for row in np.flatnonzero(meets)
+        )
+        return Patch(tile, tuple(chain.from_iterable(parts)))
 
 
 def governing_signal(posts: tuple[Post, ...], places_m: Array, lane_id: str | None) -> int | None:

@@ -108,11 +108,12 @@ class Recording:
     def _check(self, rollout: Rollout) -> None:
         """Refuse what cannot be drawn: a picture is no judgement of a dataset, so the bounds are wide."""
         route = [rollout.record["route_x_m"], rollout.record["route_y_m"]]
+        numbers = (self._pose, self._progress_m, self._actors, self._extents, *route)
         faults = {
             "a route without two whole vertices": len({*map(len, route)}) != 1 or len(route[0]) < 2,
             "actors of unknown classes": not {*self._actor_class} <= {*_UNKNOWN_HEIGHTS_M},
-            "poses or extents that are no numbers": not all(
-                (np.abs(values) <= _LARGEST).all() for values in (self._pose, self._actors, self._extents, *route)
+            "poses, extents or progress that are no numbers": not all(
+                (np.abs(values) <= _LARGEST).all() for values in numbers
             ),
         }
         found = [fault for fault, is_there in faults.items() if is_there]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tarfile
-from collections.abc import Mapping
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +17,10 @@ from tests.synthetic_map import map_descriptor, map_tables
 from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.contract.limits import spec_limits
+from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
+from branchdrive.formats.durable import move
+from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
@@ -31,10 +34,13 @@ SMALL = TopDownCamera(
     origin_row_px=16.0,
     origin_column_px=16.0,
 )
+LARGER = SMALL.model_copy(update={"width_px": 48})
+(ABOVE,) = cameras_of(("rgb_top_down",), width_px=16, height_px=16)
 PLAN = MediaPlan((SMALL,))
 """Images that are drawn at once."""
 
 _MEDIA = ("media.tar", "frames.parquet")
+CONTROLS = "raw/shard-00000/controls.parquet"
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +63,7 @@ def copy(bare: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(bare, tmp_path / "dataset"))
 
 
-def files(root: Path) -> Mapping[str, bytes]:
+def files(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
@@ -112,26 +118,60 @@ def test_an_interrupted_run_is_gone_on_with(copy: Path, rendered: RenderReport, 
     assert files(copy) == files(rendered.root)
 
 
-@pytest.mark.parametrize("num_moves", [0, 2, 4])
-def test_a_run_that_ends_while_it_installs_is_gone_on_with(
-    copy: Path, rendered: RenderReport, num_moves: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from branchdrive_reference.rendering import dataset as module
-
+def interrupt_installing(root: Path, num_moves: int) -> None:
+    """Render, and stop after some files have taken their places."""
     done = iter(range(num_moves))
-    move = module.move
 
     def failing(source: Path, target: Path) -> None:
         if next(done, None) is None:
             raise KeyboardInterrupt
         move(source, target)
 
-    monkeypatch.setattr(module, "move", failing)
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("branchdrive_reference.rendering.dataset.move", failing)
+        render_dataset(root, PLAN)
+
+
+@pytest.mark.parametrize("num_moves", [0, 2, 4])
+def test_a_run_that_ends_while_it_installs_is_gone_on_with(copy: Path, rendered: RenderReport, num_moves: int) -> None:
+    interrupt_installing(copy, num_moves)
+    render_dataset(copy, PLAN)
+    assert files(copy) == files(rendered.root)
+
+
+@pytest.mark.parametrize("num_moves", [0, 4])
+def test_other_media_are_not_said_to_be_installed(copy: Path, rendered: RenderReport, num_moves: int) -> None:
+    interrupt_installing(copy, num_moves)
+    with pytest.raises(UsageError, match="was installing other media"):
+        render_dataset(copy, MediaPlan((LARGER,)))
+    assert files(copy) == files(rendered.root)
+
+
+def test_a_plan_is_compared_until_files_take_their_places(
+    copy: Path, rendered: RenderReport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("branchdrive_reference.rendering.dataset._Rendering._install", stop)
     with pytest.raises(KeyboardInterrupt):
-        render_dataset(copy, PLAN)
+        render_dataset(copy, MediaPlan((LARGER,)))
     monkeypatch.undo()
     render_dataset(copy, PLAN)
     assert files(copy) == files(rendered.root)
+
+
+def test_all_observations_are_found_done_where_a_camera_drops_an_image(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = MediaPlan((SMALL, ABOVE), "all")
+    monkeypatch.setattr(
+        "branchdrive_reference.rendering.group.with_drawn_fault", lambda images, *_: dict(list(images.items())[1:])
+    )
+    first = render_dataset(copy, plan)
+    before = files(copy)
+    assert render_dataset(copy, plan).num_images == first.num_images
+    assert files(copy) == before
 
 
 def test_another_plan_begins_anew(copy: Path, rendered: RenderReport) -> None:
@@ -152,19 +192,78 @@ def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> 
     assert files(copy) == files(rendered.root)
 
 
-def test_media_that_do_not_fit_on_the_disk_are_refused(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+@pytest.mark.parametrize("share", [0.5, 1.05])
+def test_media_that_do_not_fit_on_the_disk_are_refused(
+    copy: Path, rendered: RenderReport, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = int(share * rendered.num_images * (1800 + 0.04 * SMALL.width_px * SMALL.height_px))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     before = files(copy)
-    with pytest.raises(PlatformError, match=r"about 0\.0 GB do not fit"):
+    with pytest.raises(PlatformError, match=r"media need about 0\.0 GB"):
         render_dataset(copy, PLAN)
     assert files(copy) == before
 
 
-def test_changed_files_are_refused(copy: Path) -> None:
-    path = copy / "raw/shard-00000/controls.parquet"
-    pq.write_table(pq.read_table(path), path, compression="NONE")
+def test_an_archive_that_the_format_does_not_allow_is_refused_before_anything_is_rendered(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = replace(spec_limits(), max_media_bytes=1_000_000)
+    monkeypatch.setattr("branchdrive_reference.rendering.dataset.spec_limits", lambda: small)
+    before = files(copy)
+    with pytest.raises(ContractError, match="more than 1,000,000 bytes"):
+        render_dataset(copy, PLAN, watch=lambda *_: pytest.fail("it renders"))
+    assert files(copy) == before
+
+
+@pytest.mark.parametrize("after", [None, 3])
+def test_changed_files_are_refused_and_nothing_is_touched(copy: Path, after: int | None) -> None:
+    path = copy / CONTROLS
+    if after is None:
+        rewrite(path)
+    rendered: list[int] = []
+
+    def watch(num_done: int, _: int) -> None:
+        rendered.append(num_done)
+        if num_done == after:
+            rewrite(path)
+
+    kept = {name: content for name, content in files(copy).items() if copy / name != path}
     with pytest.raises(DatasetError, match="differ"):
-        render_dataset(copy, PLAN)
+        render_dataset(copy, PLAN, watch=watch)
+    assert {name: content for name, content in files(copy).items() if copy / name != path} == kept
+    assert bool(rendered) == (after is not None)
+
+
+def rewrite(path: Path) -> None:
+    """Other bytes of equal rows."""
+    pq.write_table(pq.read_table(path), path, compression="NONE")
+
+
+def test_a_changed_source_is_not_copied(copy: Path, tmp_path: Path) -> None:
+    rewrite(copy / CONTROLS)
+    with pytest.raises(DatasetError, match=r"controls\.parquet'\] differ"):
+        render_dataset(copy, PLAN, output=tmp_path / "out")
+    assert not (tmp_path / "out/MANIFEST.sha256").exists()
+
+
+def test_no_link_of_the_source_is_followed(copy: Path, tmp_path: Path) -> None:
+    elsewhere = (copy / CONTROLS).rename(tmp_path / "elsewhere.parquet")
+    (copy / CONTROLS).symlink_to(elsewhere)
+    with pytest.raises(DatasetError, match="without following links"):
+        render_dataset(copy, PLAN, output=tmp_path / "out")
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_an_output_with_another_raw_layer_is_refused(copy: Path, rendered: RenderReport, is_finished: bool) -> None:
+    rewrite(copy / CONTROLS)
+    write_manifest(copy, build_manifest(copy))
+    if not is_finished:
+        (copy / "MANIFEST.sha256").unlink()
+        (copy / ".staging").mkdir()
+    before = files(copy)
+    with pytest.raises(UsageError, match="has another raw layer"):
+        render_dataset(rendered.root, PLAN, output=copy)
+    assert files(copy) == before
 
 
 def test_other_media_are_refused(rendered: RenderReport) -> None:

@@ -49,6 +49,7 @@ def test_without_a_branch_there_is_no_window() -> None:
         ("", {"route_x_m": [0.0]}, "a route without two whole vertices"),
         ("", {"ego_length_m": float("nan")}, "no numbers"),
         ("observations", {"x_m": float("inf")}, "no numbers"),
+        ("observations", {"route_progress_m": float("nan")}, "no numbers"),
         ("actors", {"length_m": float("nan")}, "no numbers"),
         ("actors", {"actor_class": "dragon"}, "actors of unknown classes"),
     ],

@@ -22,6 +22,7 @@ from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
 
 __all__ = [
+    "AREAS",
     "POINTS",
     "Ground",
     "Shapes",
