@@ -77,6 +77,7 @@ DAMAGED: dict[str, tuple[str, str, bytes]] = {
     "jpeg of lossless coding": (FORM, "jpeg", _jpeg(1, b"\xc3")),
     "jpeg of arithmetic coding": (FORM, "jpeg", _jpeg(1, b"\xc9")),
     "jpeg whose segments do not end": (FORM, "jpeg", JPEG[:2] + b"\xff\xe0\x00\x00" * 400),
+    "jpeg of 65 scans": (FORM, "jpeg", JPEG[:-2] + JPEG[SCAN:-2] * 64 + JPEG[-2:]),
     "png cut in half": (WHOLE, "png", PNG[: len(PNG) // 2]),
     "png without its end": (WHOLE, "png", PNG[:-12]),
     "png with a flipped bit": (WHOLE, "png", _flipped(PNG, 80)),

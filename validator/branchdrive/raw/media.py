@@ -28,7 +28,7 @@ from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
-from branchdrive.formats.image_header import ImageHeader, disagreement, is_whole, read_header
+from branchdrive.formats.image_header import ImageHeader, disagreement, excess, is_whole, read_header
 from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat
@@ -254,6 +254,9 @@ class _Eye:
             self._headers[camera.name] = self._content[: header.num_bytes], header
         if header.encoding != encoding:
             self._images.form[row] = f"a {encoding}", str(header)
+            return False
+        if (found := excess(self._content, encoding)) is not None:
+            self._images.form[row] = found
             return False
         if not is_whole(self._content, encoding):
             self._images.cut.add(row)

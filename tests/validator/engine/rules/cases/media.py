@@ -176,6 +176,14 @@ def grey_image_of_a_colour_camera(d: Draft) -> None:
     replace_image(d, png(COLOURS[..., 0]), **AT_BRANCH)
 
 
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+def jpeg_of_a_thousand_scans(d: Draft) -> None:
+    scan = JPEG[JPEG.index(b"\xff\xda") : -2]
+    replace_image(d, JPEG[:-2] + scan * 999 + JPEG[-2:], "jpeg", camera="rear", rollout_id=NOMINAL)
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK))
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK + 1, END + 1))
+
+
 @boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
 def sound_image_in_a_file_of_its_own(d: Draft) -> None:
     replace_image(d, png(COLOURS), **AT_BRANCH)
