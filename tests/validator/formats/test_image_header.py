@@ -77,6 +77,12 @@ def test_scans_are_counted_before_anything_is_decoded() -> None:
         decode_image(image[:-2] + scan * (allowed + 1) + image[-2:])
 
 
+def test_a_transparent_colour_is_refused_as_decoders_differ_on_it() -> None:
+    with pytest.raises(DecodeError, match="expected a PNG without transparency"):
+        decode_image(saved("RGB", transparency=(1, 2, 3)))
+    assert (decode_image(png(RGB, note=b"tRNS")) == RGB).all()
+
+
 @given(st.binary(max_size=60), st.sampled_from([b"", b"\xff\xd8", png(RGB)[:8], png(RGB)[:16], jpeg(RGB)[:30]]))
 def test_any_bytes_have_a_header_or_a_plain_error(rest: bytes, start: bytes) -> None:
     for read in (image_header, decode_image):

@@ -100,10 +100,13 @@ def excess(image: bytes, encoding: str) -> tuple[str, str] | None:
 
     Every scan of a JPEG costs a decoder a pass over all pixels, whatever its length. In the data of a scan no
     ff is followed by da, so that markers are counted without being parsed; notes that hold such bytes count too.
+    A chunk `tRNS` makes a fourth channel of a colour, which some decoders give and others do not.
     """
     limit = spec_limits().max_image_scans
     if encoding == "jpeg" and (num_scans := image.count(_JPEG_SCAN)) > limit:
         return f"a JPEG of at most {limit} scans", f"one with {num_scans:,} markers of a scan"
+    if encoding == "png" and b"tRNS" in image and any(kind == b"tRNS" for kind, _ in png_chunks(image)):
+        return "a PNG without transparency", "one with a chunk `tRNS`"
     return None
 
 
