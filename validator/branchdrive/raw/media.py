@@ -41,6 +41,9 @@ __all__ = ["CHECKSUM_DIGITS", "Look", "MediaReading", "read_media"]
 _FILE_NAME = re.compile(PATTERNS["file"].removeprefix("^").removesuffix("$"))
 _PIECE_BYTES = 1 << 20
 
+_MAX_OVERLAP = 2
+"""How often the bytes of a file are looked at as images, on average: ranges that overlap cost as if they did not."""
+
 CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
@@ -113,12 +116,17 @@ def read_media(
         is_digested = is_hashed and path in media
         try:
             with open_file(root, path, links) as stream:
-                if is_digested and os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
+                num_bytes = os.fstat(stream.fileno()).st_size
+                if is_digested and num_bytes > spec_limits().max_media_bytes:
                     reading.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 part = _Part(stream, is_digested and path not in reading.over_limit)
                 if path in media and (kind := stored_code(path, part.bytes_at(0, HEAD_BYTES))):
                     reading.stored_code[path] = kind
-                if eye is not None:
+                if (indexed := _indexed_bytes(images, num_bytes)) > _MAX_OVERLAP * num_bytes:
+                    expected = f"ranges of at most {_MAX_OVERLAP} x {num_bytes} bytes together"
+                    found = f"ranges that overlap: {indexed} bytes"
+                    reading.mismatches.append(Mismatch({"file": path}, expected, found, len(images)))
+                elif eye is not None:
                     for image in images:
                         eye.see(path, image, part)
                 if part.digest is not None:
@@ -142,6 +150,11 @@ def _by_file(folder: str, frames: pa.Table) -> dict[str, list[_Image]]:
         if not (has_nulls and None in (name, *image)):
             by_file.setdefault(name, []).append(tuple(image))
     return {f"{folder}/{name}": sorted(by_file[name]) for name in by_file if _FILE_NAME.fullmatch(name)}
+
+
+def _indexed_bytes(images: list[_Image], num_bytes: int) -> int:
+    """Bytes of a file in the ranges of its images, equal ranges counted once."""
+    return sum(max(min(size, num_bytes - offset), 0) for offset, size in {image[:2] for image in images} if offset >= 0)
 
 
 class _Part:

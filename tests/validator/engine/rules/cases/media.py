@@ -79,6 +79,16 @@ def image_in_a_file_that_is_not_there(d: Draft) -> None:
     d.set("frames", "file", "elsewhere.bin", rollout_id="g2.nominal.a1", camera="rear", tick=BRANCH_TICK)
 
 
+@mutant("BD-FRM-002", base="media", at={"file": f"{SHARD_0}/{EXTRA_FILE}"})
+def images_that_overlap(d: Draft) -> None:
+    content = bytes(range(200))
+    for offset, camera in enumerate(("front", "rear", "rear_left")):
+        where = {**AT_BRANCH, "camera": camera}
+        replace_image(d, content, **where)
+        d.set("frames", "offset_bytes", offset, **where)
+        d.set("frames", "size_bytes", len(content) - 2, **where)
+
+
 @boundary("BD-FRM-002", base="media")
 def image_that_is_a_whole_file(d: Draft) -> None:
     replace_image(d, _unseen(), **AT_BRANCH)
