@@ -11,11 +11,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
 from branchdrive.formats.image_header import ImageHeader, disagreement, excess, is_whole, read_header
 from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
-from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat
+from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat, unknown_class
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,8 +47,18 @@ _MAX_OVERLAP = 2
 CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
-Look: TypeAlias = Callable[[int, NDArray[np.uint8]], "tuple[str, str] | None"]
-"""What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
+
+class Look(Protocol):
+    """Comparison of maps of the ground with what is recorded.
+
+    Attributes:
+        is_judged: Whether there is anything to compare the image with ``[stored rows]``.
+    """
+
+    is_judged: NDArray[np.bool_]
+
+    def __call__(self, stored_row: int, pixels: NDArray[np.uint8], /) -> tuple[str, str] | None:
+        """What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
 
 
 _Image: TypeAlias = tuple[int, int, str, str, int, str, str, int]
@@ -102,7 +112,7 @@ def read_media(
         cameras: Cameras of the descriptor by name.
         mode: Which images are decoded.
         is_hashed: Whether what is no table is digested.
-        look: Called with the pixels of every decoded image of a map of the ground.
+        look: Called with the pixels of every decoded map of the ground that it judges.
         links: Folders that links may lead into.
     """
     reading = MediaReading()
@@ -291,5 +301,10 @@ class _Eye:
         if camera.stream != "semantic_bev":
             if is_flat(self._pixels):
                 images.flat.add(row)
-        elif self._look is not None and (found := self._look(row, self._pixels)):
+            return
+        found, is_judged = unknown_class(self._pixels), self._look is not None and bool(self._look.is_judged[row])
+        images.is_compared[row] = is_judged or found is not None
+        if found is None and self._look is not None and is_judged:
+            found = self._look(row, self._pixels)
+        if found is not None:
             images.contradicted[row] = found

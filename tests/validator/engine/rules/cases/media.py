@@ -247,15 +247,17 @@ BEV_PX, PX_PER_M = 64, 1.0
 VEHICLE = int(SemanticChannel.OTHER_VEHICLE) | int(SemanticClass.VEHICLE)
 
 
-def _semantic_map(d: Draft, change: Callable[[Pixels], Pixels] = lambda pixels: pixels) -> None:
-    """Claim semantic maps, and draw that of the first nominal at its branch from the definition."""
+def add_semantic_map(
+    d: Draft, change: Callable[[Pixels], Pixels] = lambda pixels: pixels, tick: int = BRANCH_TICK
+) -> None:
+    """Claim semantic maps, and draw that of the first nominal at its branch or a tick from the definition."""
     camera = {
         "name": "bev", "stream": "semantic_bev", "projection": "top_down", "width_px": BEV_PX, "height_px": BEV_PX,
         "px_per_m": PX_PER_M, "origin_row_px": BEV_PX / 2, "origin_column_px": BEV_PX / 2,
     }  # fmt: skip
     d.descriptor["streams"].append("semantic_bev")
     d.descriptor["cameras"].append(camera)
-    moment = {"rollout_id": NOMINAL, "tick": BRANCH_TICK}
+    moment = {"rollout_id": NOMINAL, "tick": tick}
     (ego,) = d.take("observations", **moment).to_pylist()
     rows, columns = np.mgrid[:BEV_PX, :BEV_PX] + 0.5
     forward, left = (BEV_PX / 2 - rows) / PX_PER_M, (BEV_PX / 2 - columns) / PX_PER_M
@@ -282,12 +284,12 @@ MAP_AT = {"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK}
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
 def map_that_is_turned_around(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
+    add_semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
 def map_without_vehicles(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.where(pixels == VEHICLE, SemanticClass.ROAD, pixels).astype(np.uint8))
+    add_semantic_map(d, lambda pixels: np.where(pixels == VEHICLE, SemanticClass.ROAD, pixels).astype(np.uint8))
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
@@ -296,22 +298,37 @@ def map_with_a_vehicle_that_is_not_recorded(d: Draft) -> None:
         pixels[4:8, 4:8] = VEHICLE
         return pixels
 
-    _semantic_map(d, invent)
+    add_semantic_map(d, invent)
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
 def map_moved_by_a_length(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.roll(pixels, 6, axis=0))
+    add_semantic_map(d, lambda pixels: np.roll(pixels, 6, axis=0))
+
+
+def _with_class_10(pixels: Pixels) -> Pixels:
+    pixels[-1, -1] = 10
+    return pixels
+
+
+@mutant("BD-FRM-009", base="media", at=MAP_AT)
+def map_with_a_class_that_there_is_not(d: Draft) -> None:
+    add_semantic_map(d, _with_class_10)
+
+
+@mutant("BD-FRM-009", base="media", at={**MAP_AT, "tick": 0})
+def map_before_the_window_with_a_class_that_there_is_not(d: Draft) -> None:
+    add_semantic_map(d, _with_class_10, tick=0)
 
 
 @boundary("BD-FRM-009", base="media")
 def map_of_the_recorded_vehicles(d: Draft) -> None:
-    _semantic_map(d)
+    add_semantic_map(d)
 
 
 @boundary("BD-FRM-009", base="media")
 def map_moved_by_a_pixel(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.roll(pixels, 1, axis=0))
+    add_semantic_map(d, lambda pixels: np.roll(pixels, 1, axis=0))
 
 
 # BD-FRM-010
