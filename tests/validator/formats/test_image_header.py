@@ -83,6 +83,11 @@ def test_a_transparent_colour_is_refused_as_decoders_differ_on_it() -> None:
     assert (decode_image(png(RGB, note=b"tRNS")) == RGB).all()
 
 
+def test_a_jpeg_that_lost_its_data_but_kept_its_end_decodes_to_something() -> None:
+    image = jpeg(noise(3, 64, 64, 3))
+    assert decode_image(image[: len(image) // 2] + image[-2:]).shape == (64, 64, 3)
+
+
 @given(st.binary(max_size=60), st.sampled_from([b"", b"\xff\xd8", png(RGB)[:8], png(RGB)[:16], jpeg(RGB)[:30]]))
 def test_any_bytes_have_a_header_or_a_plain_error(rest: bytes, start: bytes) -> None:
     for read in (image_header, decode_image):

@@ -90,7 +90,7 @@ def images_are_whole(view: ShardView, subjects: Mask) -> Iterator[Check]:
 
 @rule("BD-FRM-008")
 def images_decode(view: ShardView) -> Iterator[Check]:
-    """Every image decodes to its end."""
+    """No decoder raises an error over an image; one of JPEG fills lost data with grey and raises none."""
     if "frames" not in view:
         return
     images, frames = _images(view), view.stream("frames")
@@ -99,7 +99,7 @@ def images_decode(view: ShardView) -> Iterator[Check]:
         None,
         int(images.is_decoded.sum()),
         np.flatnonzero(_found_in(view, images.undecodable)),
-        lambda row: ("an image that decodes to its end", images.undecodable[int(frames.position[row])]),
+        lambda row: ("an image that a decoder reads without an error", images.undecodable[int(frames.position[row])]),
     )
     _demand_all(images, np.ones(len(frames), bool))
 
