@@ -71,8 +71,11 @@ class Images:
 
 
 def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
-    """Rows of the index whose images are decoded; a sample depends on the order of keys, not on that of rows."""
-    if mode != "sample":
+    """Rows of the index whose images are decoded.
+
+    A sample depends on the order of keys and on the first of them, so that shards differ, and not on the order of rows.
+    """
+    if mode != "sample" or not frames.num_rows:
         return np.full(frames.num_rows, mode == "full")
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -82,9 +85,11 @@ def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
         pa.table({**keys, "tick": frames["tick"]}),
         sort_keys=[(name, "ascending") for name in ("rollout_id", "tick", "camera")],
     )
-    drawn = below(words(0, "media/sample", frames.num_rows, 1)[:, 0], SAMPLE_STEP) == 0
+    order = order.to_numpy()
+    first = keys["rollout_id"][int(order[0])].as_py()
+    drawn = below(words(0, f"media/sample/{first}", frames.num_rows, 1)[:, 0], SAMPLE_STEP) == 0
     chosen = np.zeros(frames.num_rows, bool)
-    chosen[order.to_numpy()] = drawn
+    chosen[order] = drawn
     return chosen
 
 
