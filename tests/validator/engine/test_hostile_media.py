@@ -62,6 +62,7 @@ DAMAGED: dict[str, tuple[str, str, bytes]] = {
     "png of 1 bit": (FORM, "png", _png(ROWS, depth=1, colour=0)),
     "png with a palette": (FORM, "png", _png(ROWS, colour=3)),
     "png with transparency": (FORM, "png", _png(ROWS, colour=6)),
+    "png with a transparent colour": (FORM, "png", PNG[:33] + _chunk(b"tRNS", bytes(6)) + PNG[33:]),
     "grey png": (FORM, "png", png(COLOURS[..., 0])),
     "interlaced png": (FORM, "png", _png(ROWS, interlace=1)),
     "png of no width": (FORM, "png", _png(ROWS, width=0)),

@@ -6,6 +6,7 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from tests import synthetic
 from tests.synthetic import write_dataset
@@ -83,6 +84,13 @@ def test_a_sample_follows_from_keys_and_not_from_the_order_of_rows() -> None:
     order = np.random.default_rng(3).permutation(FRAMES.num_rows)
     assert 0 < chosen_rows(FRAMES, "sample").sum() < FRAMES.num_rows / 50
     assert (chosen_rows(FRAMES.take(order), "sample") == chosen_rows(FRAMES, "sample")[order]).all()
+
+
+def test_samples_of_two_shards_differ() -> None:
+    names = pa.array([f"other.{name}" for name in FRAMES["rollout_id"].to_pylist()])
+    other = FRAMES.set_column(FRAMES.column_names.index("rollout_id"), "rollout_id", names)
+    assert (chosen_rows(other, "sample") != chosen_rows(FRAMES, "sample")).any()
+    assert not len(chosen_rows(FRAMES[:0], "sample"))
 
 
 def test_the_command_takes_a_mode(root: Path) -> None:

@@ -68,6 +68,26 @@ def test_other_bytes_are_no_image(bytes_: bytes) -> None:
         image_header(bytes_)
 
 
+def test_scans_are_counted_before_anything_is_decoded() -> None:
+    image = jpeg(RGB, progressive=True)
+    scan = image[image.rindex(b"\xff\xda") : -2]
+    allowed = 64 - image.count(b"\xff\xda")
+    assert decode_image(image[:-2] + scan * allowed + image[-2:]).shape == (9, 16, 3)
+    with pytest.raises(DecodeError, match="65 markers of a scan; expected a JPEG of at most 64 scans"):
+        decode_image(image[:-2] + scan * (allowed + 1) + image[-2:])
+
+
+def test_a_transparent_colour_is_refused_as_decoders_differ_on_it() -> None:
+    with pytest.raises(DecodeError, match="expected a PNG without transparency"):
+        decode_image(saved("RGB", transparency=(1, 2, 3)))
+    assert (decode_image(png(RGB, note=b"tRNS")) == RGB).all()
+
+
+def test_a_jpeg_that_lost_its_data_but_kept_its_end_decodes_to_something() -> None:
+    image = jpeg(noise(3, 64, 64, 3))
+    assert decode_image(image[: len(image) // 2] + image[-2:]).shape == (64, 64, 3)
+
+
 @given(st.binary(max_size=60), st.sampled_from([b"", b"\xff\xd8", png(RGB)[:8], png(RGB)[:16], jpeg(RGB)[:30]]))
 def test_any_bytes_have_a_header_or_a_plain_error(rest: bytes, start: bytes) -> None:
     for read in (image_header, decode_image):

@@ -34,6 +34,7 @@ class Limits:
     max_table_columns: int
     max_image_bytes: int
     max_image_pixels: int
+    max_image_scans: int
     max_media_bytes: int
     max_shard_rollouts: int
     max_route_vertices: int

@@ -12,16 +12,17 @@ from typing import Literal
 from zlib import crc32
 
 from branchdrive.contract.camera import Camera
+from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.errors import DecodeError
 
-__all__ = ["ImageHeader", "disagreement", "image_header", "is_whole", "png_chunks", "read_header"]
+__all__ = ["ImageHeader", "disagreement", "excess", "image_header", "is_whole", "png_chunks", "read_header"]
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 _PNG_COLOURS = {0: "grey", 2: "rgb", 3: "palette", 4: "grey with alpha", 6: "rgb with alpha"}
 
-_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_JPEG_START, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
 _JPEG_COLOURS = {1: "grey", 3: "rgb", 4: "cmyk"}
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers of JPEG that begin a frame, which has the size."""
@@ -59,15 +60,17 @@ class ImageHeader:
 
 
 def image_header(image: bytes | memoryview) -> ImageHeader:
-    """Header of an encoded image that has an end.
+    """Header of an encoded image that has an end and nothing in excess.
 
     Raises:
-        DecodeError: The bytes are no PNG or JPEG, or are cut off.
+        DecodeError: The bytes are no PNG or JPEG, are cut off, or hold what no image of a dataset may.
     """
     image = bytes(image)
     header = read_header(image)
     if not _has_end(image, header.encoding):
         raise DecodeError(f"a {header.encoding.upper()} that is cut off")
+    if (found := excess(image, header.encoding)) is not None:
+        raise DecodeError(f"{found[1]}; expected {found[0]}")
     return header
 
 
@@ -90,6 +93,21 @@ def is_whole(image: bytes, encoding: str) -> bool:
         return _has_end(image, encoding)
     kinds = [kind for kind, _ in png_chunks(image)]
     return kinds.count(b"IEND") == 1 and kinds[-1] == b"IEND" and _has_end(image, encoding)
+
+
+def excess(image: bytes, encoding: str) -> tuple[str, str] | None:
+    """Expected and found text of what an image holds beside its header and may not; ``None`` if nothing.
+
+    Every scan of a JPEG costs a decoder a pass over all pixels, whatever its length. In the data of a scan no
+    ff is followed by da, so that markers are counted without being parsed; notes that hold such bytes count too.
+    A chunk `tRNS` makes a fourth channel of a colour, which some decoders give and others do not.
+    """
+    limit = spec_limits().max_image_scans
+    if encoding == "jpeg" and (num_scans := image.count(_JPEG_SCAN)) > limit:
+        return f"a JPEG of at most {limit} scans", f"one with {num_scans:,} markers of a scan"
+    if encoding == "png" and b"tRNS" in image and any(kind == b"tRNS" for kind, _ in png_chunks(image)):
+        return "a PNG without transparency", "one with a chunk `tRNS`"
+    return None
 
 
 def png_chunks(image: bytes) -> Iterator[tuple[bytes, bytes]]:

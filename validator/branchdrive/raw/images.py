@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.media import SAMPLE_STEP, MediaMode
+from branchdrive.contract.semantic_bev import SemanticClass, classes_of
 from branchdrive.statistics.stream import below, words
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["GRID", "Images", "cell_means", "chosen_rows", "is_flat"]
+__all__ = ["GRID", "Images", "cell_means", "chosen_rows", "is_flat", "unknown_class"]
 
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
@@ -39,17 +40,21 @@ class Images:
     Attributes:
         is_read: Whether its bytes are those of the index ``[rows]``.
         is_decoded: Whether its pixels were looked at, or could not be had ``[rows]``.
+        is_compared: Whether it is a map of the ground that was compared with what is recorded, or holds a class
+            that there is not ``[rows]``.
         form: Expected and found text of images of another form than index and descriptor name, by row.
         cut: Rows of images that do not end as their encoding demands.
         undecodable: Why images do not decode, by row.
         flat: Rows of images of one colour.
-        contradicted: Expected and found text of maps of the ground that contradict what is recorded, by row.
+        contradicted: Expected and found text of maps of the ground that contradict what is recorded or hold a class
+            that there is not, by row.
         cells: Means of the cells of a grid over an image and its channels ``[rows, cells]``; NaN where not decoded.
         unjudged: Why pixels were not looked at, or not all; ``None`` where all were.
     """
 
     is_read: Mask
     is_decoded: Mask
+    is_compared: Mask
     form: dict[int, tuple[str, str]] = field(default_factory=dict)
     cut: set[int] = field(default_factory=set)
     undecodable: dict[int, str] = field(default_factory=dict)
@@ -62,12 +67,15 @@ class Images:
     def none(cls, num_rows: int) -> Images:
         """Of images that nobody looked at yet."""
         unread = np.zeros(num_rows, bool)
-        return cls(unread, unread.copy(), cells=np.full((num_rows, GRID * GRID), np.nan, np.float32))
+        return cls(unread, unread.copy(), unread.copy(), cells=np.full((num_rows, GRID * GRID), np.nan, np.float32))
 
 
 def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
-    """Rows of the index whose images are decoded; a sample depends on the order of keys, not on that of rows."""
-    if mode != "sample":
+    """Rows of the index whose images are decoded.
+
+    A sample depends on the order of keys and on the first of them, so that shards differ, and not on the order of rows.
+    """
+    if mode != "sample" or not frames.num_rows:
         return np.full(frames.num_rows, mode == "full")
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -77,9 +85,11 @@ def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
         pa.table({**keys, "tick": frames["tick"]}),
         sort_keys=[(name, "ascending") for name in ("rollout_id", "tick", "camera")],
     )
-    drawn = below(words(0, "media/sample", frames.num_rows, 1)[:, 0], SAMPLE_STEP) == 0
+    order = order.to_numpy()
+    first = keys["rollout_id"][int(order[0])].as_py()
+    drawn = below(words(0, f"media/sample/{first}", frames.num_rows, 1)[:, 0], SAMPLE_STEP) == 0
     chosen = np.zeros(frames.num_rows, bool)
-    chosen[order.to_numpy()] = drawn
+    chosen[order] = drawn
     return chosen
 
 
@@ -90,6 +100,15 @@ def is_flat(pixels: Pixels) -> bool:
         if int(np.max(values.max(axis=0) - values.min(axis=0))) > _FLAT:
             return False
     return True
+
+
+def unknown_class(pixels: Pixels) -> tuple[str, str] | None:
+    """Expected and found text of a map of the ground that holds a class that there is not."""
+    classes, last = classes_of(pixels), max(SemanticClass)
+    if classes.max() <= last:
+        return None
+    row, column = np.argwhere(classes > last)[0]
+    return f"classes 0 .. {last.value}", f"class {classes[row, column]} at row {row}, column {column}"
 
 
 def cell_means(pixels: Pixels) -> NDArray[np.float32]:

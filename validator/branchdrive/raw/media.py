@@ -11,11 +11,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,10 @@ from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
-from branchdrive.formats.image_header import ImageHeader, disagreement, is_whole, read_header
+from branchdrive.formats.image_header import ImageHeader, disagreement, excess, is_whole, read_header
 from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
-from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat
+from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat, unknown_class
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -41,11 +41,24 @@ __all__ = ["CHECKSUM_DIGITS", "Look", "MediaReading", "read_media"]
 _FILE_NAME = re.compile(PATTERNS["file"].removeprefix("^").removesuffix("$"))
 _PIECE_BYTES = 1 << 20
 
+_MAX_OVERLAP = 2
+"""How often the bytes of a file are looked at as images, on average: ranges that overlap cost as if they did not."""
+
 CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
-Look: TypeAlias = Callable[[int, NDArray[np.uint8]], "tuple[str, str] | None"]
-"""What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
+
+class Look(Protocol):
+    """Comparison of maps of the ground with what is recorded.
+
+    Attributes:
+        is_judged: Whether there is anything to compare the image with ``[stored rows]``.
+    """
+
+    is_judged: NDArray[np.bool_]
+
+    def __call__(self, stored_row: int, pixels: NDArray[np.uint8], /) -> tuple[str, str] | None:
+        """What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
 
 
 _Image: TypeAlias = tuple[int, int, str, str, int, str, str, int]
@@ -99,7 +112,7 @@ def read_media(
         cameras: Cameras of the descriptor by name.
         mode: Which images are decoded.
         is_hashed: Whether what is no table is digested.
-        look: Called with the pixels of every decoded image of a map of the ground.
+        look: Called with the pixels of every decoded map of the ground that it judges.
         links: Folders that links may lead into.
     """
     reading = MediaReading()
@@ -113,12 +126,17 @@ def read_media(
         is_digested = is_hashed and path in media
         try:
             with open_file(root, path, links) as stream:
-                if is_digested and os.fstat(stream.fileno()).st_size > spec_limits().max_media_bytes:
+                num_bytes = os.fstat(stream.fileno()).st_size
+                if is_digested and num_bytes > spec_limits().max_media_bytes:
                     reading.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 part = _Part(stream, is_digested and path not in reading.over_limit)
                 if path in media and (kind := stored_code(path, part.bytes_at(0, HEAD_BYTES))):
                     reading.stored_code[path] = kind
-                if eye is not None:
+                if (indexed := _indexed_bytes(images, num_bytes)) > _MAX_OVERLAP * num_bytes:
+                    expected = f"ranges of at most {_MAX_OVERLAP} x {num_bytes} bytes together"
+                    found = f"ranges that overlap: {indexed} bytes"
+                    reading.mismatches.append(Mismatch({"file": path}, expected, found, len(images)))
+                elif eye is not None:
                     for image in images:
                         eye.see(path, image, part)
                 if part.digest is not None:
@@ -142,6 +160,11 @@ def _by_file(folder: str, frames: pa.Table) -> dict[str, list[_Image]]:
         if not (has_nulls and None in (name, *image)):
             by_file.setdefault(name, []).append(tuple(image))
     return {f"{folder}/{name}": sorted(by_file[name]) for name in by_file if _FILE_NAME.fullmatch(name)}
+
+
+def _indexed_bytes(images: list[_Image], num_bytes: int) -> int:
+    """Bytes of a file in the ranges of its images, equal ranges counted once."""
+    return sum(max(min(size, num_bytes - offset), 0) for offset, size in {image[:2] for image in images} if offset >= 0)
 
 
 class _Part:
@@ -255,6 +278,9 @@ class _Eye:
         if header.encoding != encoding:
             self._images.form[row] = f"a {encoding}", str(header)
             return False
+        if (found := excess(self._content, encoding)) is not None:
+            self._images.form[row] = found
+            return False
         if not is_whole(self._content, encoding):
             self._images.cut.add(row)
             return False
@@ -275,5 +301,10 @@ class _Eye:
         if camera.stream != "semantic_bev":
             if is_flat(self._pixels):
                 images.flat.add(row)
-        elif self._look is not None and (found := self._look(row, self._pixels)):
+            return
+        found, is_judged = unknown_class(self._pixels), self._look is not None and bool(self._look.is_judged[row])
+        images.is_compared[row] = is_judged or found is not None
+        if found is None and self._look is not None and is_judged:
+            found = self._look(row, self._pixels)
+        if found is not None:
             images.contradicted[row] = found

@@ -2,9 +2,9 @@
 
 Every recorded vehicle or cycle whose centre lies on the map shows there, and every pixel of another vehicle lies on
 the box of a recorded actor: both within a tolerance in pixels, and when and where all actors
-are recorded.
+are recorded. The channels of the ego, of the drivable area and of the route are compared with nothing.
 
-Source: spec/05-raw-streams.md#media.
+Source: spec/05-raw-streams.md#images.
 """
 
 from __future__ import annotations
@@ -36,18 +36,24 @@ class SemanticActors:
     Args:
         view: The shard, with its media index.
         cameras: Cameras of semantic maps by name.
+
+    Attributes:
+        is_judged: Whether an image is one of a map at a moment whose actors are recorded ``[stored rows]``.
     """
 
+    @np.errstate(all="ignore")  # recorded values may be anything; other rules judge them
     def __init__(self, view: ShardView, cameras: Mapping[str, TopDownCamera]) -> None:
         self._view = view
         frames, observations = view.stream("frames"), view.observations
         stored = np.empty(len(frames), np.int64)
         stored[frames.position] = np.arange(len(frames))
-        self._row, self._cameras = stored, [cameras.get(name) for name in frames["camera"]]
+        self._row, self._cameras, self._names = stored, cameras, frames["camera"]
         offset = frames.tick - np.append(view.branch_tick, 0)[frames.rollout]
         is_recorded = np.append(view.branched, False)[frames.rollout]
         is_recorded &= (offset >= EVIDENCE_OFFSETS[0]) & (offset <= EVIDENCE_OFFSETS[-1])
         self._at = np.where(is_recorded, observations.find(frames.rollout, frames.tick), -1)
+        self.is_judged = np.zeros(len(frames), bool)
+        self.is_judged[frames.position] = (self._at >= 0) & [name in cameras for name in self._names]
         actors = view.stream("actors")
         self._first, self._stop = actors.span(frames.rollout, frames.tick)
         codes, classes = actors.categories("actor_class")
@@ -55,12 +61,11 @@ class SemanticActors:
         self._pose = tuple(observations[name].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad"))
         self._boxes = Boxes(*(actors[name].astype(np.float64) for name in Boxes._fields))
 
+    @np.errstate(all="ignore")
     def __call__(self, stored_row: int, pixels: Pixels) -> tuple[str, str] | None:
-        """What is expected and found otherwise on the map of a stored row of the index, where anything is."""
+        """What is expected and found otherwise on the judged map of a stored row of the index, where anything is."""
         row = int(self._row[stored_row])
-        camera, at = self._cameras[row], int(self._at[row])
-        if camera is None or at < 0:
-            return None
+        camera, at = self._cameras[self._names[row]], int(self._at[row])
         here = slice(int(self._first[row]), int(self._stop[row]))
         boxes = _in_ego_frame(self._boxes.take(here), *(float(values[at]) for values in self._pose))
         shown = (pixels & np.uint8(SemanticChannel.OTHER_VEHICLE)) != 0

@@ -19,7 +19,7 @@ from branchdrive.contract.text import quote
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.errors import ContractError, DecodeError, UsageError
 from branchdrive.formats.file_error import named
-from branchdrive.formats.image_header import disagreement, is_whole, read_header
+from branchdrive.formats.image_header import disagreement, excess, is_whole, read_header
 from branchdrive.raw.media_folder import FRAMES, MediaFolder, image_checksum, places_of
 from branchdrive.raw.rollout import Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer
@@ -86,6 +86,8 @@ class MediaBuffer:
         expected = disagreement(header, camera)
         if expected is not None:
             raise ContractError(f"{where}: expected {expected}, found {header}")
+        if (found := excess(bytes(image), header.encoding)) is not None:
+            raise ContractError(f"{where}: expected {found[0]}, found {found[1]}")
         if not is_whole(bytes(image), header.encoding):
             raise ContractError(f"{where}: is cut off or damaged; give the whole {header.encoding.upper()}")
         with named(self._path):

@@ -79,6 +79,16 @@ def image_in_a_file_that_is_not_there(d: Draft) -> None:
     d.set("frames", "file", "elsewhere.bin", rollout_id="g2.nominal.a1", camera="rear", tick=BRANCH_TICK)
 
 
+@mutant("BD-FRM-002", base="media", at={"file": f"{SHARD_0}/{EXTRA_FILE}"})
+def images_that_overlap(d: Draft) -> None:
+    content = bytes(range(200))
+    for offset, camera in enumerate(("front", "rear", "rear_left")):
+        where = {**AT_BRANCH, "camera": camera}
+        replace_image(d, content, **where)
+        d.set("frames", "offset_bytes", offset, **where)
+        d.set("frames", "size_bytes", len(content) - 2, **where)
+
+
 @boundary("BD-FRM-002", base="media")
 def image_that_is_a_whole_file(d: Draft) -> None:
     replace_image(d, _unseen(), **AT_BRANCH)
@@ -176,6 +186,14 @@ def grey_image_of_a_colour_camera(d: Draft) -> None:
     replace_image(d, png(COLOURS[..., 0]), **AT_BRANCH)
 
 
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+def jpeg_of_a_thousand_scans(d: Draft) -> None:
+    scan = JPEG[JPEG.index(b"\xff\xda") : -2]
+    replace_image(d, JPEG[:-2] + scan * 999 + JPEG[-2:], "jpeg", camera="rear", rollout_id=NOMINAL)
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK))
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK + 1, END + 1))
+
+
 @boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
 def sound_image_in_a_file_of_its_own(d: Draft) -> None:
     replace_image(d, png(COLOURS), **AT_BRANCH)
@@ -229,15 +247,17 @@ BEV_PX, PX_PER_M = 64, 1.0
 VEHICLE = int(SemanticChannel.OTHER_VEHICLE) | int(SemanticClass.VEHICLE)
 
 
-def _semantic_map(d: Draft, change: Callable[[Pixels], Pixels] = lambda pixels: pixels) -> None:
-    """Claim semantic maps, and draw that of the first nominal at its branch from the definition."""
+def add_semantic_map(
+    d: Draft, change: Callable[[Pixels], Pixels] = lambda pixels: pixels, tick: int = BRANCH_TICK
+) -> None:
+    """Claim semantic maps, and draw that of the first nominal at its branch or a tick from the definition."""
     camera = {
         "name": "bev", "stream": "semantic_bev", "projection": "top_down", "width_px": BEV_PX, "height_px": BEV_PX,
         "px_per_m": PX_PER_M, "origin_row_px": BEV_PX / 2, "origin_column_px": BEV_PX / 2,
     }  # fmt: skip
     d.descriptor["streams"].append("semantic_bev")
     d.descriptor["cameras"].append(camera)
-    moment = {"rollout_id": NOMINAL, "tick": BRANCH_TICK}
+    moment = {"rollout_id": NOMINAL, "tick": tick}
     (ego,) = d.take("observations", **moment).to_pylist()
     rows, columns = np.mgrid[:BEV_PX, :BEV_PX] + 0.5
     forward, left = (BEV_PX / 2 - rows) / PX_PER_M, (BEV_PX / 2 - columns) / PX_PER_M
@@ -264,12 +284,12 @@ MAP_AT = {"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK}
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
 def map_that_is_turned_around(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
+    add_semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
 def map_without_vehicles(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.where(pixels == VEHICLE, SemanticClass.ROAD, pixels).astype(np.uint8))
+    add_semantic_map(d, lambda pixels: np.where(pixels == VEHICLE, SemanticClass.ROAD, pixels).astype(np.uint8))
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
@@ -278,22 +298,37 @@ def map_with_a_vehicle_that_is_not_recorded(d: Draft) -> None:
         pixels[4:8, 4:8] = VEHICLE
         return pixels
 
-    _semantic_map(d, invent)
+    add_semantic_map(d, invent)
 
 
 @mutant("BD-FRM-009", base="media", at=MAP_AT)
 def map_moved_by_a_length(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.roll(pixels, 6, axis=0))
+    add_semantic_map(d, lambda pixels: np.roll(pixels, 6, axis=0))
+
+
+def _with_class_10(pixels: Pixels) -> Pixels:
+    pixels[-1, -1] = 10
+    return pixels
+
+
+@mutant("BD-FRM-009", base="media", at=MAP_AT)
+def map_with_a_class_that_there_is_not(d: Draft) -> None:
+    add_semantic_map(d, _with_class_10)
+
+
+@mutant("BD-FRM-009", base="media", at={**MAP_AT, "tick": 0})
+def map_before_the_window_with_a_class_that_there_is_not(d: Draft) -> None:
+    add_semantic_map(d, _with_class_10, tick=0)
 
 
 @boundary("BD-FRM-009", base="media")
 def map_of_the_recorded_vehicles(d: Draft) -> None:
-    _semantic_map(d)
+    add_semantic_map(d)
 
 
 @boundary("BD-FRM-009", base="media")
 def map_moved_by_a_pixel(d: Draft) -> None:
-    _semantic_map(d, lambda pixels: np.roll(pixels, 1, axis=0))
+    add_semantic_map(d, lambda pixels: np.roll(pixels, 1, axis=0))
 
 
 # BD-FRM-010
