@@ -148,11 +148,12 @@ class CameraRanker:
         Raises:
             UsageError: The model reads histories and has none, or has one and reads none.
         """
-        given = [] if state is None or controls is None else _context(state, controls)
-        if len(given) != len(self.network.reads):
+        given = {name: v for name, v in (("state", state), ("controls", controls)) if v is not None}
+        if tuple(given) != self.network.reads:
             raise UsageError(f"the model reads {list(self.network.reads) or 'no history'}; give it that and no more")
         with torch.inference_mode():
-            return Ranking.of(self.network.rank(self._ring.window(), *given), self._scale, self._profile)
+            window, history = self._ring.window(), _context(*given.values())
+            return Ranking.of(self.network.rank(window, *history), self._scale, self._profile)
 
 
 class StepRing:
@@ -285,5 +286,5 @@ def _decoder(networks: Sequence[_Network], release: ModelLayer) -> StackedDecode
     return StackedDecoder([decoder for _, _, decoder in networks], [bank for _, bank, _ in networks], release)
 
 
-def _context(state: ArrayLike, controls: ArrayLike) -> list[Tensor]:
-    return [torch.from_numpy(np.array(values, np.float32)) for values in (state, controls)]
+def _context(*histories: ArrayLike) -> list[Tensor]:
+    return [torch.from_numpy(np.array(values, np.float32)) for values in histories]

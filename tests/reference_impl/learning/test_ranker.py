@@ -120,8 +120,10 @@ def test_what_was_never_seen_counts_as_no_image(visual_release: Path, seeing: li
     np.testing.assert_array_equal(ranker(*history).scalars, nothing)
     with pytest.raises(UsageError, match="no camera 'bev'; there are front, front_left"):
         ranker.observe({"bev": b""})
-    with pytest.raises(UsageError, match="give it that and no more"):
-        ranker(*() if history else (inputs.state[0], inputs.controls[0]))
+    state, controls = inputs.state[0], inputs.controls[0]
+    for given in ((state, None), (None, controls), (None, None) if history else (state, controls)):
+        with pytest.raises(UsageError, match="give it that and no more"):
+            ranker(*given)
 
 
 def test_a_ring_keeps_the_last_sixteen_in_order() -> None:
