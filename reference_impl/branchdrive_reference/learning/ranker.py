@@ -32,7 +32,16 @@ from branchdrive_reference.learning.network import HISTORY, ActionEncoder, Decod
 from branchdrive_reference.learning.prediction import check_release
 from branchdrive_reference.learning.stacked import StackedDecoder, StackedHistory, StackedImages
 
-__all__ = ["BankNetwork", "BankRanker", "CameraNetwork", "CameraRanker", "Ranking", "StepRing", "reads_cameras"]
+__all__ = [
+    "BankNetwork",
+    "BankRanker",
+    "CameraNetwork",
+    "CameraRanker",
+    "Ranking",
+    "StepRing",
+    "can_rank",
+    "reads_cameras",
+]
 
 Array = NDArray[np.float64]
 
@@ -257,6 +266,18 @@ class CameraNetwork(nn.Module):
 def reads_cameras(checkpoints: Sequence[Checkpoint]) -> bool:
     """Whether models read surround views."""
     return any(VIEWS in checkpoint.configuration.model.images for checkpoint in checkpoints)
+
+
+def can_rank(checkpoints: Sequence[Checkpoint]) -> bool:
+    """Whether models are networks of actions with histories, surround views or both: those that a ranker takes."""
+    models = [checkpoint.configuration.model for checkpoint in checkpoints]
+    return all(
+        model.trees is None
+        and model.action is not None
+        and model.images.keys() <= {VIEWS}
+        and (model.history is not None or bool(model.images))
+        for model in models
+    )
 
 
 _Network = tuple[dict[str, nn.Module], ActionEncoder, Decoder]
