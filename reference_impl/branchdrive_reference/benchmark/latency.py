@@ -54,7 +54,7 @@ from branchdrive_reference.benchmark.release import Release, benchmark_data
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.prediction import check_release, physical
-from branchdrive_reference.learning.ranker import reads_cameras
+from branchdrive_reference.learning.ranker import can_rank, reads_cameras
 
 __all__ = [
     "EXPORT",
@@ -93,7 +93,7 @@ def latency_document(release: Release, *, repeats: int, show: Update) -> dict[st
         show: Progress over models.
 
     Raises:
-        UsageError: No benchmark is published.
+        UsageError: No benchmark is published, or a checkpoint was trained under another split or normalisation.
         DatasetError: The release or a checkpoint cannot be read.
         PlatformError: A package in `EXPORT` is too old or cannot be imported.
         BranchDriveError: An exported selector does not predict what torch does.
@@ -113,20 +113,17 @@ def latency_document(release: Release, *, repeats: int, show: Update) -> dict[st
         plain = plain_camera_selector if sees else plain_selector
         ways: dict[str, Callable[..., NDArray[Any]]] = {"torch": plain(checkpoints, layer)}
         given: Sequence[tuple[Any, ...]] = camera_contexts(layer, "train", NUM_WINDOWS) if sees else contexts
-        if is_exporting:
-            try:
-                content = export_selector(checkpoints, layer, scale=scale, profiles=profiles)
-            except UsageError:
-                pass  # it reads no action, or nothing else
-            else:
-                check_equal(content, checkpoints, layer)
-                ways["exported"] = (
-                    exported_camera_selector(content, checkpoints, layer) if sees else exported_selector(content)
-                )
+        if is_exporting and can_rank(checkpoints):
+            content = export_selector(checkpoints, layer, scale=scale, profiles=profiles)
+            check_equal(content, checkpoints, layer)
+            ways["exported"] = (
+                exported_camera_selector(content, checkpoints, layer) if sees else exported_selector(content)
+            )
         profile = next(iter(profiles.values()))
         times = latencies_ms(list(ways.values()), given, scale, profile, repeats=repeats)
         figures = dict(zip(ways, map(_figures, times), strict=True))
-        found.append({"model": model.id, "num_seeds": len(checkpoints), "exported": None, **figures})
+        about = {"model": model.id, "num_seeds": len(checkpoints), **({"reads_cameras": True} if sees else {})}
+        found.append({**about, "exported": None, **figures})
     show(len(models), len(models))
     libraries = ("numpy", "torch", *(EXPORT[-1:] if is_exporting else ()))
     return {

@@ -2,7 +2,9 @@
 
 A file holds what one group has of one input, as a plain array of numpy without pickled objects. Its name is the SHA-256
 of the encoder's digest and of the checksums of the images, by step and camera: other images, another order or another
-encoder have another name, so that nothing in the folder is ever out of date. A file that cannot be read counts as none.
+encoder, of which another library that decodes or another version of it is one, have another name. Nothing else makes a
+file out of date but another processor, for the last bits of features of a network. A file that cannot be read counts as
+none, and one that cannot be written is left out.
 
 Source: this project's choice.
 """
@@ -12,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -44,16 +47,17 @@ class FeatureCache:
         return found if isinstance(found, np.ndarray) and (found.shape, found.dtype) == (shape, dtype) else None
 
     def put(self, key: str, values: NDArray[Any]) -> None:
-        """Keep an array; a reader sees all of it or nothing."""
+        """Keep an array where the folder can be written; a reader sees all of it or nothing."""
         path, stream = self._path(key), io.BytesIO()
         np.save(stream, values, allow_pickle=False)
-        path.parent.mkdir(exist_ok=True)
         partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-        try:
-            write_file(partial, stream.getbuffer())
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            path.parent.mkdir(exist_ok=True)
+            try:
+                write_file(partial, stream.getbuffer())
+                partial.replace(path)
+            finally:
+                partial.unlink(missing_ok=True)
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.npy"

@@ -1,7 +1,9 @@
 """Encoders of single images: from the bytes of an image to one of the declared encodings.
 
-An encoder is frozen: the same bytes give the same array, whatever is trained. Its digest stands for all that the
-array depends on besides the bytes. Weights of ``resnet18`` are those that torchvision has on this machine; nothing is
+An encoder is frozen: the same bytes give the same array, whatever is trained. Its digest stands for what the array
+depends on besides the bytes: the encoding, the library that decodes and its version, and of a network its weights and
+the version of torch. The last bits of a network's features may also depend on the processor, which it leaves out.
+Weights of ``resnet18`` are those that torchvision has on this machine; nothing is
 ever downloaded.
 
 Source: see `branchdrive_reference.learning.image_encoding`.
@@ -24,7 +26,7 @@ from torch.nn import functional
 
 from branchdrive.contract.semantic_bev import channels_of
 from branchdrive.errors import DecodeError, PlatformError
-from branchdrive.formats.image_codec import decode_image
+from branchdrive.formats.image_codec import decode_image, decoder
 from branchdrive_reference.learning.execution import deterministic
 from branchdrive_reference.learning.image_encoding import ENCODINGS, Encoding
 
@@ -50,7 +52,7 @@ class ImageEncoder(Protocol):
 
     Attributes:
         encoding: Name of the encoding that it gives.
-        digest: Of all that an encoded image depends on besides its bytes, hexadecimal.
+        digest: Of what an encoded image depends on besides its bytes and the processor, hexadecimal.
     """
 
     encoding: str
@@ -87,7 +89,9 @@ class RgbPatches:
     """Means of pixels over 48 x 24 cells, cut into patches."""
 
     encoding = "rgb_patches"
-    digest = hashlib.sha256(f"rgb_patches {_VERSION}".encode()).hexdigest()
+
+    def __init__(self) -> None:
+        self.digest = _digest(self.encoding)
 
     def encode(self, images: Sequence[bytes]) -> NDArray[np.uint8]:
         """Encoded images ``[n, 48, 72]``."""
@@ -101,7 +105,9 @@ class BevPatches:
     """Shares of 64 x 64 cells that the four binary channels cover, cut into patches."""
 
     encoding = "bev_patches"
-    digest = hashlib.sha256(f"bev_patches {_VERSION}".encode()).hexdigest()
+
+    def __init__(self) -> None:
+        self.digest = _digest(self.encoding)
 
     def encode(self, images: Sequence[bytes]) -> NDArray[np.uint8]:
         """Encoded images ``[n, 64, 256]``."""
@@ -124,7 +130,7 @@ class ResNet18:
 
     def __init__(self, network: nn.Module, digest: str) -> None:
         self._network = network.eval().requires_grad_(requires_grad=False)
-        self.digest = hashlib.sha256(f"resnet18 {_VERSION} {digest}".encode()).hexdigest()
+        self.digest = _digest(self.encoding, digest, f"torch {torch.__version__}")
 
     def encode(self, images: Sequence[bytes]) -> NDArray[np.float32]:
         """Encoded images ``[n, 512]``."""
@@ -141,6 +147,11 @@ class ResNet18:
         picture = functional.interpolate(pixels, size, mode="bilinear", antialias=True, align_corners=False)
         mean, sd = (torch.tensor(values)[None, :, None, None] for values in (_RESNET_MEAN, _RESNET_SD))
         return (picture - mean) / sd
+
+
+def _digest(encoding: str, *parts: str) -> str:
+    """Of an encoding, of what decodes images here, and of what else it depends on."""
+    return hashlib.sha256("\n".join((f"{encoding} {_VERSION}", str(decoder()), *parts)).encode()).hexdigest()
 
 
 def _resnet18() -> tuple[nn.Module, str]:

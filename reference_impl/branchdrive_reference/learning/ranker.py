@@ -32,7 +32,16 @@ from branchdrive_reference.learning.network import HISTORY, ActionEncoder, Decod
 from branchdrive_reference.learning.prediction import check_release
 from branchdrive_reference.learning.stacked import StackedDecoder, StackedHistory, StackedImages
 
-__all__ = ["BankNetwork", "BankRanker", "CameraNetwork", "CameraRanker", "Ranking", "StepRing", "reads_cameras"]
+__all__ = [
+    "BankNetwork",
+    "BankRanker",
+    "CameraNetwork",
+    "CameraRanker",
+    "Ranking",
+    "StepRing",
+    "can_rank",
+    "reads_cameras",
+]
 
 Array = NDArray[np.float64]
 
@@ -148,11 +157,12 @@ class CameraRanker:
         Raises:
             UsageError: The model reads histories and has none, or has one and reads none.
         """
-        given = [] if state is None or controls is None else _context(state, controls)
-        if len(given) != len(self.network.reads):
+        given = {name: v for name, v in (("state", state), ("controls", controls)) if v is not None}
+        if tuple(given) != self.network.reads:
             raise UsageError(f"the model reads {list(self.network.reads) or 'no history'}; give it that and no more")
         with torch.inference_mode():
-            return Ranking.of(self.network.rank(self._ring.window(), *given), self._scale, self._profile)
+            window, history = self._ring.window(), _context(*given.values())
+            return Ranking.of(self.network.rank(window, *history), self._scale, self._profile)
 
 
 class StepRing:
@@ -258,6 +268,18 @@ def reads_cameras(checkpoints: Sequence[Checkpoint]) -> bool:
     return any(VIEWS in checkpoint.configuration.model.images for checkpoint in checkpoints)
 
 
+def can_rank(checkpoints: Sequence[Checkpoint]) -> bool:
+    """Whether models are networks of actions with histories, surround views or both: those that a ranker takes."""
+    models = [checkpoint.configuration.model for checkpoint in checkpoints]
+    return all(
+        model.trees is None
+        and model.action is not None
+        and model.images.keys() <= {VIEWS}
+        and (model.history is not None or bool(model.images))
+        for model in models
+    )
+
+
 _Network = tuple[dict[str, nn.Module], ActionEncoder, Decoder]
 
 
@@ -285,5 +307,5 @@ def _decoder(networks: Sequence[_Network], release: ModelLayer) -> StackedDecode
     return StackedDecoder([decoder for _, _, decoder in networks], [bank for _, bank, _ in networks], release)
 
 
-def _context(state: ArrayLike, controls: ArrayLike) -> list[Tensor]:
-    return [torch.from_numpy(np.array(values, np.float32)) for values in (state, controls)]
+def _context(*histories: ArrayLike) -> list[Tensor]:
+    return [torch.from_numpy(np.array(values, np.float32)) for values in histories]

@@ -105,13 +105,12 @@ class Chart:
         if view is None or self.camera is None:
             return Image.new("RGB", size, ink(BACKDROP["ground"]))
         image = Image.fromarray(coloured(view))
-        half_px = self.side_m / 2 * self.camera.px_per_m
-        top = self.camera.origin_row_px - 2 * half_px * (1 - _BEHIND)
-        left = self.camera.origin_column_px - half_px
-        box = (round(left), round(top), round(left + 2 * half_px), round(top + 2 * half_px))
-        cut = Image.new("RGB", (box[2] - box[0], box[3] - box[1]), _CLASSES[SemanticClass.NOTHING])
-        cut.paste(image, (-box[0], -box[1]))
-        return cut.resize(size, Image.Resampling.BICUBIC)
+        scale = self.side_m * self.camera.px_per_m / size[0]
+        left = self.camera.origin_column_px - scale * size[0] / 2
+        top = self.camera.origin_row_px - scale * size[1] * (1 - _BEHIND)
+        nothing = _CLASSES[SemanticClass.NOTHING]
+        cut = (scale, 0.0, left, 0.0, scale, top)
+        return image.transform(size, Image.Transform.AFFINE, cut, Image.Resampling.BICUBIC, fillcolor=nothing)
 
     def _px(self, x_m: Array, y_m: Array, pose: tuple[float, float, float]) -> list[tuple[float, float]]:
         x, y, yaw = pose

@@ -119,7 +119,8 @@ class Sheet:
 
     def _tile(self, name: str, tick: int) -> Image.Image:
         camera, pixels = self._cameras[name], self._pixels(name, tick)
-        size = (_TILE_PX, max(1, round(_TILE_PX * camera.height_px / camera.width_px)))
+        height = round(_TILE_PX * camera.height_px / camera.width_px)
+        size = (_TILE_PX, min(max(1, height), 2 * _TILE_PX))
         if pixels is None:
             return Image.new("RGB", size, _QUIET)
         return Image.fromarray(pixels).convert("RGB").resize(size, Image.Resampling.LANCZOS)

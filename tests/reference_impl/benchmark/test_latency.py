@@ -59,6 +59,18 @@ def test_an_evaluation_keeps_them_and_another_lock_drops_them(
     assert NAME not in after and b"## Latency" not in after[TABLES]
 
 
+def test_an_export_that_fails_is_not_passed_over(benchmarked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise UsageError("trained under another split")
+
+    monkeypatch.setattr(latency, "EXPORT", ())
+    monkeypatch.setattr(latency, "export_selector", refuse)
+    before = contents(benchmarked)
+    with pytest.raises(UsageError, match="trained under another split"):
+        invoke("latency", benchmarked, "--repeats", "1")
+    assert contents(benchmarked) == before
+
+
 def test_nothing_is_timed_before_models_are_published(release: Path) -> None:
     with pytest.raises(UsageError, match=r"has no locked models; run `branchdrive predict` first"):
         invoke("latency", release)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,12 @@ from tests.reference_impl.benchmark.small_release import (
 from tests.reference_impl.learning.small_models import VISUAL
 from tests.small_images import add_images
 
+from branchdrive import validate
 from branchdrive.benchmark.protocol import default_protocol, protocol_problem, visual_protocol
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses
+from branchdrive_reference.benchmark import latency
 from branchdrive_reference.benchmark.document import published_protocol, read_protocol_file, untrained_sentence
 from branchdrive_reference.benchmark.release import Release, open_release
 
@@ -88,6 +91,18 @@ def test_what_sees_more_than_sensors_is_reported_apart(looked_at: Path) -> None:
     assert "† reads what no sensor of the vehicle tells" in parts["Prediction, privileged"]
     assert "| O-M5 |" in parts["Ranking, profile balanced"] and "O-M6" not in parts["Ranking, profile balanced"]
     assert "| O-M6 |" in parts["Ranking, profile balanced, privileged"]
+
+
+def test_models_of_cameras_are_timed_as_such(looked_at: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(latency, "EXPORT", ("no_such_package",))
+    root = shutil.copytree(looked_at, tmp_path / "release")
+    invoke("latency", root, "--repeats", "1")
+    assert is_clean(root)
+    models = document(root, "latency")["models"]
+    assert [model["model"] for model in models if model.get("reads_cameras")] == ["M4", "M5"]
+    assert "M4, M5: torch decodes and encodes the 96 images" in (root / "benchmark/TABLES.md").read_text("utf-8")
+    report = {tally.rule_id: tally.status for tally in validate(root).tallies}
+    assert {report[rule] for rule in ("BD-BMK-013", "BD-BMK-016")} == {"pass"}
 
 
 def test_normative_protocols_differ_by_models_of_images_alone() -> None:

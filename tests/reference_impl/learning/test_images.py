@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,8 @@ class Counting:
 
     encoding = "rgb_patches"
 
-    def __init__(self, digest: str = RgbPatches.digest) -> None:
-        self.digest, self.count = digest, 0
+    def __init__(self, digest: str | None = None) -> None:
+        self.digest, self.count = digest or RgbPatches().digest, 0
 
     def encode(self, pictures: Any) -> NDArray[Any]:
         self.count += len(pictures)
@@ -130,6 +131,37 @@ def test_another_encoder_or_another_image_is_encoded_anew(images: Path) -> None:
     changed[3, 2] = "0" * 16
     keys = [features_key(*about) for about in (("a", checksums), ("b", checksums), ("a", changed), ("a", checksums.T))]
     assert len({*keys}) == 4
+
+
+@pytest.mark.parametrize(
+    ("place", "other"), [("PIL.Image.__version__", "0.1"), ("branchdrive.formats.image_codec._pillow", lambda: None)]
+)
+def test_another_decoder_is_another_encoder(place: str, other: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def digests() -> set[str]:
+        return {RgbPatches().digest, BevPatches().digest, ResNet18(torch.nn.Identity(), "a").digest}
+
+    here = digests()
+    monkeypatch.setattr(place, other)
+    assert len(here | digests()) == 6
+
+
+def test_another_torch_gives_other_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = ResNet18(torch.nn.Identity(), "a").digest
+    monkeypatch.setattr(torch, "__version__", "0.1")
+    assert here != ResNet18(torch.nn.Identity(), "a").digest
+
+
+@pytest.mark.parametrize("place", ["pathlib.Path.mkdir", "os.fsync", "pathlib.Path.replace"])
+def test_features_that_cannot_be_kept_stop_nothing(images: Path, place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left on device")
+
+    layer = open_model(images)
+    with monkeypatch.context() as patch:
+        patch.setattr(place, fail)
+        found = image_arrays(layer, "val", SENSOR, {"views": RgbPatches()})["views"]
+    assert not [*images.parent.glob("release.features/*"), *images.parent.glob("release.features/.*")]
+    np.testing.assert_array_equal(found, image_arrays(layer, "val", SENSOR, {"views": RgbPatches()})["views"])
 
 
 def test_a_damaged_file_of_features_counts_as_none(images: Path) -> None:

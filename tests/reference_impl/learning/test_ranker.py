@@ -16,7 +16,7 @@ from branchdrive.driving.utility import PROFILES, Profile, Scale, fit_scale, uti
 from branchdrive_reference.benchmark.camera_latency import camera_contexts, plain_camera_selector
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.prediction import predict
-from branchdrive_reference.learning.ranker import BankRanker, CameraRanker, StepRing
+from branchdrive_reference.learning.ranker import BankRanker, CameraRanker, StepRing, can_rank
 from branchdrive_reference.learning.training import train_model
 
 
@@ -100,6 +100,7 @@ def test_one_observation_more_gives_what_the_whole_window_gives(
 def test_the_whole_window_is_timed_by_what_it_predicts(visual_release: Path, seeing: list[Checkpoint]) -> None:
     layer = open_model(visual_release)
     (context,) = camera_contexts(layer, "val", 1)
+    assert can_rank(seeing)
     assert [len(images) for images in context.window] == [6] * 16
     mean = np.mean([one.scalars for one in predict(seeing, layer, "val")], axis=0)
     np.testing.assert_allclose(plain_camera_selector(seeing, layer)(*context), mean[0], rtol=1e-4, atol=2e-4)
@@ -120,8 +121,10 @@ def test_what_was_never_seen_counts_as_no_image(visual_release: Path, seeing: li
     np.testing.assert_array_equal(ranker(*history).scalars, nothing)
     with pytest.raises(UsageError, match="no camera 'bev'; there are front, front_left"):
         ranker.observe({"bev": b""})
-    with pytest.raises(UsageError, match="give it that and no more"):
-        ranker(*() if history else (inputs.state[0], inputs.controls[0]))
+    state, controls = inputs.state[0], inputs.controls[0]
+    for given in ((state, None), (None, controls), (None, None) if history else (state, controls)):
+        with pytest.raises(UsageError, match="give it that and no more"):
+            ranker(*given)
 
 
 def test_a_ring_keeps_the_last_sixteen_in_order() -> None:
@@ -140,6 +143,7 @@ def test_other_models_rank_from_no_cameras(release: Path, trained: list[Checkpoi
 def test_other_models_are_refused(release: Path, trained: list[Checkpoint], scale: Scale, tmp_path: Path) -> None:
     layer, other = open_model(release), open_model(make_release(tmp_path / "other", seed=9))
     action = train_model(release, tmp_path, SMALL["M1"], seed=11)
+    assert can_rank(trained) and not can_rank([action]) and not can_rank([*trained, action])
     wider = train_model(release, tmp_path, small("M3", patience=2), seed=11)
     for checkpoints, root, message in (
         ([action], layer, "M1 is no model of histories and actions alone"),

@@ -20,6 +20,7 @@ from branchdrive_reference.rendering.rig import MEDIA_STREAMS, cameras_of
 from branchdrive_reference.showing.chart import coloured
 from branchdrive_reference.showing.file import animated_bytes
 from branchdrive_reference.showing.group import read_sheet
+from branchdrive_reference.showing.sheet import Sheet
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +68,26 @@ def test_classes_and_channels_have_colours() -> None:
     colours = coloured(values)
     assert len({tuple(colour) for colour in colours[0].tolist()}) == len(SemanticClass)
     assert (colours[0] != colours[-1]).any(axis=1).all()
+
+
+@pytest.mark.parametrize(
+    ("stream", "size"),
+    [("semantic_bev", {"px_per_m": 1000.0}), ("rgb_surround", {"width_px": 16, "height_px": 16384})],
+)
+def test_no_declared_camera_makes_a_picture_large(
+    root: Path, stream: str, size: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sheet, new = read_sheet(open_dataset(root), "g2"), Image.new
+    chosen = next(one for one in sheet.descriptor.cameras if one.stream == stream)
+    cameras = [one.model_copy(update=size) if one is chosen else one for one in sheet.descriptor.cameras]
+    sheet = Sheet(sheet.scene, sheet.nominal, sheet.descriptor.model_copy(update={"cameras": tuple(cameras)}))
+
+    def small(mode: str, extent: tuple[int, int], *colour: str) -> Image.Image:
+        assert max(extent) < 4096
+        return new(mode, extent, *colour)
+
+    monkeypatch.setattr(Image, "new", small)
+    assert max(sheet.picture().size) < 4096
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from branchdrive.errors import DecodeError, PlatformError
 from branchdrive.formats.image_header import ImageHeader, image_header, png_chunks
 
-__all__ = ["NO_DECODER", "can_decode", "decode_image"]
+__all__ = ["NO_DECODER", "can_decode", "decode_image", "decoder"]
 
 NO_DECODER = "decoding images needs Pillow or OpenCV: pip install 'branchdrive[media]'"
 """What is said where neither library is there."""
@@ -20,7 +20,17 @@ NO_DECODER = "decoding images needs Pillow or OpenCV: pip install 'branchdrive[m
 
 def can_decode() -> bool:
     """Whether a library that decodes images is there."""
-    return _pillow() is not None or _opencv() is not None
+    return decoder() is not None
+
+
+def decoder() -> str | None:
+    """Name and version of the library that decodes images here; ``None`` where there is none.
+
+    Two of them may decode one JPEG to other pixels, by a level or two; a PNG has the same pixels in all.
+    """
+    if (pillow := _pillow()) is not None:
+        return f"Pillow {pillow.__version__}"
+    return None if (cv2 := _opencv()) is None else f"OpenCV {cv2.__version__}"
 
 
 def decode_image(image: bytes) -> NDArray[np.uint8]:

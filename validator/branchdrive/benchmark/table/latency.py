@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from branchdrive.benchmark.latency import WAYS
 from branchdrive.benchmark.table.cell import Document
+from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.text import NONE, counted
+from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.text.table import Column, Table
 
 __all__ = ["latency_table"]
 
 _FIGURES = ("median_ms", "quantile_95_ms")
+_CAMERAS = len(STREAMS["rgb_surround"].cameras)
 
 
 def latency_table(latency: Document) -> Table:
@@ -34,6 +37,12 @@ def latency_table(latency: Document) -> Table:
         f"Measured on one machine and not recomputed by a validator: {processor} ({machine['architecture']}), "
         f"device {machine['device']}, {counted(machine['num_threads'], 'thread')}; {versions}.",
     ]
+    if seeing := [entry["model"] for entry in latency["models"] if "reads_cameras" in entry]:
+        notes.append(
+            f"{', '.join(seeing)}: torch decodes and encodes the {_CAMERAS * HISTORY_OBSERVATIONS} images of a window, "
+            f"and its seeds run one after another; ONNX takes the {_CAMERAS} of a new observation and what it kept of "
+            "those before, all seeds at once."
+        )
     columns = [
         Column.name("Model"), Column("Seeds"), Column("torch: median, ms"), Column("torch: 95 %, ms"),
         Column("ONNX: median, ms"), Column("ONNX: 95 %, ms"),
