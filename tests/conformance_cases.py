@@ -374,7 +374,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     base_expectation.cache_clear()
     names = [name for name in case_names() if name.startswith(args.select)]
     lots = [names[start : start + _LOT_CASES] for start in range(0, len(names), _LOT_CASES)]
-    with ProcessPoolExecutor(args.jobs, mp_context=spawn_context(is_single_threaded=True)) as pool:
+    with ProcessPoolExecutor(args.jobs, mp_context=spawn_context(for_arrays=True)) as pool:
         for made in track(pool.map(partial(_made, folder), lots), "cases", total=len(lots), transient=True):
             for name, content in made:
                 settle(folder / f"{name}.json", content)

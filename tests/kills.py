@@ -29,7 +29,7 @@ from branchdrive.statistics.stream import uniforms, words
 KILLS_A_ROUND = 4
 """Kills after which a command may end."""
 
-_COLLECTED_GROUPS = 12
+_COLLECTED_GROUPS = 6
 
 
 class Drill(NamedTuple):

@@ -36,6 +36,7 @@ from tests.validator.engine.rules.cases import (
     release,
     replays,
     responses,
+    semantic_maps,
     split,
     tables,
     targets,
@@ -52,8 +53,8 @@ __all__ = [
 
 AREAS = (
     layout, places, companions, documents, tables, values, nulls, keys, attempts, controls, axis, windows, evidence,
-    extents, world, trigger, groups, media, maps, layers, canonical, quality, split, fidelity, model, targets, features,
-    leakage, histories, battery, release, replays, responses, benchmark, benchmark_results,
+    extents, world, trigger, groups, media, semantic_maps, maps, layers, canonical, quality, split, fidelity, model,
+    targets, features, leakage, histories, battery, release, replays, responses, benchmark, benchmark_results,
 )  # fmt: skip
 """Modules that define cases; the first mutant of a rule is that of the first of them that has one."""
 

@@ -8,7 +8,8 @@ A command is a line of words, split as a shell would but never given to one. Pla
     {cases}     many folders as `materialize` writes them, which say what a case asks for: a report on a line for each
 
 It prints reports of the form of `report.schema.json` on standard output; its exit code is not looked at, because it
-belongs to a command line and not to the specification.
+belongs to a command line and not to the specification. Linear algebra in it computes in one thread, unless the
+environment says otherwise: threads of commands that run at once wait for each other, six times as long as they compute.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from typing import Any
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import printable
 from branchdrive.errors import UsageError
-from branchdrive.process import child_environment
+from branchdrive.process import ONE_THREAD, child_environment
 from branchdrive_conformance.case import Case
 from branchdrive_conformance.materialize import CASE_FILE, DATASET_DIR, RAW_DIR, WAIVERS_FILE, materialize
 from branchdrive_conformance.score import Answer, Departure, score
@@ -183,9 +184,10 @@ def _answers(folder: Path, batch: Sequence[Case], command: Command) -> list[tupl
 
 def _reports(command: Command, folders: Sequence[Path]) -> list[str]:
     words = command.start(folders)
+    environment = {**ONE_THREAD, **child_environment()}  # the user's own settings come first
     try:
         done = subprocess.run(  # noqa: S603 (the user's own command)
-            words, capture_output=True, timeout=command.limit_s * len(folders), env=child_environment(), check=False
+            words, capture_output=True, timeout=command.limit_s * len(folders), env=environment, check=False
         )
     except subprocess.TimeoutExpired:
         return [f"no end within {command.limit_s * len(folders):g} s"] * len(folders)

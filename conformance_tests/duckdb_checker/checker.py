@@ -23,6 +23,7 @@ from layout import Folder, Location
 
 SQL = Path(__file__).parent / "sql"
 NO_SUBJECT = "no subject"
+MAX_OVERLAP = 2  # images of a file hold at most this many times its bytes
 UNREADABLE = "files or documents that it needs cannot be read"
 EXIT_CODES = {"valid": 0, "invalid": 1, "partial": 3}
 
@@ -81,12 +82,15 @@ class Judgement:
         """Judges files and documents first, then what the tables hold."""
         self._judge_layout()
         self._judge_documents()
+        self._judge_tables()
         if self.descriptor:
             self._bind()
-            self._judge_tables()
+            self._prepare_rows()
             self._judge_structure()
             self._judge_attempts()
             self._judge_groups()
+        else:
+            self.outcomes["BD-FRM-002"] = outcome(*self._media())
         for rule in RULES:
             streams = rule.get("streams")
             if self.descriptor and streams and not set(streams) & set(self.descriptor["streams"]):
@@ -106,6 +110,10 @@ class Judgement:
                 self.outcomes[rule["id"]] = outcome(LAYOUT_RULES[rule["id"]](self.folder))
 
     def _judge_documents(self) -> None:
+        self._judge_descriptor()
+        self.outcomes["BD-LAY-009"] = outcome(layout.lay_009(self.folder, self.descriptor or documents.EVERYTHING))
+
+    def _judge_descriptor(self) -> None:
         found, value = documents.doc_001(self.folder)
         self.outcomes["BD-DOC-001"] = outcome(found)
         if found:
@@ -120,7 +128,6 @@ class Judgement:
             if self.failed(rule):
                 return
         self.descriptor = value
-        self.outcomes["BD-LAY-009"] = outcome(layout.lay_009(self.folder, value))
         encoding = documents.enc_001(value)
         self.outcomes["BD-ENC-001"] = outcome(encoding or [], examined=int(encoding is not None))
 
@@ -154,19 +161,23 @@ class Judgement:
             self._execute(statement)
 
     def _judge_tables(self) -> None:
-        connection, claimed = self.connection, documents.claimed_tables(self.descriptor)
+        connection, claimed = self.connection, documents.claimed_tables(self.descriptor or documents.EVERYTHING)
         tables.create(connection)
-        reading = tables.read(connection, self.folder, claimed)
+        reading = tables.read(connection, self.folder, claimed, is_claim=bool(self.descriptor))
         limits = [*self.outcomes["BD-LAY-007"].locations, *reading.found.pop("BD-LAY-007")]
         self.outcomes["BD-LAY-007"] = outcome(limits)
-        if not self._count("rollouts"):
+        if self.folder.shards and not self._count("rollouts"):
             reading.found["BD-TAB-006"].append({"table": "rollouts"})
         for rule in (rule for rule in RULES if rule["id"] in reading.found):
             if any(self.failed(required) for required in rule.get("requires", ())):
                 self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
             else:
                 self.outcomes[rule["id"]] = outcome(reading.found[rule["id"]], reading.examined)
-        connection.execute(
+        self.tables = [table for table in RAW_TABLES if table in claimed]
+
+    def _prepare_rows(self) -> None:
+        """What statements on rows read beside the tables: the bank, and functions."""
+        self.connection.execute(
             "create or replace temp table policy (key varchar, duration_ticks integer, recovery varchar, "
             + ", ".join(f"{name}_rule varchar, {name}_value float" for name in ("steer", "throttle", "brake"))
             + ")"
@@ -180,9 +191,8 @@ class Judgement:
             ]
             for policy in self.descriptor["action_bank"]["policies"]
         ]
-        connection.executemany(f"insert into policy values ({', '.join('?' * 9)})", rows)
+        self.connection.executemany(f"insert into policy values ({', '.join('?' * 9)})", rows)
         self._prepare("macros")
-        self.tables = [table for table in RAW_TABLES if table in claimed]
 
     def _judge_structure(self) -> None:
         """Structure rules on rows; what they find excludes rollouts and groups from later rules."""
@@ -195,18 +205,24 @@ class Judgement:
                     self.outcomes[rule["id"]] = outcome(*self._media())
                 elif rule["id"] in claims():
                     self._judge_rule(rule, _script(rule["id"]))
-        found = [place for item in self.outcomes.values() for place in item.locations]
-        rollouts = {place["rollout_id"] for place in found if "rollout_id" in place}
+        rules = [rule["id"] for rule in RULES if rule["grain"] not in ("file", "document")]
+        found = [place for rule in rules if rule in self.outcomes for place in self.outcomes[rule].locations]
+        rollouts = {
+            (place["rollout_id"], layout.shard_of(place.get("file", ""))) for place in found if "rollout_id" in place
+        }
         groups = {place["group_id"] for place in found if "group_id" in place and "rollout_id" not in place}
         self.connection.execute(
             "create or replace temp table faulty_group as select unnest($groups::varchar[]) as group_id",
             {"groups": sorted(groups)},
         )
+        # a row that names an attempt of another shard does not belong to this one
         self.connection.execute(
-            "create or replace temp table faulty as select unnest($rollouts::varchar[]) as rollout_id "
+            "create or replace temp table faulty as select r.rollout_id from rollouts r join ("
+            "select unnest($rollouts::varchar[]) as rollout_id, unnest($shards::varchar[]) as shard) f "
+            "on f.rollout_id = r.rollout_id and coalesce(f.shard, r.shard) = r.shard "
             "union select rollout_id from rollouts semi join faulty_group using (group_id) "
             "where rollout_id is not null",
-            {"rollouts": sorted(rollouts)},
+            {"rollouts": [name for name, _ in rollouts], "shards": [shard for _, shard in rollouts]},
         )
         elements = {(place["town"], place["element_id"]) for place in found if {"town", "element_id"} <= place.keys()}
         self.connection.execute(
@@ -244,7 +260,7 @@ class Judgement:
 
     def _judge_groups(self) -> None:
         """Rules on groups and on the dataset, after the choice of candidates."""
-        for name in ("choice", "replays", "response"):
+        for name in ("choice", "replays", "response", "calibration"):
             self._prepare(name)
         for rule in RULES:
             if rule["id"] not in self.outcomes and self._is_about(rule) and (SQL / f"{rule['id']}.sql").exists():
@@ -267,7 +283,7 @@ class Judgement:
         cursor = self._execute(sql)
         names = [name for name, *_ in cursor.description]
         rows = [zip(names, row, strict=True) for row in cursor.fetchall()]
-        places = [{name: value for name, value in row if value is not None} for row in rows]
+        places = [_place(dict(row)) for row in rows]
         required = {
             place["rollout_id"]
             for name in rule.get("requires", ())
@@ -286,26 +302,34 @@ class Judgement:
 
     def _media(self) -> tuple[list[Location], int]:
         """BD-FRM-002: media bytes are where the index says."""
-        found: list[Location] = []
         rows = self._execute(
-            "select shard, file, rollout_id, tick, offset_bytes, size_bytes, checksum from frames"
+            "select shard || '/' || file, rollout_id, tick, camera, offset_bytes, size_bytes, checksum from frames "
+            "where file is not null"
         ).fetchall()
-        files: dict[str, bytes | None] = {}
-        for shard, file, rollout_id, tick, offset, size, checksum in rows:
-            path = f"{shard}/{file}"
-            if file is None or not layout.safe(path):
+        by_file: dict[str, list[tuple[Any, ...]]] = {}
+        for path, *image in rows:
+            if layout.safe(path):
+                by_file.setdefault(path, []).append(tuple(image))
+        found: list[Location] = []
+        for path, images in by_file.items():
+            if path not in self.folder.kinds and path not in self.folder.manifest.digests:
+                found.append({"file": path})
+            data = self.folder.read(path, LIMITS["max_media_bytes"]) if path in self.folder.sound else None
+            if data is None:
                 continue
-            if path not in files:
-                files[path] = self.folder.read(path, LIMITS["max_media_bytes"])
-                if path not in self.folder.kinds and path not in self.folder.manifest.digests:
-                    found.append({"file": path})
-            data = files[path] if path in self.folder.sound else None
-            if data is None or None in (offset, size, checksum):
+            whole = [image for image in images if None not in image]
+            ends = {(offset, min(offset + size, len(data))) for *_, offset, size, _ in whole}
+            if sum(max(end - start, 0) for start, end in ends) > MAX_OVERLAP * len(data):
+                found.append({"file": path})
                 continue
-            image = data[offset : offset + size]
-            if len(image) < size or hashlib.sha256(image).hexdigest()[:16] != checksum:
-                found.append({"table": "frames", "rollout_id": rollout_id, "tick": tick})
-        return found, len(rows)
+            for rollout_id, tick, camera, offset, size, checksum in whole:
+                image = data[offset : offset + size]
+                head = data[max(offset - 512, 0) : max(offset, 0)]
+                is_stray = path.endswith(".tar") and not layout.is_member(head, size)
+                if is_stray or len(image) < size or hashlib.sha256(image).hexdigest()[:16] != checksum:
+                    row = {"rollout_id": rollout_id, "tick": tick, "camera": camera}
+                    found.append({"file": path, "table": "frames", **row})
+        return found, self._count("frames")
 
     def report(self) -> dict[str, Any]:
         """The report, in the form of `report.schema.json` as far as this checker judges."""
@@ -347,6 +371,14 @@ class Judgement:
             "rules": rules,
             "findings": findings,
         }
+
+
+def _place(row: Location) -> Location:
+    """The location that a row of a statement stands for: the shard of a row in a table names its file."""
+    place = {name: value for name, value in row.items() if value is not None}
+    if shard := place.pop("shard", None):
+        place = {"file": f"{shard}/{place['table']}.parquet", **place}
+    return place
 
 
 def printable(value: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 import jsonschema
 from contract import LIMITS, SCHEMAS, STREAMS, VERSION, document, names_place
-from layout import DESCRIPTOR, Folder, Location
+from layout import DESCRIPTOR, LAYERS, Folder, Location
 from referencing import Registry, Resource
 
 FAMILIES = ("nominal", "accelerate", "brake", "steer_left", "steer_right")
@@ -20,6 +20,8 @@ LONGITUDINAL = {
     "throttle": ("online_expert", "floor", "zero", "stored_nominal"),
     "brake": ("online_expert", "zero", "floor", "stored_nominal"),
 }
+#: What is read in place of a descriptor that is refused: nothing is known of its claims, so that all may be there.
+EVERYTHING: dict[str, Any] = {"streams": list(STREAMS), "layers": list(LAYERS[:5])}
 RECOVERIES = ("none", "online_expert", "stored_nominal", "hold")
 
 
@@ -118,7 +120,7 @@ def doc_004(descriptor: dict[str, Any]) -> list[Location]:
         found.append(at("/action_bank"))
     cameras = [camera["name"] for camera in descriptor.get("cameras", [])]
     if len(set(cameras)) < len(cameras):
-        found.append(at("/cameras"))
+        found.append(at("/"))
     computed = {"target_speed_mps", "vehicle_hazard", "pedestrian_hazard", "traffic_light_hazard"}
     unrecorded = {name.removeprefix("observations.") for name in descriptor.get("unrecorded", [])}
     if (descriptor.get("driver") or {}).get("kind") == "log" and computed - unrecorded:

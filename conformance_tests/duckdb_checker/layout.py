@@ -12,12 +12,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from contract import LIMITS, RAW_TABLES, STREAMS, TABLES, VERSION
+from contract import DERIVED, LIMITS, RAW_TABLES, STREAMS, TABLES, VERSION
 
 MANIFEST, DESCRIPTOR, IGNORE = "MANIFEST.sha256", "branchdrive.json", ".branchdriveignore"
 _IDENTITY_TABLES = {f"{table}.parquet" for table in RAW_TABLES if table != "frames"}
 LAYERS = ("raw", "canonical", "quality", "model", "benchmark", "media")
 IDENTITY = LAYERS[:4]
+PARTITIONS = ("train", "val", "calibration", "test")
 SHARD = re.compile(r"raw/shard-(?:[0-9]{5}|[1-9][0-9]{5,8})(?=/|$)")
 COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE}
 COMPANIONS_ANYWHERE = {".DS_Store", "Thumbs.db"}
@@ -59,6 +60,12 @@ def layer_of(path: str) -> str | None:
     name = path.rsplit("/", 1)[-1]
     is_table = path.count("/") == 2 and name in _IDENTITY_TABLES
     return "media" if SHARD.match(path) is not None and not is_table else "raw"
+
+
+def shard_of(path: str) -> str | None:
+    """The folder of the shard that a file lies in, or None outside of shards."""
+    match = SHARD.match(path)
+    return match[0] if match else None
 
 
 @dataclass
@@ -275,6 +282,19 @@ def lay_008(folder: Folder) -> list[Location]:
     return [{"file": MANIFEST, "pointer": name if name == "dataset" else f"layer {name}"} for name in names]
 
 
+def in_layer(layer: str, path: str, kind: str) -> bool:
+    """Whether a derived layer declares a file or a folder, by its path in the layer."""
+    declared = DERIVED[layer]
+    free = declared.get("free", [])
+    if kind == "folder":
+        return any(expression.startswith(f"^{path}/") for expression in free)
+    names = set(declared["documents"])
+    for table, traits in declared["tables"].items():
+        parts = [f"-{name}" for name in PARTITIONS] if "divided_by" in traits else [""]
+        names |= {f"{table}{part}.parquet" for part in parts}
+    return path in names or any(re.search(expression, path) for expression in free)
+
+
 def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
     """Files have a place in the layout."""
     streams = [STREAMS[name] for name in descriptor["streams"]]
@@ -292,7 +312,7 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
         if len(parts) == 1:
             return path in layers if kind == "folder" else path in root
         if parts[0] != "raw":
-            return parts[0] in layers
+            return parts[0] in layers and in_layer(*path.split("/", 1), kind)
         if len(parts) == 2:
             return kind != "file" and SHARD.fullmatch(path) is not None
         if any(parts[2].startswith(f"{table}.parquet.") for table in TABLES) or parts[2].endswith(_WORKING_SUFFIXES):
@@ -314,3 +334,14 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
 def lay_010(folder: Folder) -> list[Location]:
     """The ignore file is bounded."""
     return [{"file": IGNORE} for _ in folder.ignore_faults]
+
+
+def is_member(header: bytes, size: int) -> bool:
+    """Whether a block is the header of a regular file of a tar archive with that size."""
+    if len(header) != 512 or header[257:262] != b"ustar" or header[156:157] not in (b"0", b"\0"):
+        return False
+    try:
+        stated, checksum = (int(header[at : at + 12].split(b"\0")[0][:width], 8) for at, width in ((124, 12), (148, 8)))
+    except ValueError:
+        return False
+    return stated == size and sum(header[:148] + b" " * 8 + header[156:]) == checksum

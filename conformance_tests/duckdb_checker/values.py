@@ -8,7 +8,7 @@ from contract import PATTERNS, PLACE, TABLES
 
 Column = dict[str, Any]
 EXTENTS = {"ego_length_m", "ego_width_m", "ego_height_m", "length_m", "width_m", "height_m"}
-PLACES = ("rollout_id", "tick", "actor_id", "town", "element_id")
+PLACES = ("rollout_id", "tick", "actor_id", "camera", "town", "element_id")
 FREE_PATTERNS = {"name", "label", "text"}  # the other patterns admit no path, host or time
 
 
@@ -140,7 +140,7 @@ def statement(rule: str, tables: list[str]) -> str | None:
             marks = ", ".join(f"case when {test} then '{name}' end" for name, test in violations.items())
             keys = ", ".join([*place, *(f"null as {name}" for name in PLACES if name not in place)])
             selects.append(
-                f'select \'{table}\' as "table", {keys}, unnest([{marks}]) as "column" from {table} '
+                f'select shard, \'{table}\' as "table", {keys}, unnest([{marks}]) as "column" from {table} '
                 f"where {' or '.join(violations.values())}"
             )
     if not selects:

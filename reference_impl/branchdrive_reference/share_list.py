@@ -41,7 +41,7 @@ class ShareList:
             Numbers by name; those that are 0 are left out.
 
         Raises:
-            UsageError: A name is unknown or comes twice, a number is none of 0 to 1, or they add up to too much.
+            UsageError: A name is unknown or comes twice, a number is not from 0 to 1, or they add up to too much.
         """
         if text == "none":
             return {}

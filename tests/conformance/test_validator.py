@@ -134,6 +134,18 @@ def test_a_command_is_scored(few_cases: str, tmp_path: Path) -> None:
     assert f"{RULE}/waived" in (tmp_path / "table.txt").read_text()
 
 
+def test_a_command_computes_in_one_thread(few_cases: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unless the user says otherwise."""
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("MKL_NUM_THREADS", "3")
+    script = tmp_path / "validator.py"
+    names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    script.write_text(f"import os, sys; print(*map(os.environ.get, {names}), file=sys.stderr)")
+    command = f"{sys.executable} {script} {{datasets}}"
+    _, text, _ = run("validator", "--command", command, "--select", "BD-VAL-003", "--cases", few_cases)
+    assert "; 1 3" in text
+
+
 @pytest.mark.parametrize(
     ("line", "found"),
     [

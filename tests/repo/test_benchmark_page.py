@@ -19,6 +19,7 @@ from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
+from branchdrive.statistics.interval import LEAST_UNITS
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect
@@ -84,6 +85,7 @@ def test_models_seeds_and_bounds_are_those_of_the_protocol() -> None:
     for model in models[1:]:
         assert f"| {', '.join(map(str, model.seeds))} |" in PAGE
     assert f"more than {MAX_MEMBERS} tests in all families, and more than {MAX_OWNERS} seeds" in PAGE
+    assert f"With fewer than {LEAST_UNITS} route clusters in `test`" in PAGE
     guard = default_protocol().guard
     assert f"fewer than {guard.min_groups} groups or {guard.min_clusters} route clusters" in PAGE
     assert (
@@ -108,6 +110,17 @@ def test_trees_are_declared_as_the_page_says(tmp_path: Path) -> None:
     assert [model.id for model in found.models[-2:]] == ["T3", "T3p"]
     for model in found.models:
         Configuration.of(model)
+
+
+@each("normative", ["default_protocol", "visual_protocol"])
+def test_the_trial_is_a_protocol_of_one_seed_and_few_epochs(normative: str, tmp_path: Path) -> None:
+    (block,) = (found for found in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "max_epochs" in found)
+    written = tmp_path / "trial.json"
+    exec(block.replace("build/trial.json", str(written)).replace("default_protocol", normative), {})
+    found = read_protocol(json.loads(written.read_text()))
+    configurations = [Configuration.of(model) for model in found.models]
+    assert {len(model.seeds) for model in found.models} == {1}
+    assert {configuration.training.max_epochs for configuration in configurations} == {2}
 
 
 def test_the_sentence_on_accesses_is_the_one_that_tables_carry() -> None:

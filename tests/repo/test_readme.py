@@ -66,7 +66,7 @@ def test_the_minimal_collector_writes_a_group_that_qualifies(tmp_path: Path) -> 
     assert [run.returncode for run in runs] == [0, 0]
     root = tmp_path / "dataset"
     ends = [f"dataset   {root}", f"identity  {report.dataset.identity}", f"next      branchdrive-validate {root}"]
-    collected = ["1 collected: 1 with a branch, 0 without; 0 found", "0 collected: 0 with a branch, 0 without; 1 found"]
+    collected = [f"{n} collected: {n} with a branch, 0 without, 0 refused; {1 - n} found" for n in (1, 0)]
     for done, groups in zip(runs, collected, strict=True):  # a finished dataset is left as it is
         lines = done.stdout.splitlines()
         assert [*lines[:2], lines[-1]] == ends

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.hostile_folder import infest, marks
 from tests.repo.checkout import ROOT
 from tests.validator.engine import datasets
 
-from branchdrive.process import ONE_THREAD, spawn_context
+from branchdrive.process import ARRAY_WORK, spawn_context
 
 SCRIPT = """
 import os, sys
@@ -63,12 +65,29 @@ def _variables(names: list[str]) -> dict[str, str | None]:
     return {name: os.environ.get(name) for name in names}
 
 
-def test_workers_of_the_validator_compute_in_one_thread_and_others_in_as_many_as_they_were_given(
+def test_workers_of_the_validator_have_an_environment_for_arrays_and_others_the_one_they_were_given(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for name in ONE_THREAD:
-        monkeypatch.setenv(name, "3")
-    for is_single_threaded, threads in ((True, "1"), (False, "3")):
-        with ProcessPoolExecutor(1, spawn_context(is_single_threaded=is_single_threaded)) as pool:
-            assert set(pool.submit(_variables, list(ONE_THREAD)).result().values()) == {threads}
-        assert set(_variables(list(ONE_THREAD)).values()) == {"3"}
+    given = dict.fromkeys(ARRAY_WORK, "3") | {"ARROW_DEFAULT_MEMORY_POOL": "mimalloc"}
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    for for_arrays, expected in ((True, dict(ARRAY_WORK)), (False, given)):
+        with ProcessPoolExecutor(1, spawn_context(for_arrays=for_arrays)) as pool:
+            assert pool.submit(_variables, list(ARRAY_WORK)).result() == expected
+        assert _variables(list(ARRAY_WORK)) == given
+
+
+def _faults_of_a_second_array(num_bytes: int) -> int:
+    """Pages that the system hands out for an array of the size of one that was just given back."""
+    import resource
+
+    for _ in range(2):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        np.ones(num_bytes, np.uint8)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators decide for themselves")
+def test_workers_of_the_validator_keep_the_memory_of_arrays() -> None:
+    with ProcessPoolExecutor(1, spawn_context(for_arrays=True)) as pool:
+        assert pool.submit(_faults_of_a_second_array, 2_000_000).result() < 50

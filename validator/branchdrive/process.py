@@ -22,7 +22,7 @@ from typing import Any
 
 from branchdrive.errors import PlatformError
 
-__all__ = ["ONE_THREAD", "child_environment", "exit_after", "python_command", "spawn_context"]
+__all__ = ["ARRAY_WORK", "ONE_THREAD", "child_environment", "exit_after", "python_command", "spawn_context"]
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 
@@ -44,6 +44,20 @@ ONE_THREAD: Mapping[str, str] = MappingProxyType(
 Their sums depend on the number of threads in their last bits, and threads of several workers wait for each other.
 """
 
+ARRAY_WORK: Mapping[str, str] = MappingProxyType(
+    {
+        **ONE_THREAD,
+        "ARROW_DEFAULT_MEMORY_POOL": "system",
+        "MALLOC_MMAP_THRESHOLD_": str(32 << 20),  # the largest that every glibc takes
+        "MALLOC_TRIM_THRESHOLD_": str(1 << 30),
+    }
+)
+"""Environment of processes that compute with arrays: in one thread, with memory that stays with the process.
+
+Arrays of a few MB come and go by the thousand. Where the system gives new pages for each of them, these can cost as
+much as the arithmetic; so what numpy frees is kept for Arrow, and the other way round.
+"""
+
 _starting = threading.RLock()
 
 
@@ -58,11 +72,11 @@ def child_environment() -> dict[str, str]:
         return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, sys.path))}
 
 
-def spawn_context(*, is_single_threaded: bool = False) -> SpawnContext:
+def spawn_context(*, for_arrays: bool = False) -> SpawnContext:
     """Context of `multiprocessing` for processes, pools, queues and events.
 
     Args:
-        is_single_threaded: Whether linear algebra in its processes uses one thread; see `ONE_THREAD`.
+        for_arrays: Whether its processes compute with arrays; see `ARRAY_WORK`.
 
     Raises:
         PlatformError: The interpreter was started so that its children ignore the environment.
@@ -73,7 +87,7 @@ def spawn_context(*, is_single_threaded: bool = False) -> SpawnContext:
         )
     with _safe_start():
         resource_tracker.ensure_running()
-    return _SingleThreadedContext() if is_single_threaded else _Context()
+    return _ArrayContext() if for_arrays else _Context()
 
 
 def exit_after(wait: Callable[[], object]) -> None:
@@ -101,16 +115,16 @@ class _Process(SpawnProcess):
             return SpawnProcess._Popen(process_obj)
 
 
-class _SingleThreadedProcess(_Process):
-    variables = ONE_THREAD
+class _ArrayProcess(_Process):
+    variables = ARRAY_WORK
 
 
 class _Context(SpawnContext):
     Process = _Process
 
 
-class _SingleThreadedContext(SpawnContext):
-    Process = _SingleThreadedProcess
+class _ArrayContext(SpawnContext):
+    Process = _ArrayProcess
 
 
 @contextmanager

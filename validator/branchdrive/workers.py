@@ -8,7 +8,7 @@ ending workers would leave some behind without the semaphores that they are abou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -25,9 +25,13 @@ __all__ = ["WorkerError", "Workers", "started_workers"]
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
+_Task = TypeVar("_Task")
 
 _HEARD_EVERY_S = 0.1
 """How long an interrupt waits to be heard, at most, while nothing is finished."""
+
+_TASKS_PER_WORKER = 2
+"""Tasks that are handed out at a time for every worker."""
 
 
 class WorkerError(ToolError):
@@ -37,8 +41,23 @@ class WorkerError(ToolError):
 class Workers:
     """Processes that work for this one; see `started_workers`."""
 
-    def __init__(self, pool: ProcessPoolExecutor, raise_if_noted: Callable[[], None]) -> None:
-        self._pool, self._raise_if_noted = pool, raise_if_noted
+    def __init__(self, pool: ProcessPoolExecutor, num_workers: int, raise_if_noted: Callable[[], None]) -> None:
+        self._pool, self._num_workers, self._raise_if_noted = pool, num_workers, raise_if_noted
+
+    def results(self, function: Callable[[_Task], _Result], tasks: Sequence[_Task]) -> Iterator[_Result]:
+        """What a call returns for each task, begun in their order and given as they are finished.
+
+        Raises:
+            KeyboardInterrupt: The user interrupted.
+        """
+        waiting = list(reversed(tasks))
+        running: set[Future[_Result]] = set()
+        while waiting or running:
+            while waiting and len(running) < _TASKS_PER_WORKER * self._num_workers:
+                running.add(self.submit(function, waiting.pop()))
+            finished, running = self.wait(running)
+            for future in finished:
+                yield future.result()
 
     def submit(
         self, function: Callable[_Arguments, _Result], *args: _Arguments.args, **kwargs: _Arguments.kwargs
@@ -86,7 +105,7 @@ def started_workers(
     with deferred_interrupt(insist=lifeline.close) as raise_if_noted:
         pool = ProcessPoolExecutor(num_workers, context, _start, (watched, start, arguments))
         try:
-            yield Workers(pool, raise_if_noted)
+            yield Workers(pool, num_workers, raise_if_noted)
         except BrokenProcessPool as error:
             lifeline.close()  # the other workers do not hear the pool's request to terminate
             raise_if_noted()  # who insists ends the workers

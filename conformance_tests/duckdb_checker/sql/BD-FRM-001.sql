@@ -1,3 +1,3 @@
 -- subjects: frames
-select rollout_id, tick, 'frames' as "table", 'camera' as "column"
+select shard, rollout_id, tick, camera, 'frames' as "table", 'camera' as "column"
 from frames where not list_contains($cameras, camera)

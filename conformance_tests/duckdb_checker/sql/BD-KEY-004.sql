@@ -1,7 +1,15 @@
 -- subjects: controls + observations + actors + evidence + frames
-select 'controls' as "table", rollout_id, tick, null as actor_id from controls
-where run is null and rollout_id is not null
-union all select 'observations', rollout_id, tick, null from observations where run is null and rollout_id is not null
-union all select 'actors', rollout_id, tick, actor_id from actors where run is null and rollout_id is not null
-union all select 'evidence', rollout_id, tick, null from evidence where run is null and rollout_id is not null
-union all select 'frames', rollout_id, tick, null from frames where run is null and rollout_id is not null
+with orphan as (
+    select shard, 'controls' as "table", rollout_id, tick, null as actor_id, null as camera from controls
+    where run is null
+    union all
+    select shard, 'observations' as "table", rollout_id, tick, null, null from observations where run is null
+    union all
+    select shard, 'actors' as "table", rollout_id, tick, actor_id, null from actors where run is null
+    union all
+    select shard, 'evidence' as "table", rollout_id, tick, null, null from evidence where run is null
+    union all
+    select shard, 'frames' as "table", rollout_id, tick, null, camera from frames where run is null
+)
+select shard, "table", 'rollout_id' as "column", rollout_id, tick, actor_id, camera from orphan
+where rollout_id is not null

@@ -1,10 +1,10 @@
 -- subjects: rollouts
 with counted as (
-    select r.rollout_id, r.group_id, num_ticks, num_observations,
+    select r.shard, r.rollout_id, num_ticks, num_observations,
         (select count(*) from controls c where c.run = r.run) as ticks,
         (select count(*) from observations o where o.run = r.run) as observations
     from rollouts r
 )
-select rollout_id, group_id, 'rollouts' as "table", 'num_ticks' as "column" from counted where num_ticks <> ticks
+select shard, rollout_id, 'rollouts' as "table", 'num_ticks' as "column" from counted where num_ticks <> ticks
 union all
-select rollout_id, group_id, 'rollouts', 'num_observations' from counted where num_observations <> observations
+select shard, rollout_id, 'rollouts', 'num_observations' from counted where num_observations <> observations

@@ -1,5 +1,5 @@
 -- subjects: map
-select town, element_id, 'map' as "table"
+select shard, town, element_id, 'map' as "table", 'x_m' as "column"
 from map
 where len(x_m) <> len(y_m) or len(z_m) <> len(x_m) or len(width_m) <> len(x_m)
     or len(x_m) > $max_route_vertices

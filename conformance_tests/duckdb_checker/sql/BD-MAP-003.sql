@@ -1,4 +1,4 @@
 -- subjects: rollouts
-select rollout_id, group_id, 'rollouts' as "table", 'town' as "column"
+select shard, rollout_id, 'rollouts' as "table", 'town' as "column"
 from rollouts r
 where not exists (from map m where m.shard = r.shard and m.town = r.town and m.kind = 'lane')

@@ -5,6 +5,6 @@ with copies as (
     select *, count(*) over (partition by shard) as replays, bool_and(is_copy) over (partition by shard) as all_copies
     from copies
 )
-select rollout_id, group_id
+select rollout_id, group_id, 'observations' as "table"
 from counted
 where is_copy and ($noise = 'injected' or ($noise = 'natural' and replays >= 2 and all_copies))

@@ -1,4 +1,4 @@
--- subjects: effect
+-- subjects: (select 1 from effect where is_commanded group by action_key having count(*) >= 3)
 with alike as (
     select b.action_key, a.action_key as other, a.first_difference is not null and a.future = b.future as is_one
     from effect a join policy p on p.key = a.action_key

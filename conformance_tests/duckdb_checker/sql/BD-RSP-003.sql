@@ -1,4 +1,4 @@
--- subjects: effect
+-- subjects: (select 1 from effect where is_commanded and response is not null group by action_key having count(*) >= 3) + (select 1 from effect where abs(later) >= 2 having count(*) >= 8)
 with early as (
     select action_key from effect where is_commanded and response is not null
     group by grouping sets ((), (action_key))

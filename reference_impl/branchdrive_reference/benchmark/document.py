@@ -105,7 +105,12 @@ def untrained_sentence(release: Release, protocol: BenchmarkProtocol) -> str | N
     if protocol_digest(protocol) != protocol_digest(default_protocol()) or not lacking:
         return None
     left_out = ", ".join(model.id for model in visual_protocol().models if protocol.model(model.id) is None)
-    reason = f"has no images of {', '.join(lacking)}" if release.has_raw else "is here without its raw layer"
+    reason = (
+        f"has no images of {', '.join(lacking)}"
+        if release.has_raw
+        else "is here without its raw layer, where images lie and outcomes repeat; `branchdrive build DATASET` without "
+        "`--output` makes a release in place, to benchmark instead"
+    )
     return f"{left_out} are not trained: the release {reason}"
 
 
@@ -125,6 +130,9 @@ def read_protocol_file(file: Path) -> BenchmarkProtocol:
     """
     if str(file) in PROTOCOLS:
         return PROTOCOLS[str(file)]()
+    if not file.exists():
+        names = ", ".join(f"`{name}`" for name in PROTOCOLS)
+        raise UsageError(f"{str(file)!r} is no protocol; give {names} or a file that holds one")
     try:
         return read_protocol(parse_json(read_named_file(file, spec_limits().max_document_bytes)))
     except (ValueError, RecursionError, DatasetError) as error:

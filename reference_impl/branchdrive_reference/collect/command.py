@@ -32,7 +32,6 @@ SUMMARY = "collect a dataset in the reference world"
 
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0
-_MAX_LISTED = 10
 
 
 def count(text: str) -> int:
@@ -260,10 +259,6 @@ def _collected(report: CollectionReport) -> list[str]:
     """What was collected, and how fast."""
     simulated = sum(group.num_simulated for group in report.groups)
     reused = sum(group.num_reused for group in report.groups)
-    unbranched = [group for group in report.groups if group.unbranched_because]
-    reasons = [f"          {group.group_id} has no branch: {group.unbranched_because}" for group in unbranched]
-    if len(reasons) > _MAX_LISTED:
-        reasons[_MAX_LISTED:] = [f"          {len(reasons) - _MAX_LISTED:,} more have no branch"]
     num_stopped = sum(bool(group.stopped_because) for group in report.groups)
     jobs = "1 job" if report.num_workers == 1 else f"{report.num_workers} jobs"
     speed = (
@@ -272,7 +267,7 @@ def _collected(report: CollectionReport) -> list[str]:
     )
     return [
         f"groups    {len(report.groups):,} collected, {report.num_found:,} found finished",
-        *reasons,
+        *(f"          {remark}" for remark in report.remarks("unbranched_because", "refused_because", "note")),
         *([f"          {num_stopped:,} stopped early by injected faults"] if num_stopped else []),
         f"rollouts  {simulated:,} simulated, {reused:,} found finished",
         *([speed] if report.num_ticks else []),

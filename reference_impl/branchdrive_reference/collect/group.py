@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from branchdrive.collector.report import GroupReport
+from branchdrive.collector.review import review_nominal
 from branchdrive.collector.trigger import branch_columns
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.engine.rollout import check_rollout
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
@@ -99,16 +99,6 @@ _UNFOUND = {
 }
 
 
-def _unbranched_because(nominal: Rollout, kind: BranchKind, descriptor: Descriptor) -> str:
-    """Why a nominal rollout is not worth replays; empty if it is."""
-    if nominal.record["status"] != "complete":
-        return str(nominal.record["status_reason"])
-    if nominal.branch_tick is None:
-        return _UNFOUND[kind]
-    findings = check_rollout(nominal, descriptor)
-    return findings[0].message if findings else ""
-
-
 def collect_group(
     writer: GroupWriter, descriptor: Descriptor, plan: GroupPlan, *, between: Callable[[], None] = lambda: None
 ) -> GroupReport:
@@ -127,8 +117,7 @@ def collect_group(
         between()
         nominals.append(collection.nominal(attempt))
     nominal = next((made for made in nominals if made.record["status"] == "complete"), nominals[-1])
-    collection.report.unbranched_because = _unbranched_because(nominal, plan.kind, descriptor)
-    if collection.report.unbranched_because:
+    if not review_nominal(nominal, descriptor, collection.report, unfound=_UNFOUND[plan.kind]):
         return collection.report
     collection.report.stopped_because = script.stopped_because
     for attempt in script.replays:

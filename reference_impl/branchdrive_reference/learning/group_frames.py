@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.text import listed
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import UsageError
 from branchdrive.raw.group import BranchGroup
@@ -79,7 +80,11 @@ class GroupFrames(IterableDataset[dict[str, Any]]):
         declared = self._dataset.descriptor.cameras_by_name
         unknown = [camera for camera in self._cameras if camera not in declared]
         if unknown or not self._cameras:
-            raise UsageError(f"no cameras {unknown} in this dataset; it has {sorted(declared)}")
+            there = (
+                f"it has {listed(sorted(declared))}" if declared else "it has no media; `branchdrive render` adds them"
+            )
+            asked = f"no cameras {listed(unknown)} in this dataset" if unknown else "no cameras are asked for"
+            raise UsageError(f"{asked}; {there}")
         if len({(declared[name].width_px, declared[name].height_px) for name in self._cameras}) > 1:
             raise UsageError(f"cameras {list(self._cameras)} are of different sizes; make a dataset for each size")
         if self._groups is not None and (missing := sorted(self._groups - set(self._dataset.groups))):

@@ -6,7 +6,7 @@ With cameras ``c``, steps ``t`` of the 16 observations and an encoded image ``x_
     s_t  = gelu(norm(S [e_t1 .. e_tC]))    0 in the place of an image that is not there
     f    = gelu(W [s_1 .. s_16])
 
-A step depends on its own images alone. Whoever drives keeps the last 16 steps, and a new observation costs one step
+A step depends on its own images alone. A driver keeps the last 16 steps, and a new observation costs one step
 and one window.
 
 Source: paper, "Compared Models" for what is read; the layers are this project's choice.

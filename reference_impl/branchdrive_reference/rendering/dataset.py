@@ -43,7 +43,7 @@ from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.release.publish import WORK_DIR, staging
 from branchdrive_reference.rendering.group import joined_pieces, piece_paths
-from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, with_media
+from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, plan_text, with_media
 from branchdrive_reference.rendering.work import Task, render_groups
 
 __all__ = ["RenderReport", "is_rendering", "render_dataset"]
@@ -99,7 +99,8 @@ def render_dataset(
 
     Raises:
         UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
-            somebody else works on it, or the output holds something else.
+            somebody else works on it, an interrupted run of another plan left finished groups, or the output holds
+            something else.
         DatasetError: A file cannot be read, or differs from the manifest.
         ContractError: The media of a shard would be larger than the format allows.
         PlatformError: The media do not fit on the disk.
@@ -134,6 +135,7 @@ class _Rendering:
             raise UsageError(f"{str(self._root)!r} holds no dataset: there is no {DESCRIPTOR_FILE!r}")
         descriptor = read_descriptor(self._root)
         check_renderable(descriptor)
+        self._refuse_another_plan()
         with staging(self._root, create=False) as work:
             area = work / FRAMES
             is_installing = (area / _READY_FILE).exists() and not (self._root / MANIFEST_FILE).exists()
@@ -149,6 +151,20 @@ class _Rendering:
                 "now, and stay as they are"
             )
         return self._report()
+
+    def _refuse_another_plan(self) -> None:
+        """Refuse to start over where another plan has finished groups, which may have taken hours."""
+        area = Path(STAGING_DIR) / WORK_DIR / FRAMES
+        is_begun = (self._root / area / _PLAN_FILE).exists() and any((self._root / area).rglob("*.parquet"))
+        if not is_begun or not (self._root / MANIFEST_FILE).exists():
+            return
+        found = read_file(self._root, (area / _PLAN_FILE).as_posix(), spec_limits().max_document_bytes)
+        if not found.startswith(self._plan.document()):
+            there, wanted = plan_text(found), plan_text(self._plan.document())
+            raise UsageError(
+                f"{str(self._root / area)!r} holds what an interrupted run has rendered of {there}; asked for is "
+                f"{wanted}; give the options of that run to go on with it, or delete the folder to start over"
+            )
 
     def _is_done(self, descriptor: Descriptor) -> bool:
         """Whether the dataset has the media of this plan already, or more of them.

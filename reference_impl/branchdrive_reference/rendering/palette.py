@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LAMPS", "SURFACES", "Colour", "Daylight", "bgr", "daylight_of", "paint_of"]
+__all__ = ["LAMPS", "SURFACES", "Colour", "Daylight", "beam_of", "bgr", "daylight_of", "paint_of"]
 
 Colour = tuple[int, int, int]
 """Blue, green, red."""
@@ -72,29 +72,51 @@ class Daylight:
 
     Attributes:
         ambient: Share of the light of a clear day.
+        headlamps: What the headlamps of the ego add to it where they shine brightest.
         zenith: Colour of the sky far above the horizon.
         haze: Colour of the sky at the horizon, and of what is far away.
         visibility_m: Distance at which two thirds of a colour have become haze.
     """
 
     ambient: float
+    headlamps: float
     zenith: Colour
     haze: Colour
     visibility_m: float
 
-    def lit(self, colours: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Colours ``[.., 3]`` in this light, before haze."""
-        return colours * self.ambient
+    def lit(self, colours: NDArray[np.float64], beam: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
+        """Colours ``[.., 3]`` in this light, before haze; `beam` is the share of the headlamps ``[.., 1]``."""
+        return np.asarray(colours * (self.ambient + self.headlamps * beam))
+
+    @property
+    def has_headlamps(self) -> bool:
+        """Whether the ego and other vehicles have their lamps on."""
+        return self.headlamps > 0
 
 
-_CLEAR = Daylight(1.0, bgr("#5b93cf"), bgr("#cfdde8"), 170.0)
+_LAMPS_M, _BEAM_M, _BEAM_RAD = 1.5, 30.0, 0.55
+"""Where the headlamps are, and how far and how wide their light reaches."""
+
+
+def beam_of(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of the light of the ego's headlamps at places of its frame, in ``[0, 1]``, same shape.
+
+    ``share = (r / 6) exp(-(angle / width)^2) / (1 + (r / reach)^2)``, with ``r / 6`` at most 1.
+    """
+    ahead_m = x_m - _LAMPS_M
+    reach_m, angle_rad = np.hypot(ahead_m, y_m), np.arctan2(y_m, ahead_m)
+    near = np.minimum(reach_m / 6.0, 1.0)
+    return np.asarray(near * np.exp(-((angle_rad / _BEAM_RAD) ** 2)) / (1.0 + (reach_m / _BEAM_M) ** 2))
+
+
+_CLEAR = Daylight(1.0, 0.0, bgr("#5b93cf"), bgr("#cfdde8"), 170.0)
 _WEATHERS: Mapping[str, Daylight] = MappingProxyType(
     {
-        "night": Daylight(0.42, bgr("#0e1626"), bgr("#2c3547"), 90.0),
-        "fog": Daylight(0.85, bgr("#b9c0c6"), bgr("#ccd1d5"), 45.0),
-        "sunset": Daylight(0.82, bgr("#5f6fa0"), bgr("#f0b58a"), 140.0),
-        "rain": Daylight(0.78, bgr("#7f8a95"), bgr("#aab2b9"), 90.0),
-        "cloud": Daylight(0.90, bgr("#93a3b3"), bgr("#c6ced5"), 150.0),
+        "night": Daylight(0.55, 0.7, bgr("#131d33"), bgr("#36425a"), 110.0),
+        "fog": Daylight(0.85, 0.0, bgr("#b9c0c6"), bgr("#ccd1d5"), 45.0),
+        "sunset": Daylight(0.82, 0.0, bgr("#5f6fa0"), bgr("#f0b58a"), 140.0),
+        "rain": Daylight(0.78, 0.0, bgr("#7f8a95"), bgr("#aab2b9"), 90.0),
+        "cloud": Daylight(0.90, 0.0, bgr("#93a3b3"), bgr("#c6ced5"), 150.0),
     }
 )
 """By a word in the name of an environment; the first that occurs counts."""

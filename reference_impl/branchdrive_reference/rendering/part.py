@@ -51,11 +51,12 @@ class _Shape(NamedTuple):
     side: Colour
     top: Colour
     faces: Sequence[int] = _ALL
+    glows: bool = False
 
 
 _LAMPS = (
-    *(_Shape(-0.5, y, 0.02, 0.22, 0.36, 0.5, _TAIL, _TAIL, (_REAR,)) for y in (-0.36, 0.36)),
-    *(_Shape(0.5, y, 0.02, 0.22, 0.34, 0.46, _HEAD, _HEAD, (_FRONT,)) for y in (-0.36, 0.36)),
+    *(_Shape(-0.5, y, 0.02, 0.22, 0.36, 0.5, _TAIL, _TAIL, (_REAR,), True) for y in (-0.36, 0.36)),
+    *(_Shape(0.5, y, 0.02, 0.22, 0.34, 0.46, _HEAD, _HEAD, (_FRONT,), True) for y in (-0.36, 0.36)),
 )
 _WHEELS = tuple(_Shape(x, 0, 0.15, 1.01, 0, 0.4, _TYRE, _TYRE, _SIDES) for x in (-0.3, 0.3))
 _CAR = (
@@ -109,7 +110,10 @@ class Bodies:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Upright boxes in the ego's frame; arrays ``[parts]``, colours ``[parts, 3]``, faces ``[parts, 5]``."""
+    """Upright boxes in the ego's frame; arrays ``[parts]``, colours ``[parts, 3]``, faces ``[parts, 5]``.
+
+    Boxes that glow are lamps: they have their colour in any light.
+    """
 
     x_m: Array
     y_m: Array
@@ -121,6 +125,7 @@ class Parts:
     side: Array
     top: Array
     has_face: NDArray[np.bool_]
+    glows: NDArray[np.bool_]
     distance_m: Array
 
     @classmethod
@@ -157,6 +162,7 @@ class _Table:
     side: Array
     top: Array
     has_face: NDArray[np.bool_]
+    glows: NDArray[np.bool_]
 
     @classmethod
     def of(cls, shapes: Sequence[_Shape]) -> _Table:
@@ -166,23 +172,24 @@ class _Table:
             np.array([shape.side for shape in shapes], float),
             np.array([shape.top for shape in shapes], float),
             has_face,
+            np.array([shape.glows for shape in shapes]),
         )
 
 
-_TABLES: Mapping[str, tuple[_Table, _Table]] = MappingProxyType(
+_TABLES: Mapping[str, tuple[_Table, _Table, _Table]] = MappingProxyType(
     {
-        name: (_Table.of(large), _Table.of((*large, *small)))
-        for name, large, small in (
-            ("car", _CAR, (*_WHEELS, *_LAMPS)),
-            ("van", _VAN, (*_VAN_WINDOWS, *_WHEELS, *_LAMPS)),
-            ("cycle", _CYCLE, ()),
-            ("pedestrian", _PEDESTRIAN, ()),
-            ("static", _STATIC, _BAND),
-            ("post", _STATIC, ()),
+        name: (_Table.of(large), _Table.of((*large, *lamps)), _Table.of((*large, *small, *lamps)))
+        for name, large, small, lamps in (
+            ("car", _CAR, _WHEELS, _LAMPS),
+            ("van", _VAN, (*_VAN_WINDOWS, *_WHEELS), _LAMPS),
+            ("cycle", _CYCLE, (), ()),
+            ("pedestrian", _PEDESTRIAN, (), ()),
+            ("static", _STATIC, _BAND, ()),
+            ("post", _STATIC, (), ()),
         )
     }
 )
-"""Shapes of an actor far away and nearby."""
+"""Shapes of an actor far away, far away with its lamps on, and nearby."""
 
 
 def _kind(actor_class: str, height_m: float) -> str:
@@ -193,16 +200,17 @@ def _kind(actor_class: str, height_m: float) -> str:
     return actor_class
 
 
-def actor_parts(bodies: Bodies, detail_m: float) -> Parts:
-    """Parts of actors; those that are nearer than `detail_m` have their small ones."""
+def actor_parts(bodies: Bodies, detail_m: float, *, has_lamps_on: bool) -> Parts:
+    """Parts of actors; those that are nearer than `detail_m` have their small ones, the others lamps that are on."""
     distance = np.hypot(bodies.x_m, bodies.y_m)
-    names = zip(bodies.actor_class, bodies.extents_m.tolist(), (distance < detail_m).tolist(), strict=True)
-    chosen = [(_TABLES[_kind(name, extents[2])][is_near], _paint(name, *extents)) for name, extents, is_near in names]
+    levels = np.where(distance < detail_m, 2, int(has_lamps_on)).tolist()
+    names = zip(bodies.actor_class, bodies.extents_m.tolist(), levels, strict=True)
+    chosen = [(_TABLES[_kind(name, extents[2])][level], _paint(name, *extents)) for name, extents, level in names]
     if not chosen:
         return _none()
     owner = np.repeat(np.arange(len(chosen)), [len(table.shares) for table, _ in chosen])
-    shares, side, top, has_face = (
-        np.concatenate([getattr(table, name) for table, _ in chosen]) for name in ("shares", "side", "top", "has_face")
+    shares, side, top, has_face, glows = (
+        np.concatenate([getattr(table, field.name) for table, _ in chosen]) for field in fields(_Table)
     )
     paint = np.array([colour for _, colour in chosen], float)[owner]
     length, width, height = bodies.extents_m[owner].T
@@ -220,6 +228,7 @@ def actor_parts(bodies: Bodies, detail_m: float) -> Parts:
         np.where(side < 0, paint, side),
         np.where(top < 0, paint, top),
         has_face,
+        glows,
         distance[owner],
     )
 
@@ -232,7 +241,9 @@ def _paint(actor_class: str, length_m: float, width_m: float, height_m: float) -
 
 def _none() -> Parts:
     none, colours = np.zeros(0), np.zeros((0, 3))
-    return Parts(none, none, none, none, none, none, none, colours, colours, np.zeros((0, 5), bool), none)
+    return Parts(
+        none, none, none, none, none, none, none, colours, colours, np.zeros((0, 5), bool), np.zeros(0, bool), none
+    )
 
 
 def shadows(bodies: Bodies, reach_m: float) -> Parts:
@@ -245,34 +256,37 @@ def shadows(bodies: Bodies, reach_m: float) -> Parts:
     length, width, _ = bodies.extents_m[near].T
     return Parts(
         bodies.x_m[near], bodies.y_m[near], bodies.yaw_rad[near], length + _SHADOW_M, width + _SHADOW_M,
-        np.zeros(count), np.full(count, 0.01), colour, colour, has_face, distance[near],
+        np.zeros(count), np.full(count, 0.01), colour, colour, has_face, np.zeros(count, bool), distance[near],
     )  # fmt: skip
 
 
-def _upright(rows: Sequence[tuple[float, float, float, float, float, float, Colour]]) -> Parts:
-    """Boxes along the axes of the ego's frame: x, y, length, width, low, high and colour of each."""
+_Box = tuple[float, float, float, float, float, float, Colour, bool]
+
+
+def _upright(rows: Sequence[_Box]) -> Parts:
+    """Boxes along the axes of the ego's frame: x, y, length, width, low, high and colour of each, whether it glows."""
     numbers = np.array([row[:6] for row in rows], float).reshape(-1, 6)
     colours = np.array([row[6] for row in rows], float).reshape(-1, 3)
     x, y, length, width, low, high = numbers.T
-    faces = np.ones((len(rows), 5), bool)
-    return Parts(x, y, np.zeros(len(rows)), length, width, low, high, colours, colours, faces, np.hypot(x, y))
+    faces, glows = np.ones((len(rows), 5), bool), np.array([row[7] for row in rows], bool)
+    return Parts(x, y, np.zeros(len(rows)), length, width, low, high, colours, colours, faces, glows, np.hypot(x, y))
 
 
 def post_parts(posts: Sequence[Post], places_m: Array, lit: Mapping[int, str]) -> Parts:
     """Signals and signs at places of the ego's frame ``[posts, 2]``; `lit` has states of signals by their number."""
-    rows: list[tuple[float, float, float, float, float, float, Colour]] = []
+    rows: list[_Box] = []
     for number, (post, (x, y)) in enumerate(zip(posts, places_m.tolist(), strict=True)):
-        rows.append((x, y, _POLE_M, _POLE_M, 0.0, 2.6, _METAL))
+        rows.append((x, y, _POLE_M, _POLE_M, 0.0, 2.6, _METAL, False))
         if post.kind == "signal":
-            rows.append((x, y, 0.3, 0.4, 2.3, 3.5, _CASE))
+            rows.append((x, y, 0.3, 0.4, 2.3, 3.5, _CASE, False))
             for height, state in ((3.12, "red"), (2.74, "yellow"), (2.36, "green")):
-                colour = LAMPS[state] if lit.get(number) == state else _UNLIT
-                rows.append((x, y, 0.34, 0.3, height, height + 0.3, colour))
+                is_lit = lit.get(number) == state
+                rows.append((x, y, 0.34, 0.3, height, height + 0.3, LAMPS[state] if is_lit else _UNLIT, is_lit))
         else:
             is_stop = post.kind == "stop_sign"
             low, high = (2.15, 2.45) if is_stop else (2.05, 2.5)
-            rows.append((x, y, 0.06, _PLATE_M, 1.9, 1.9 + _PLATE_M, _TAIL))
-            rows.append((x, y, 0.08, 0.6 if is_stop else 0.45, low, high, _WHITE))
+            rows.append((x, y, 0.06, _PLATE_M, 1.9, 1.9 + _PLATE_M, _TAIL, False))
+            rows.append((x, y, 0.08, 0.6 if is_stop else 0.45, low, high, _WHITE, False))
     return _upright(rows)
 
 
@@ -283,5 +297,6 @@ def wall_parts(walls: Pieces, start_m: Array, end_m: Array) -> Parts:
     colour = np.tile(np.array(SURFACES["wall"], float), (count, 1))
     return Parts(
         middle[:, 0], middle[:, 1], np.arctan2(along[:, 1], along[:, 0]), np.hypot(*along.T), walls.width_m,
-        np.zeros(count), np.full(count, _WALL_HEIGHT_M), colour, colour, np.ones((count, 5), bool), np.hypot(*middle.T),
+        np.zeros(count), np.full(count, _WALL_HEIGHT_M), colour, colour, np.ones((count, 5), bool),
+        np.zeros(count, bool), np.hypot(*middle.T),
     )  # fmt: skip

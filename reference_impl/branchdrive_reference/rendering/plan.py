@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -15,7 +16,7 @@ from branchdrive.errors import UsageError
 from branchdrive_reference.rendering.encoding import JPEG_QUALITY
 from branchdrive_reference.rendering.opencv import OPENCV_VERSION
 
-__all__ = ["MediaPlan", "Window", "check_renderable", "with_media"]
+__all__ = ["MediaPlan", "Window", "check_renderable", "plan_text", "with_media"]
 
 Window = Literal["branch", "all"]
 """The observations around the branch that models read, or every one."""
@@ -47,6 +48,16 @@ class MediaPlan:
         return dump_json({"cameras": cameras, **settings})
 
 
+def plan_text(document: bytes) -> str:
+    """What `MediaPlan.document` says, in a line; what follows the document is passed over."""
+    try:
+        plan, _ = json.JSONDecoder().raw_decode(document.decode())
+        cameras = ", ".join(f"{c['name']} {c['width_px']}x{c['height_px']}" for c in plan["cameras"])
+        return f"{cameras} (window {plan['window']}, JPEG quality {plan['jpeg_quality']}, OpenCV {plan['opencv']})"
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return "a plan that cannot be read"
+
+
 def check_renderable(descriptor: Descriptor) -> None:
     """Refuse a dataset of which nothing can be rendered.
 
@@ -73,7 +84,10 @@ def with_media(descriptor: Descriptor, plan: MediaPlan) -> Descriptor:
     """
     claimed = [name for name in descriptor.streams if STREAMS[name].cameras]
     if claimed:
-        raise UsageError(f"{descriptor.dataset_id!r} has media already: {', '.join(claimed)}; they stay as they are")
+        raise UsageError(
+            f"{descriptor.dataset_id!r} has media already: {', '.join(claimed)}; they stay as they are; "
+            "for others, render the dataset without media into another folder with `--output DIR`"
+        )
     added = {camera.stream for camera in plan.cameras}
     streams = [name for name in STREAMS if name in descriptor.streams or name in added]
     document = descriptor.model_dump(mode="json")

@@ -78,6 +78,18 @@ class Pinhole:
         return normals, normals @ self.place_m + np.array([near_m, 0, 0, 0, 0])
 
     @cached_property
+    def ground_m(self) -> Array:
+        """Place of the ego's frame at which the centre of each pixel sees the ground ``[height, width, 2]``.
+
+        ``nan`` above the horizon.
+        """
+        camera = self.camera
+        u, v = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
+        depth_m = np.where(np.isfinite(self.depth_m), self.depth_m, np.nan)[..., None]
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(self.intrinsics).T
+        return np.asarray(self.place_m[:2] + depth_m * (rays @ self.axes)[..., :2])
+
+    @cached_property
     def depth_m(self) -> Array:
         """Depth at which the centre of each pixel sees the ground, ``inf`` above the horizon ``[height, width]``."""
         rise = self.axes[:, 2] @ np.linalg.inv(self.intrinsics)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive_reference.rendering.opencv import Image
-from branchdrive_reference.rendering.palette import SURFACES, Colour, Daylight
+from branchdrive_reference.rendering.palette import SURFACES, Colour, Daylight, beam_of
 from branchdrive_reference.rendering.part import FACES, Bodies, Parts, actor_parts, post_parts, shadows, wall_parts
 from branchdrive_reference.rendering.patch import Patch, governing_signal
 from branchdrive_reference.rendering.snapshot import Snapshot
@@ -25,6 +25,9 @@ _DETAIL_PX, _MOST_DETAIL_M = 6.0, 60.0
 
 _SHADES = np.array([0.92, 0.8, 0.86, 0.74, 1.05])
 """Light on the front, left, rear, right and upper face of a box, without the sun."""
+
+_LAMP_HAZE = 0.35
+"""Share of their distance through whose haze lamps are seen."""
 
 _SUN = np.array([math.cos(0.9), math.sin(0.9)])
 _SUN_SHARE = 0.12
@@ -76,21 +79,29 @@ class Stage:
         self.beyond: Colour = (int(blue), int(green), int(red))
         paint, paint_colours, paint_m = self._paint()
         parts = self._parts(shows_ego=shows_ego)
-        faces, normals, face_colours, face_m = self._faces(parts)
+        faces, normals, face_colours, face_m, glows = self._faces(parts)
         self.outlines_m = np.concatenate([paint, faces])
         self.normals = np.concatenate([np.tile([0.0, 0.0, 1.0], (len(paint), 1)), normals])
         self.offsets_m = (self.outlines_m[:, 0] * self.normals).sum(axis=1)
         self.colours = self._behind_haze(
-            np.concatenate([paint_colours, face_colours]), np.concatenate([paint_m, face_m])
+            np.concatenate([paint_colours, face_colours]),
+            np.concatenate([paint_m, face_m]),
+            np.concatenate([np.zeros(len(paint), bool), glows]),
         )
 
     def _placed(self, points_m: Array) -> Array:
         """World points ``[.., 2]`` in the ego's frame, same shape."""
         return np.asarray((points_m - self._here) @ self._turn.T)
 
-    def _behind_haze(self, colours: Array, distance_m: Array) -> Array:
+    def _behind_haze(self, colours: Array, distance_m: Array, glows: NDArray[np.bool_]) -> Array:
+        beam: Array | float = 0.0
+        if self._light.has_headlamps:
+            places = self.outlines_m[..., :2].mean(axis=1)
+            beam = beam_of(places[:, 0], places[:, 1])[:, None]
+        lit = np.minimum(self._light.lit(colours, beam), 255.0)
+        lit[glows] = colours[glows]
         share = 1.0 - np.exp(distance_m / -self._light.visibility_m)[:, None]
-        return np.minimum(self._light.lit(colours) * (1 - share) + np.array(self._light.haze, float) * share, 255.0)
+        return np.minimum(lit * (1 - share) + np.array(self._light.haze, float) * share, 255.0)
 
     def _paint(self) -> tuple[Array, Array, Array]:
         """Outlines of painted lines ``[lines, 4, 3]``, their colours, and their distances.
@@ -120,7 +131,8 @@ class Stage:
         if shows_ego:
             bodies = bodies.with_ego(snapshot.length_m, snapshot.width_m, snapshot.height_m)
         detail_m = min(self._focal_px / _DETAIL_PX, _MOST_DETAIL_M)
-        standing = [actor_parts(bodies, detail_m), self._posts(), self._walls()]
+        has_lamps_on = self._light.has_headlamps
+        standing = [actor_parts(bodies, detail_m, has_lamps_on=has_lamps_on), self._posts(), self._walls()]
         return Parts.joined([shadows(bodies, _SHADOWS_M), Parts.joined(standing).far_to_near()])
 
     def _posts(self) -> Parts:
@@ -137,8 +149,8 @@ class Stage:
         chosen = walls.chosen(near)
         return wall_parts(chosen, self._placed(chosen.start_m), self._placed(chosen.end_m))
 
-    def _faces(self, parts: Parts) -> tuple[Array, Array, Array, Array]:
-        """Outlines, normals, colours and distances of the faces of boxes, in the order of the boxes."""
+    def _faces(self, parts: Parts) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
+        """Faces of boxes in their order: outlines, normals, colours, lengths of their haze, and whether they glow."""
         cos, sin = np.cos(parts.yaw_rad), np.sin(parts.yaw_rad)
         normals = np.zeros((len(parts), 5, 3))
         normals[:, 0, 0], normals[:, 0, 1] = cos, sin
@@ -148,6 +160,9 @@ class Stage:
         colours = np.repeat(parts.side[:, None], 5, axis=1)
         colours[:, 4] = parts.top
         shades = _SHADES + _SUN_SHARE * (normals[..., :2] @ (self._turn @ _SUN))
+        shades[parts.glows] = 1.0
         shown = parts.has_face
-        distance = np.broadcast_to(parts.distance_m[:, None], shown.shape)
-        return parts.corners()[:, FACES][shown], normals[shown], (colours * shades[..., None])[shown], distance[shown]
+        haze_m = parts.distance_m * np.where(parts.glows, _LAMP_HAZE, 1.0)
+        owner = np.nonzero(shown)[0]
+        outlines, lit = parts.corners()[:, FACES][shown], (colours * shades[..., None])[shown]
+        return outlines, normals[shown], lit, haze_m[owner], parts.glows[owner]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.camera import PinholeCamera
 from branchdrive_reference.rendering.opencv import SUBPIXEL_BITS, Image, cv2, fixed_point
-from branchdrive_reference.rendering.palette import Daylight
+from branchdrive_reference.rendering.palette import Daylight, beam_of
 from branchdrive_reference.rendering.projection import Pinhole
 from branchdrive_reference.rendering.stage import Stage
 
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 NEAR_M = 0.3
 """Nothing nearer to a camera is drawn."""
+
+_LEAST_GAIN = 1.01
+"""Less light of the headlamps on the ground is not drawn."""
 
 _FINE_PX_PER_M = 1.5
 """Where a metre of the ground has fewer pixels, it is drawn from the coarse texture."""
@@ -96,8 +99,19 @@ class View:
                 texture, shift @ to_pixels @ to_world, (part.shape[1], part.shape[0]), flags=cv2.INTER_LINEAR,
                 borderMode=cv2.BORDER_CONSTANT, borderValue=stage.beyond,
             )  # fmt: skip
+            if self._gain is not None:
+                cv2.multiply(ground, self._gain[first:end], ground, dtype=cv2.CV_8U)
             haze = self._haze[first:end]
             cv2.blendLinear(ground, part, self._clear[first:end], haze, part)
+
+    @cached_property
+    def _gain(self) -> NDArray[np.float32] | None:
+        """How much brighter the headlamps make the ground ``[height, width, 3]``; ``None`` where they do not."""
+        beam = np.nan_to_num(beam_of(*np.moveaxis(self._pinhole.ground_m, -1, 0)))
+        gain = 1.0 + self.light.headlamps / self.light.ambient * beam
+        if gain.max() < _LEAST_GAIN:
+            return None
+        return np.repeat(gain[..., None], 3, axis=2).astype(np.float32)
 
     @cached_property
     def _clear(self) -> NDArray[np.float32]:

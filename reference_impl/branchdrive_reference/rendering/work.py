@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from concurrent.futures import Future
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -17,9 +16,6 @@ from branchdrive_reference.rendering.group import GroupRenderer
 from branchdrive_reference.rendering.plan import MediaPlan
 
 __all__ = ["Task", "render_groups"]
-
-_TASKS_PER_WORKER = 2
-"""Groups that are handed out at a time for every worker."""
 
 
 class Task(NamedTuple):
@@ -59,15 +55,8 @@ def render_groups(root: Path, plan: MediaPlan, tasks: Sequence[Task], *, jobs: i
         context = spawn_context()
         stop = context.Event()
     raise_if_noted()
-    waiting, running = list(reversed(tasks)), set[Future[Task]]()
-    num_workers = min(jobs, len(tasks))
-    with started_workers(context, num_workers, stop, _Worker.start, root, plan, stop) as workers:
-        while waiting or running:
-            while waiting and len(running) < _TASKS_PER_WORKER * num_workers:
-                running.add(workers.submit(_Worker.render, waiting.pop()))
-            finished, running = workers.wait(running)
-            for future in finished:
-                yield future.result()
+    with started_workers(context, min(jobs, len(tasks)), stop, _Worker.start, root, plan, stop) as workers:
+        yield from workers.results(_Worker.render, tasks)
 
 
 class _StoppedError(Exception):

@@ -1,20 +1,35 @@
-"""The bird's-eye view as a picture: classes in colours, and the futures of every candidate on top."""
+"""The bird's-eye view as a picture: classes in colours, and the futures of every candidate on top.
+
+Where no semantic view was recorded, or where it ends, the same is drawn from the map and the recorded state.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass, classes_of
+from branchdrive.contract.semantic_bev import (
+    BEV_CAMERA,
+    PX_PER_M,
+    SEMANTIC_STREAM,
+    SemanticChannel,
+    SemanticClass,
+    classes_of,
+)
 from branchdrive.contract.timing import ACTIVE_TICKS
-from branchdrive_reference.drawing.palette import BACKDROP, Rgb
+from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
 from branchdrive_reference.drawing.scene import Array, Candidate, Scene
+from branchdrive_reference.rendering.marking import Pieces
+from branchdrive_reference.rendering.patch import Tile, Town
+from branchdrive_reference.rendering.semantic import SemanticView
+from branchdrive_reference.rendering.snapshot import Recording, Snapshot
 
 __all__ = ["Chart", "coloured", "ink"]
 
@@ -65,12 +80,14 @@ class Chart:
 
     Attributes:
         scene: The group.
+        recording: Its nominal rollout.
         colours: Colour of each candidate by its key.
         side_px: Rows and columns of the chart.
         camera: Declaration of the semantic view; ``None`` where there is none.
     """
 
     scene: Scene
+    recording: Recording
     colours: Mapping[str, Rgb]
     side_px: int
     camera: TopDownCamera | None
@@ -86,58 +103,109 @@ class Chart:
     def picture(self, tick: int, view: NDArray[np.uint8] | None) -> Image.Image:
         """The chart at a tick since the branch, on the semantic view of the nominal at that tick, if there is one.
 
-        Up to the branch all futures are shown whole, after it as far as they have come.
+        Where the view ends, the world is drawn from what is recorded. Up to the branch all futures are shown whole,
+        after it as far as they have come: the longest first, so that none is hidden by one along the same way.
         """
-        nominal = self.scene.nominal
-        row = int(np.searchsorted(nominal.tick, tick))
-        pose = (float(nominal.x_m[row]), float(nominal.y_m[row]), float(nominal.yaw_rad[row]))
-        canvas = self._ground(view)
+        state = self.recording.at(tick + self.scene.record["branch_tick"])
+        canvas = self._ground(state, view)
         draw = ImageDraw.Draw(canvas)
+        self._draw_objects(draw, state)
         shown = tick if tick > 0 else ACTIVE_TICKS
-        if view is None:
-            self._draw_route(draw, pose)
-        for candidate in (*self.scene.candidates[1:], nominal):
-            self._draw_future(draw, candidate, pose, shown)
+        candidates = sorted(self.scene.candidates, key=lambda one: _way_m(one, shown), reverse=True)
+        for draw_part in (self._draw_future, self._draw_end, self._draw_touches):
+            for candidate in candidates:
+                draw_part(draw, candidate, state, shown)
         return canvas.resize((self.side_px, self.side_px), Image.Resampling.LANCZOS)
 
-    def _ground(self, view: NDArray[np.uint8] | None) -> Image.Image:
-        size = (self.side_px * _FINE, self.side_px * _FINE)
-        if view is None or self.camera is None:
-            return Image.new("RGB", size, ink(BACKDROP["ground"]))
-        image = Image.fromarray(coloured(view))
-        scale = self.side_m * self.camera.px_per_m / size[0]
-        left = self.camera.origin_column_px - scale * size[0] / 2
-        top = self.camera.origin_row_px - scale * size[1] * (1 - _BEHIND)
-        nothing = _CLASSES[SemanticClass.NOTHING]
-        cut = (scale, 0.0, left, 0.0, scale, top)
-        return image.transform(size, Image.Transform.AFFINE, cut, Image.Resampling.BICUBIC, fillcolor=nothing)
+    @property
+    def _around(self) -> TopDownCamera:
+        """A semantic view as large as the chart."""
+        ahead, aside = (math.ceil(PX_PER_M * self.side_m * share) for share in (1 - _BEHIND, 0.5))
+        behind = math.ceil(PX_PER_M * self.side_m * _BEHIND)
+        return TopDownCamera(
+            name=BEV_CAMERA,
+            stream=SEMANTIC_STREAM,
+            width_px=2 * aside,
+            height_px=ahead + behind,
+            px_per_m=PX_PER_M,
+            origin_row_px=ahead,
+            origin_column_px=aside,
+        )
 
-    def _px(self, x_m: Array, y_m: Array, pose: tuple[float, float, float]) -> list[tuple[float, float]]:
-        x, y, yaw = pose
-        ahead = math.cos(yaw) * (x_m - x) + math.sin(yaw) * (y_m - y)
-        left = math.cos(yaw) * (y_m - y) - math.sin(yaw) * (x_m - x)
+    @cached_property
+    def _town(self) -> Town:
+        return Town(self.scene.elements)
+
+    def _ground(self, state: Snapshot, view: NDArray[np.uint8] | None) -> Image.Image:
+        around = self._around
+        drawn = SemanticView(around).draw(self._town.patch(Tile.of(state.x_m, state.y_m)), state)
+        ground = self._cut(Image.fromarray(coloured(drawn)), around, Image.Resampling.BICUBIC)
+        if view is not None and self.camera is not None:
+            shown = self._cut(Image.fromarray(coloured(view)), self.camera, Image.Resampling.BICUBIC)
+            inside = self._cut(Image.new("L", (view.shape[1], view.shape[0]), 255), self.camera)
+            ground.paste(shown, mask=inside)
+            box = inside.getbbox()
+            if box is not None:
+                ImageDraw.Draw(ground).rectangle(box, outline=ink(BACKDROP["quiet"]), width=_FINE)
+        return ground
+
+    def _cut(
+        self, image: Image.Image, camera: TopDownCamera, filter_: Image.Resampling = Image.Resampling.NEAREST
+    ) -> Image.Image:
+        """What the chart shows of an image of a camera; zeros where it ends."""
+        side = self.side_px * _FINE
+        scale = self.side_m * camera.px_per_m / side
+        left = camera.origin_column_px - scale * side / 2
+        top = camera.origin_row_px - scale * side * (1 - _BEHIND)
+        return image.transform((side, side), Image.Transform.AFFINE, (scale, 0.0, left, 0.0, scale, top), filter_)
+
+    def _px(self, x_m: Array, y_m: Array, state: Snapshot) -> list[tuple[float, float]]:
+        cos, sin = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
+        ahead = cos * (x_m - state.x_m) + sin * (y_m - state.y_m)
+        left = cos * (y_m - state.y_m) - sin * (x_m - state.x_m)
         scale = self.side_px * _FINE / self.side_m
         columns = self.side_px * _FINE / 2 - scale * left
         rows = self.side_px * _FINE * (1 - _BEHIND) - scale * ahead
         return list(zip(columns.tolist(), rows.tolist(), strict=True))
 
-    def _draw_route(self, draw: ImageDraw.ImageDraw, pose: tuple[float, float, float]) -> None:
-        draw.line(self._px(*self.scene.route, pose), fill=ink(BACKDROP["route"]), width=2 * _FINE, joint="curve")
+    def _draw_objects(self, draw: ImageDraw.ImageDraw, state: Snapshot) -> None:
+        """Boxes of static objects, which have no class in a semantic view."""
+        actors = state.actors
+        is_static = actors.actor_class == "static"
+        half_m = actors.length_m / 2 * np.stack([np.cos(actors.yaw_rad), np.sin(actors.yaw_rad)])
+        middle_m = np.stack([actors.x_m, actors.y_m])
+        boxes = Pieces((middle_m - half_m).T, (middle_m + half_m).T, actors.width_m).chosen(is_static)
+        for corners in boxes.corners():
+            draw.polygon(self._px(corners[:, 0], corners[:, 1], state), fill=ink(ACTORS["static"]))
 
-    def _draw_future(
-        self, draw: ImageDraw.ImageDraw, candidate: Candidate, pose: tuple[float, float, float], until: int
-    ) -> None:
-        rows = candidate.future & (candidate.tick <= until)
-        points = self._px(candidate.x_m[rows], candidate.y_m[rows], pose)
+    def _draw_future(self, draw: ImageDraw.ImageDraw, candidate: Candidate, state: Snapshot, until: int) -> None:
+        rows = _shown(candidate, until)
+        points = self._px(candidate.x_m[rows], candidate.y_m[rows], state)
         colour = ink(self.colours[candidate.policy.key])
         if len(points) > 1:
             draw.line(points, fill=colour, width=2 * _FINE, joint="curve")
         for at in points[1:]:
             _disc(draw, at, 2.0 * _FINE, colour)
-        _disc(draw, points[-1], 3.2 * _FINE, colour, outline="white")
+
+    def _draw_end(self, draw: ImageDraw.ImageDraw, candidate: Candidate, state: Snapshot, until: int) -> None:
+        rows = _shown(candidate, until)
+        (at,) = self._px(candidate.x_m[rows][-1:], candidate.y_m[rows][-1:], state)
+        _disc(draw, at, 3.2 * _FINE, ink(self.colours[candidate.policy.key]), outline="white")
+
+    def _draw_touches(self, draw: ImageDraw.ImageDraw, candidate: Candidate, state: Snapshot, until: int) -> None:
         touches = candidate.contacts[candidate.tick[candidate.contacts] <= until]
-        for at in self._px(candidate.x_m[touches], candidate.y_m[touches], pose):
+        for at in self._px(candidate.x_m[touches], candidate.y_m[touches], state):
             _cross(draw, at, 5.0 * _FINE)
+
+
+def _shown(candidate: Candidate, until: int) -> NDArray[np.bool_]:
+    return np.asarray(candidate.future & (candidate.tick <= until))
+
+
+def _way_m(candidate: Candidate, until: int) -> float:
+    """Length of what is shown of a future."""
+    rows = _shown(candidate, until)
+    return float(np.hypot(np.diff(candidate.x_m[rows]), np.diff(candidate.y_m[rows])).sum())
 
 
 def _disc(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from branchdrive.cli.output import check_output
-from branchdrive.cli.progress import progress_bar
+from branchdrive.cli.progress import part_lines, progress_bar
 from branchdrive.contract.text import printable
 from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
@@ -62,6 +62,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         if output.suffix.lower() == ".png":
             content = sheet_bytes(sheet)
         else:
+            part_lines(stderr, "drawing")(f"{len(sheet.ticks)} frames")
             with progress_bar(stderr, "drawing frames") as show:
                 content = animated_bytes(sheet, show)
     except DatasetError as error:

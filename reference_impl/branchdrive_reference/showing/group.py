@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.errors import UsageError
+from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import Dataset
+from branchdrive.release.publish import WORK_DIR
+from branchdrive_reference.drawing.elements import elements_around
 from branchdrive_reference.drawing.scene import read_scene
 from branchdrive_reference.showing.sheet import Sheet
 from branchdrive_reference.study.bank import canonical_bank
@@ -21,8 +27,13 @@ def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
     """
     descriptor = dataset.descriptor
     if not any(STREAMS[name].cameras for name in descriptor.streams):
-        raise UsageError(f"{str(dataset.root)!r} has no media; add them with `branchdrive render`")
+        is_cut = (dataset.root / STAGING_DIR / WORK_DIR / FRAMES).exists()
+        advice = (
+            "a `branchdrive render` was interrupted: run it again" if is_cut else "add them with `branchdrive render`"
+        )
+        raise UsageError(f"{str(dataset.root)!r} has no media; {advice}")
     group = dataset.group(group_id)
     scene = read_scene(group, descriptor)
+    scene = replace(scene, elements=elements_around(dataset, scene))
     bank = dict(zip(descriptor.action_bank.keys, canonical_bank(group, descriptor), strict=True))
     return Sheet(scene, bank[descriptor.action_bank.nominal.key], descriptor)

@@ -18,18 +18,34 @@ from branchdrive.errors import UsageError
 from branchdrive.raw.camera_frames import CameraFrames
 from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
-from branchdrive_reference.drawing.scene import Scene, outcome_texts
+from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, Scene, outcome_texts
+from branchdrive_reference.rendering.snapshot import Recording
 from branchdrive_reference.showing.chart import Chart, ink
 from branchdrive_reference.study.label import label
 
-__all__ = ["Sheet"]
+__all__ = ["Sheet", "outcome_inks"]
 
 _ROWS = (("front_left", "front", "front_right"), ("rear_left", "rear", "rear_right"))
 _TILE_PX, _GAP_PX, _MARGIN_PX, _HEAD_PX = 384, 6, 16, 56
 _CHART_PX = 560
-_COLUMNS = ((34, "candidate", "la"), (250, "least gap", "ra"), (350, "speed at end", "ra"), (480, "first touch", "ra"))
+_Ink = tuple[int, int, int]
 
-_INK, _QUIET, _PAPER = ink(BACKDROP["ink"]), ink(BACKDROP["quiet"]), (250, 250, 248)
+_TABLE_PX = 44
+"""Height of the heads of columns."""
+
+_END = f"to +{ACTIVE_TICKS * TICK_S:.1f} s"
+_COLUMNS = (
+    (34, "candidate", "la"),
+    (250, f"least gap\n{_END}", "ra"),
+    (350, f"speed\n{_END.replace('to', 'at')}", "ra"),
+    (480, f"first touch\nto +{HORIZON_S:.1f} s", "ra"),
+)
+
+_NOTE_PX = 18
+_GROUND = "below the futures: what is recorded at each observation"
+_FRAME = "in the frame: the semantic view; beyond it, and brown objects: what is recorded beside it"
+
+_INK, _QUIET, _PAPER, _TOUCH = ink(BACKDROP["ink"]), ink(BACKDROP["quiet"]), (250, 250, 248), (0xC0, 0, 0)
 
 
 @dataclass
@@ -84,7 +100,8 @@ class Sheet:
 
     @cached_property
     def _chart(self) -> Chart:
-        return Chart(self.scene, candidate_colours(self.scene.bank), _CHART_PX, self._bev)
+        recording = Recording(self.nominal)
+        return Chart(self.scene, recording, candidate_colours(self.scene.bank), _CHART_PX, self._bev)
 
     def picture(self, tick: int = 0) -> Image.Image:
         """The sheet at a tick since the branch."""
@@ -101,7 +118,7 @@ class Sheet:
             for column, (name, tile) in enumerate(zip(names, row, strict=True)):
                 left = _MARGIN_PX + column * (_TILE_PX + _GAP_PX)
                 sheet.paste(tile, (left, top))
-                _write_over(draw, (left + 8, top + 5), name.replace("_", " "))
+                _write_over(draw, (left + 12, top + 16), name.replace("_", " "))
             top += max(tile.height for tile in row) + _GAP_PX
         top += _MARGIN_PX
         sheet.paste(self._chart.picture(tick, self._view(tick)), (_MARGIN_PX, top))
@@ -140,22 +157,35 @@ class Sheet:
     def _write_outcomes(self, draw: ImageDraw.ImageDraw, corner: tuple[int, int], tick: int) -> None:
         left, top = corner
         for x, text, anchor in _COLUMNS:
-            draw.text((left + x, top + 4), text, fill=_QUIET, font=_font(13), anchor=anchor)
+            for line, words in enumerate(text.split("\n")):
+                draw.text((left + x, top + 16 * line), words, fill=_QUIET, font=_font(13), anchor=anchor)
         colours = candidate_colours(self.scene.bank)
-        step = min(34.0, (_CHART_PX - 60) / max(1, len(self.scene.candidates)))
+        step = min(34.0, (_CHART_PX - _TABLE_PX - 2 * _NOTE_PX) / max(1, len(self.scene.candidates)))
         for number, candidate in enumerate(self.scene.candidates):
-            middle = top + 28 + (number + 0.5) * step
+            middle = top + _TABLE_PX + (number + 0.5) * step
             colour = ink(colours[candidate.policy.key])
             draw.rounded_rectangle((left, middle - 5, left + 24, middle + 5), 5, fill=colour)
-            touches = bool((candidate.tick[candidate.contacts] <= ACTIVE_TICKS).any())
-            for (x, _, _), text, anchor in zip(
-                _COLUMNS, outcome_texts(candidate), ("lm", "rm", "rm", "rm"), strict=True
+            inks = outcome_inks(candidate)
+            for (x, _, _), text, fill, anchor in zip(
+                _COLUMNS, outcome_texts(candidate), inks, ("lm", "rm", "rm", "rm"), strict=True
             ):
-                fill = (0xC0, 0, 0) if touches and anchor == "rm" else _INK
                 draw.text((left + x, middle), text, fill=fill, font=_font(15), anchor=anchor)
         until = tick if tick > 0 else ACTIVE_TICKS
-        note = f"left: the nominal ego, heading up; futures to {until * TICK_S:+.2f} s, a cross where a touch begins"
-        draw.text((left, top + _CHART_PX - 18), note, fill=_QUIET, font=_font(12))
+        notes = (
+            f"left: the nominal ego, heading up; futures to {until * TICK_S:+.2f} s, a cross where a touch begins",
+            _GROUND if self._bev is None else _FRAME,
+        )
+        for line, note in enumerate(notes):
+            middle = top + _CHART_PX - (len(notes) - line - 0.5) * _NOTE_PX
+            draw.text((left, middle), note, fill=_QUIET, font=_font(12), anchor="lm")
+
+
+def outcome_inks(candidate: Candidate) -> tuple[_Ink, _Ink, _Ink, _Ink]:
+    """Colours of the texts of an outcome: a touch in the future is red, and one after it grey."""
+    begins = candidate.tick[candidate.contacts]
+    if (begins <= ACTIVE_TICKS).any():
+        return _INK, _TOUCH, _TOUCH, _TOUCH
+    return _INK, _INK, _INK, _QUIET
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
@@ -164,4 +194,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 def _write_over(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str) -> None:
     """Text that can be read on any image."""
-    draw.text(at, text, fill="white", font=_font(14), stroke_width=2, stroke_fill=_INK)
+    left, top = at
+    right = left + draw.textlength(text, _font(14))
+    draw.rounded_rectangle((left - 6, top - 10, right + 6, top + 10), 4, fill=_INK)
+    draw.text(at, text, fill="white", font=_font(14), anchor="lm")

@@ -22,8 +22,8 @@ from branchdrive.model.normalisation_document import normalisation_document
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
 
 __all__ = [
-    "ASSIGNMENT", "COMMANDS", "contents", "invoke", "is_clean", "make_release", "protocol", "smallest_protocol",
-    "write_protocol",
+    "ASSIGNMENT", "COMMANDS", "contents", "invoke", "invoke_both", "is_clean", "make_release", "protocol",
+    "smallest_protocol", "write_protocol",
 ]  # fmt: skip
 
 _SIZES = {"train": 12, "val": 3, "calibration": 4, "test": 4}
@@ -76,11 +76,16 @@ def write_protocol(path: Path, document: dict[str, Any]) -> Path:
 
 def invoke(command: str, *arguments: str | Path) -> str:
     """What a command prints; errors are raised as they are."""
-    module, stdout = COMMANDS[command], io.StringIO()
+    return invoke_both(command, *arguments)[0]
+
+
+def invoke_both(command: str, *arguments: str | Path) -> tuple[str, str]:
+    """The same, and what it writes to stderr, which is no terminal."""
+    module, stdout, stderr = COMMANDS[command], io.StringIO(), io.StringIO()
     parser = argparse.ArgumentParser()
     module.add_arguments(parser)
-    assert module.run(parser.parse_args([str(one) for one in arguments]), stdout, io.StringIO()) == 0
-    return stdout.getvalue()
+    assert module.run(parser.parse_args([str(one) for one in arguments]), stdout, stderr) == 0
+    return stdout.getvalue(), stderr.getvalue()
 
 
 def contents(root: Path) -> dict[str, bytes]:

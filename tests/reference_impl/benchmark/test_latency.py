@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean
+from tests.reference_impl.benchmark.small_release import contents, invoke, invoke_both, is_clean
 
 from branchdrive import UsageError, validate
 from branchdrive.contract.document import schema_mismatches
@@ -24,7 +24,10 @@ def statuses(root: Path, *rules: str) -> list[str]:
 def test_every_model_is_timed_and_the_exported_ones_twice(benchmarked: Path) -> None:
     pytest.importorskip("onnxruntime")
     before = contents(benchmarked)
-    said = invoke("latency", benchmarked, "--repeats", "2")
+    said, printed = invoke_both("latency", benchmarked, "--repeats", "2")
+    assert printed == "".join(
+        f"timing {model}, model {i + 1} of 4\n" for i, model in enumerate(("M0", "M1", "M2", "M3"))
+    )
     after = contents(benchmarked)
     assert {path for path in after if before.get(path) != after[path]} == {NAME, TABLES, "MANIFEST.sha256"}
     assert is_clean(benchmarked)

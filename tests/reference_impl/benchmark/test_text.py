@@ -1,4 +1,4 @@
-"""Results on a terminal: they fit a page, tell clusters from groups, and promise only what is claimed."""
+"""Results on a terminal: they fit a screen, say what is too few, and promise nothing themselves."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, GUARANTEE, LEARN_THEN_TEST
 from branchdrive.benchmark.results import results_document
-from branchdrive.benchmark.table.redraw import guard_documents
-from branchdrive.benchmark.warning import CALIBRATION_READ
+from branchdrive.benchmark.tables import render_tables
+from branchdrive.statistics.interval import LEAST_UNITS
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive_reference.benchmark.text import render_results
 
@@ -25,48 +24,57 @@ def results(done: Path) -> Any:
     return json.loads((done / "benchmark" / "results.json").read_bytes())
 
 
-def text(results: Any) -> str:
+def text(results: Any, tables: str | None = None) -> str:
     """The text with its lines joined."""
-    return " ".join(render_results(results, io.StringIO()).split())
+    return " ".join(render_results(results, io.StringIO(), tables=tables).split())
 
 
 def test_a_refused_guard_promises_nothing(results: Any) -> None:
     """The calibration partition of the small release has four groups."""
     found = text(results)
-    assert "was not judged under balanced, safety, progress, comfort, near_range: it promises nothing there." in found
-    assert "Assume that" not in found
-    assert GLOBAL_MARGIN in found
+    assert "Not judged under balanced, safety, progress, comfort, near_range, where it promises nothing: " in found
+    assert "retained gain" not in found
 
 
-def test_a_judged_guard_promises_word_for_word_and_says_what_takes_from_it(results: Any) -> None:
-    judged = copy.deepcopy(results)
-    for profile in (profile for guard in guard_documents(judged) for profile in guard["profiles"]):
-        for method in ("conformal", "learn_then_test"):
-            profile[method]["refusal"] = None
-    judged["guard"]["guarantee"] |= {"conformal": GUARANTEE, "learn_then_test": LEARN_THEN_TEST}
-    judged["warnings"] = [CALIBRATION_READ]
+def test_a_judged_guard_says_what_it_did_and_where_its_promise_stands(invented: Any) -> None:
+    judged = copy.deepcopy(invented)
+    first, second, *others = judged["guard"]["profiles"]
+    for profile in (first, *others):
+        profile["conformal"]["refusal"] = "too few"
+    second["conformal"]["refusal"] = None
+    (figures,) = (one["figures"] for one in second["selections"] if one["selection"] == "conformal")
+    figures["violation_of_clusters"]["value"], figures["retained_gain"]["value"] = 0.037, 0.64
     found = text(judged)
-    assert f"{CALIBRATION_READ} {GUARANTEE}" in found
-    assert LEARN_THEN_TEST in found
-    assert "it promises nothing" not in found
+    assert "Guard, M3 at 0.25 m Violations by clusters and retained gain" in found
+    assert ": safety 0.037 and 0.640. What it promises, and what not, stands with the tables." in found
+    assert "Not judged under balanced, progress, comfort, near_range, where it promises nothing: too few." in found
 
 
-def test_the_trivial_selections_are_there_without_empty_intervals(results: Any) -> None:
-    lines = render_results(results, io.StringIO()).split("\n")
-    guard = [line for line in lines[next(i for i, x in enumerate(lines) if "Guard, profile" in x) :] if line]
-    names = [line.split()[0] for line in guard]
-    assert names[3:6] == ["nominal", "action_prior", "unguarded"]
-    nominal = next(line for line in guard if line.startswith("nominal"))
-    assert set(nominal.split()) == {"nominal", "0.000"}
+def test_too_few_clusters_are_told_first(results: Any) -> None:
+    for num_clusters, units in ((1, "1 route cluster"), (LEAST_UNITS - 1, "5 route clusters")):
+        results["population"]["clusters"]["test"] = num_clusters
+        assert text(results).startswith("Nothing can be concluded: `test` has 4 groups in " + units)
+    results["population"]["clusters"]["test"] = LEAST_UNITS
+    assert text(results).startswith("Prediction ")
 
 
-def test_repeated_nominals_are_told(results: Any) -> None:
-    losses = {"num_groups": 8, "num_groups_losing": 1, "num_repeats": 16, "num_repeats_losing": 1}
-    six = [0.5] * 6
-    results["noise"] = {
-        "tolerance": six, "rms": six, "num_groups": [8] * 6, "num_one_sided": [0] * 6, "losses": losses
-    }  # fmt: skip
-    assert "1 of 8 training groups (12.5 %), 1 of 16 repeats (6.2 %)" in text(results)
+def test_the_tables_are_named_where_they_are_in_a_file(results: Any) -> None:
+    assert text(results, "out/TABLES.md").endswith("--format markdown prints all tables, which are in out/TABLES.md.")
+    assert text(results).endswith("--format markdown prints all tables.")
+
+
+def test_selectors_that_a_vehicle_could_use_are_shown_with_regret_and_contacts(results: Any) -> None:
+    first = results["ranking"]["profiles"][0]
+    entries = {entry["selector"]: entry for entry in first["entries"]}
+    entries["O-M1"]["sees"], entries["O-M2"]["is_tie"] = "privileged history", True
+    entries["O-M3"]["outcomes"]["contact"]["value"] = 0.25
+    results["ranking"]["profiles"] = [first]
+    regrets, contacts = re.findall(r"^Selector .*\n-+\n((?:.+\n)+)", render_results(results, io.StringIO()), re.M)
+    lines = {line.split()[0]: line.split()[1:] for line in regrets.split("\n") if line}
+    assert {"nominal", "action_prior", "O-M3"} <= lines.keys()
+    assert not {"O-M1", "O-M2", "oracle", "random"} & lines.keys()
+    assert lines["O-M3"][0] == f"{entries['O-M3']['regret']:.3f}"
+    assert ["O-M3", "25.0%"] in [line.split() for line in contacts.split("\n")]
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +87,11 @@ def page(invented: dict[str, object]) -> str:
     return render_results(invented, io.StringIO())
 
 
-def test_lines_fit_a_page_and_no_cell_is_cut(page: str) -> None:
-    assert max(map(len, page.split("\n"))) <= 120
+def test_it_fits_a_screen_and_no_cell_is_cut(page: str) -> None:
+    lines = page.split("\n")
+    assert max(map(len, lines)) <= 120
+    assert len(lines) < 50
     assert "…" not in page
-    assert "O-M3-action_prior.regret.balanced" in page
 
 
 @pytest.mark.parametrize("columns", [40, 60, 80, 100])
@@ -102,28 +111,19 @@ def test_narrow_terminals_cut_no_number(
     assert sorted(numbers.findall(found)) == sorted(numbers.findall(page))
 
 
-def test_a_comparison_of_selectors_is_one_block_on_a_page(page: str) -> None:
-    """Names of selectors are long, and three families adjust its p-value."""
-    for title in ("Comparisons of models", "Comparisons of selectors"):
-        section = page.split(title)[1].split("Claims are judged")[0]
-        assert sum(line.startswith("Comparison ") for line in section.split("\n")) == 1
-
-
-def test_a_comparison_is_shown_by_clusters_and_by_groups(invented: dict, page: str) -> None:  # type: ignore[type-arg]
-    section = page.split("Comparisons of selectors")[1].split("Guard, profile")[0]
+def test_a_comparison_is_shown_by_clusters_and_by_groups(invented: dict) -> None:  # type: ignore[type-arg]
+    section = render_tables(invented).split("## Comparisons of selectors")[1].split("\n## ")[0]
     assert "Claims are judged by route clusters" in section
     found = invented["ranking"]["comparisons"][0]
-    lines = section.split("\n")
-    place = next(i for i, line in enumerate(lines) if line.startswith(f"{found['name']} "))
-    clusters, groups = lines[place : place + 2]
+    clusters, groups = (line for line in section.split("\n") if line.startswith(f"| `{found['name']}` |"))
     for line, unit, low, p, is_bound in (
         (clusters, "clusters", "cluster_low", "p_clusters", "is_bound_clusters"),
         (groups, "groups", "low", "p", "is_bound"),
     ):
         numbers = f"[{found['interval'][low]:.3f}", p_text(found[p], found[is_bound])
-        for cell in (unit, str(found[f"num_{unit}"]), *numbers):
-            assert f" {cell}" in line
+        for cell in (f"{found[f'num_{unit}']} {unit}", *numbers):
+            assert f"| {cell}" in line
 
 
 def test_every_table_carries_the_warnings(page: str) -> None:
-    assert page.count("Warning: Look out.") == 19  # two of prediction, eleven of ranking, five of the guard, one more
+    assert page.count("Warning: Look out.") == 3

@@ -22,6 +22,7 @@ from tests.small_images import add_images
 from branchdrive import validate
 from branchdrive.benchmark.protocol import default_protocol, protocol_problem, visual_protocol
 from branchdrive.contract.document import dump_json
+from branchdrive.errors import UsageError
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses
 from branchdrive_reference.benchmark import latency
@@ -133,7 +134,8 @@ def test_images_decide_which_protocol_is_the_default(release: Path) -> None:
     detached = open_release(release)
     assert published_protocol(detached) == default_protocol()
     assert untrained_sentence(detached, default_protocol()) == (
-        "M4, M5, M6 are not trained: the release is here without its raw layer"
+        "M4, M5, M6 are not trained: the release is here without its raw layer, where images lie and outcomes repeat; "
+        "`branchdrive build DATASET` without `--output` makes a release in place, to benchmark instead"
     )
     layers = ["raw", *detached.layer.descriptor.layers]
     lacking = opened(release, layers=layers)
@@ -150,3 +152,5 @@ def test_images_decide_which_protocol_is_the_default(release: Path) -> None:
 def test_normative_protocols_have_names() -> None:
     assert read_protocol_file(Path("structured")) == default_protocol()
     assert read_protocol_file(Path("visual")) == visual_protocol()
+    with pytest.raises(UsageError, match="'visul' is no protocol; give `structured`, `visual` or a file"):
+        read_protocol_file(Path("visul"))

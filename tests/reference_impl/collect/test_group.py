@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.content_cache import remembered
+from tests.reference_impl.rendering.small import SMALL
 from tests.sampling import sampled
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
@@ -15,6 +16,7 @@ from branchdrive_reference.collect.campaign import collection_descriptor, town_m
 from branchdrive_reference.collect.group import collect_group
 from branchdrive_reference.collect.plan import GroupPlan, plan_group
 from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
+from branchdrive_reference.rendering.plan import MediaPlan, with_media
 from branchdrive_reference.simulation.rollout import run
 from branchdrive_reference.simulation.spec import WorldSpec
 
@@ -91,6 +93,14 @@ def test_no_replay_is_spent_on_a_partial_nominal(tmp_path: Path) -> None:
     report = collect_one(tmp_path / "d", short)
     assert report.num_simulated == 1
     assert "gave up at tick 100" in report.unbranched_because
+
+
+def test_a_recommendation_is_a_note_and_costs_no_group(tmp_path: Path) -> None:
+    """Of a camera that is declared and has no image yet."""
+    filmed = with_media(DESCRIPTOR, MediaPlan((SMALL,)))
+    report = collect_one(tmp_path / "d", plan_group(SEED, 1), descriptor=filmed)
+    assert (report.num_simulated, report.unbranched_because, report.refused_because) == (ROLLOUTS, "", "")
+    assert report.note.startswith("BD-FRM-004 Other cameras than the surround views cover the window: ")
 
 
 @pytest.fixture(scope="module")

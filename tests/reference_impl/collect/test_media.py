@@ -8,24 +8,15 @@ from pathlib import Path
 
 import pytest
 from tests.reference_impl.collect.kept_collection import kept_collection
+from tests.reference_impl.rendering.small import SMALL
 
 from branchdrive.cli.main import run
-from branchdrive.contract.camera import TopDownCamera
 from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.media import default_media, is_being_rendered
 from branchdrive_reference.rendering.dataset import render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 
 SEED = 5
-SMALL = TopDownCamera(
-    name="bev",
-    stream="semantic_bev",
-    width_px=32,
-    height_px=32,
-    px_per_m=0.5,
-    origin_row_px=16.0,
-    origin_column_px=16.0,
-)
 
 
 @pytest.fixture

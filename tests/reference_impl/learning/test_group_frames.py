@@ -78,7 +78,7 @@ def test_chosen_groups_come_alone_and_must_be_whole(root: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"cameras": ("front",)}, r"no cameras \['front'\] in this dataset; it has \['bev', 'top_down'\]"),
+        ({"cameras": ("front",)}, r"no cameras `front` in this dataset; it has `bev`, `top_down`"),
         ({"cameras": ()}, "no cameras"),
         ({"groups": ["g9"]}, r"no groups \['g9'\] among the 4 groups"),
     ],

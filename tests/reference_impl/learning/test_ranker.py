@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,16 @@ import numpy as np
 import pytest
 import torch
 from tests.reference_impl.learning.small_models import SEEDS, SMALL, make_release, small
+from tests.repo.checkout import ROOT
 
 from branchdrive import UsageError, open_model
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, Profile, Scale, fit_scale, utility
+from branchdrive.formats.image_codec import decode_image
 from branchdrive_reference.benchmark.camera_latency import camera_contexts, plain_camera_selector
+from branchdrive_reference.benchmark.onnx_export import export_selector
 from branchdrive_reference.learning.checkpoint import Checkpoint
+from branchdrive_reference.learning.image_encoder import open_encoder
 from branchdrive_reference.learning.prediction import predict
 from branchdrive_reference.learning.ranker import BankRanker, CameraRanker, StepRing, can_rank
 from branchdrive_reference.learning.training import train_model
@@ -95,6 +100,36 @@ def test_one_observation_more_gives_what_the_whole_window_gives(
     mean = np.mean([one.scalars for one in predict(seeing, layer, "val")], axis=0)
     np.testing.assert_allclose(found.scalars, mean[0], rtol=1e-4, atol=2e-4)
     assert (np.diff(found.utilities[found.order]) <= 0).all()
+
+
+def test_the_page_asks_the_exported_selector_as_the_ranker_is_asked(
+    visual_release: Path, seeing: list[Checkpoint], scale: Scale, tmp_path: Path
+) -> None:
+    pytest.importorskip("onnxruntime")
+    layer, file = open_model(visual_release), tmp_path / "m5.onnx"
+    file.write_bytes(export_selector(seeing, layer, scale=scale, profiles=PROFILES))
+    ranker, names = CameraRanker(seeing, layer, scale=scale, profile=PROFILES["balanced"]), {}
+    inputs, seen = layer.sensor_inputs("val"), observations(visual_release, 0)
+    history = {"state": inputs.state[0], "controls": inputs.controls[0]} if ranker.network.reads else {}
+    page = (ROOT / "docs/benchmark.md").read_text(encoding="utf-8")
+    (block,) = (found for found in re.findall(r"```python\n(.*?)```", page, re.S) if "targets_after" in found)
+    exec(block.replace("build/m5.onnx", str(file)), names)
+    found = names["targets_after"](seen, {name: np.float32(values) for name, values in history.items()})
+    for images in seen:
+        ranker.observe(images)
+    np.testing.assert_allclose(found, ranker(**history).scalars, rtol=1e-4, atol=2e-4)
+
+
+def test_the_encoding_is_the_one_that_the_page_describes(visual_release: Path) -> None:
+    content = observations(visual_release, 0)[0]["front"]
+    pixels = decode_image(content).astype(np.float64)
+    fine = np.repeat(np.repeat(pixels, 24, axis=0), 48, axis=1)  # every cell is whole pixels of this
+    height, width = pixels.shape[:2]
+    means = fine.reshape(24, height, 48, width, 3).mean(axis=(1, 3))
+    patches = np.floor(means + 0.5).reshape(6, 4, 8, 6, 3).swapaxes(1, 2).reshape(48, 72)
+    (found,) = open_encoder("rgb_patches").encode([content])
+    assert np.abs(found - patches).max() <= 1  # a mean of floats may fall to the other side of a half
+    assert (found == patches).mean() > 0.99
 
 
 def test_the_whole_window_is_timed_by_what_it_predicts(visual_release: Path, seeing: list[Checkpoint]) -> None:

@@ -11,12 +11,12 @@ from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
+from tests.reference_impl.rendering.small import SMALL
 from tests.synthetic import base_tables, descriptor, write_dataset
 from tests.synthetic_map import map_descriptor, map_tables
 
 from branchdrive import open_dataset, validate
 from branchdrive.cli.main import run
-from branchdrive.contract.camera import TopDownCamera
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.durable import move
@@ -25,15 +25,6 @@ from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, 
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
 
-SMALL = TopDownCamera(
-    name="bev",
-    stream="semantic_bev",
-    width_px=32,
-    height_px=32,
-    px_per_m=0.5,
-    origin_row_px=16.0,
-    origin_column_px=16.0,
-)
 LARGER = SMALL.model_copy(update={"width_px": 48})
 (ABOVE,) = cameras_of(("rgb_top_down",), width_px=16, height_px=16)
 PLAN = MediaPlan((SMALL,))
@@ -157,6 +148,11 @@ def test_a_plan_is_compared_until_files_take_their_places(
     with pytest.raises(KeyboardInterrupt):
         render_dataset(copy, MediaPlan((LARGER,)))
     monkeypatch.undo()
+    before = files(copy)
+    with pytest.raises(UsageError, match=r"interrupted run has rendered of bev 48x32 .* asked for is bev 32x32 "):
+        render_dataset(copy, PLAN)
+    assert files(copy) == before
+    shutil.rmtree(copy / ".staging")
     render_dataset(copy, PLAN)
     assert files(copy) == files(rendered.root)
 
@@ -174,9 +170,25 @@ def test_all_observations_are_found_done_where_a_camera_drops_an_image(
     assert files(copy) == before
 
 
-def test_another_plan_begins_anew(copy: Path, rendered: RenderReport) -> None:
+def test_another_plan_leaves_what_an_interrupted_run_rendered(copy: Path, rendered: RenderReport) -> None:
     with pytest.raises(KeyboardInterrupt):
-        render_dataset(copy, MediaPlan(PLAN.cameras, "all"), watch=_interrupt)
+        render_dataset(copy, PLAN, watch=_interrupt)
+    with pytest.raises(
+        UsageError, match=r"of bev 32x32 \(window branch, .* bev 32x32 \(window all, .* delete the folder"
+    ):
+        render_dataset(copy, MediaPlan(PLAN.cameras, "all"))
+    found: list[int] = []
+    render_dataset(copy, PLAN, watch=lambda num_done, _: found.append(num_done))
+    assert found[0] == 1
+    assert files(copy) == files(rendered.root)
+
+
+def test_another_plan_starts_over_where_nothing_is_finished(copy: Path, rendered: RenderReport) -> None:
+    def interrupt(*_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(copy, MediaPlan(PLAN.cameras, "all"), watch=interrupt)
     render_dataset(copy, PLAN)
     assert files(copy) == files(rendered.root)
 

@@ -10,7 +10,8 @@ from tests.synthetic import write_dataset
 from tests.synthetic_map import map_descriptor, map_tables
 
 from branchdrive import open_dataset
-from branchdrive.formats.image_header import is_whole, read_header
+from branchdrive.formats.image_header import read_header
+from branchdrive.formats.image_parts import find_flaw
 from branchdrive.formats.parquet import decode_table
 from branchdrive.testing.media import view
 from branchdrive_reference.rendering.fault import (
@@ -47,7 +48,7 @@ def test_a_dropped_image_is_missing() -> None:
 def test_a_damaged_image_keeps_its_header_and_loses_its_end() -> None:
     images, (at,) = changed(ImageFault.DAMAGED)
     assert read_header(images[at]) == read_header(IMAGES[at])
-    assert not is_whole(images[at], "png")
+    assert find_flaw(images[at], "png") is not None
 
 
 def test_a_duplicated_image_is_that_of_the_observation_before() -> None:

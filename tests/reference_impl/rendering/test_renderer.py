@@ -55,6 +55,30 @@ def test_night_is_darker_and_changes_no_semantic_view() -> None:
     np.testing.assert_array_equal(night["bev"], day["bev"])
 
 
+def test_headlamps_light_what_lies_ahead_at_night_alone() -> None:
+    day, fog, night = (renderer(name).images(snapshot())["front"].astype(float) for name in ("noon", "fog", "night"))
+    middle, aside = np.s_[60:75, 75:85], np.s_[60:75, 0:10]
+    rear = renderer("night").images(snapshot())["rear"].astype(float)
+    gains = [
+        (image[middle].mean() / image[aside].mean()) / (day[middle].mean() / day[aside].mean())
+        for image in (fog, night)
+    ]
+    assert gains[0] == pytest.approx(1.0, abs=0.1)
+    assert gains[1] > 1.3
+    assert night[middle].mean() > 1.3 * rear[middle].mean()
+
+
+def test_lamps_shine_far_at_night() -> None:
+    state = snapshot([("vehicle", 45.0, -1.75, 0.0)], light="red")
+    red = renderer("night").images(state)["front"].astype(int)
+    excess = red[..., 2] - red[..., :2].max(axis=2)
+    rows, columns = np.nonzero(excess > 60)
+    assert {*(columns < 90)} == {True, False}  # the car ahead, and the signal beside the road
+    dark = renderer("night").images(snapshot())["front"].astype(int)
+    assert (dark[..., 2] - dark[..., :2].max(axis=2)).max() < 40
+    assert rows.max() < 60
+
+
 def test_a_colour_tells_no_number_of_an_actor() -> None:
     assert paint_of("vehicle", 4.6, 1.9, 1.5) == paint_of("vehicle", 4.6, 1.9, 1.5)
     assert len({paint_of("vehicle", length, 1.9, 1.5) for length in (4.0, 4.3, 4.6, 4.9, 5.2)}) > 1

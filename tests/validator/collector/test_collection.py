@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -169,9 +170,35 @@ def test_the_program_says_what_it_did_and_what_comes_next(tmp_path: Path, capsys
     arguments = [str(root), "--groups", "1", "--seed", "9"]
     assert collector_main(lambda _: descriptor(), {"Empty": EmptyRoad}, arguments) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[2] == "groups    1 collected: 0 with a branch, 1 without; 0 found finished"
-    assert lines[4].startswith("          g00000-empty: the trigger found no manoeuvre")
+    assert lines[2] == "groups    1 collected: 0 with a branch, 1 without, 0 refused; 0 found finished"
+    assert lines[4].startswith("          g00000-empty has no branch: the trigger found no manoeuvre")
     assert lines[5] == f"next      branchdrive-validate {root}"
+
+
+class DriftingRoad(ShortRoad):
+    """Its speedometer shows twice the speed."""
+
+    def observe(self) -> bd.Observation:
+        seen: bd.Observation = super().observe()
+        return replace(seen, speed_mps=2 * seen.speed_mps)
+
+
+def test_a_nominal_that_breaks_a_rule_is_refused_and_counted_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "dataset"
+    assert collector_main(lambda _: descriptor(), {"Parked": DriftingRoad}, [str(root)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2] == "groups    1 collected: 0 with a branch, 0 without, 1 refused; 0 found finished"
+    assert lines[4].startswith("          g00000-parked is refused: BD-MOT-001 ")
+    assert [row["role"] for row in rollouts(root)] == ["nominal"]
+
+
+def test_ten_groups_are_told_and_the_others_counted() -> None:
+    groups = tuple(bd.GroupReport(f"g{i}", note="images stand still") for i in range(12))
+    remarks = bd.CollectionReport(groups, 0, 1, 1.0, "").remarks("refused_because", "note")
+    assert remarks[0] == "g0 is collected, with a note: images stand still"
+    assert (len(remarks), remarks[-1]) == (11, "2 more: is collected, with a note")
 
 
 def test_the_program_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

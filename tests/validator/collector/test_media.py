@@ -46,6 +46,20 @@ class FilmedEmptyRoad(FilmedRoad, EmptyRoad):
     """Never branches."""
 
 
+class StillRoad(FilmedRoad):
+    """Shows the same image wherever the ego stands, as a plain road looks."""
+
+    def frames(self) -> Mapping[str, bytes]:
+        return {"top_down": shot(0)}
+
+
+class MisnamingRoad(FilmedRoad):
+    """Calls its camera otherwise than the descriptor."""
+
+    def frames(self) -> Mapping[str, bytes]:
+        return {"topdown": shot(self.tick)}
+
+
 class BlindRoad(FilmedRoad):
     """Loses its camera."""
 
@@ -88,6 +102,16 @@ def test_all_saved_observations_are_filmed_on_request(tmp_path: Path) -> None:
     assert rollout.frames("top_down").ticks.tolist() == rollout.column("observations", "tick").tolist()
 
 
+def test_a_recommendation_on_images_is_a_note_and_costs_no_group(tmp_path: Path) -> None:
+    report = bd.collect_dataset(tmp_path / "dataset", FILMED, {"Parked": StillRoad}, num_groups=1, num_replays=0)
+    (group,) = report.groups
+    assert (group.num_simulated, group.unbranched_because, group.refused_because) == (13, "", "")
+    assert group.note.startswith("BD-FRM-010 Images follow the drive: ")
+    verdict = bd.validate(tmp_path / "dataset")
+    assert verdict.funnel is not None
+    assert (verdict.verdict, verdict.funnel.qualified) == ("valid", 1)
+
+
 def test_a_rollout_without_a_branch_keeps_no_image(tmp_path: Path) -> None:
     dataset = collect(tmp_path / "unbranched", FilmedEmptyRoad)
     (rollout,) = dataset.group(dataset.groups[0]).rollouts
@@ -97,8 +121,9 @@ def test_a_rollout_without_a_branch_keeps_no_image(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("world", "message"),
     [
-        (ShortRoad, r"cameras \['top_down'\], and the world ShortRoad has no method `frames`"),
-        (BlindRoad, r"`frames` gives no image of \['top_down'\] at tick 0"),
+        (ShortRoad, r"cameras `top_down`, and the world ShortRoad has no method `frames`"),
+        (BlindRoad, r"`frames` gives no image of `top_down` at tick 0; it gave none; give one of every camera"),
+        (MisnamingRoad, r"`frames` gives no image of `top_down` at tick 0; it gave `topdown`; give one"),
     ],
 )
 def test_a_world_that_does_not_film_what_is_declared_is_an_error(tmp_path: Path, world: Any, message: str) -> None:

@@ -10,7 +10,7 @@ import shapely
 from tests.validator.driving.oracle import boxes, polygons
 
 from branchdrive.driving.box import Boxes
-from branchdrive.driving.route import feet_within, polyline_box_distance_m, project
+from branchdrive.driving.route import feet_within, points_near, polyline_box_distance_m, project
 
 NUM_BOXES = 300
 
@@ -142,3 +142,34 @@ def test_feet_within_reach_are_all_that_are_near() -> None:
 
 def test_no_points_have_no_position() -> None:
     assert [len(values) for values in project(np.zeros(0), np.zeros(0), *CORNER)] == [0, 0, 0]
+
+
+def parted(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    """Vertices of a polyline and what parts its segments, from the definition ``[points, 2]``."""
+    points = []
+    for i in range(len(x_m) - 1):
+        pieces = math.ceil(math.hypot(x_m[i + 1] - x_m[i], y_m[i + 1] - y_m[i]))
+        shares = np.arange(pieces) / pieces
+        steps = ((values[i] + shares * (values[i + 1] - values[i])) for values in (x_m, y_m))
+        points.append(np.stack([*steps], axis=1))
+    return np.concatenate([*points, [[x_m[-1], y_m[-1]]]])
+
+
+@pytest.mark.parametrize("num_vertices", [2, 3, 17])
+def test_points_near_a_place_are_those_of_the_whole_polyline(num_vertices: int) -> None:
+    rng = np.random.default_rng(num_vertices)
+    for _ in range(20):
+        route, place, reach_m = rng.uniform(-40, 40, (2, num_vertices)), rng.uniform(-60, 60, 2), rng.uniform(1, 50)
+        expected = parted(*route)
+        found = np.stack(points_near(*place, *route, reach_m, most=1000), axis=1)
+        distance_m = np.hypot(*(expected - place).T)
+        order = [int(np.argmin(np.hypot(*(expected - point).T))) for point in found]
+        np.testing.assert_allclose(found, expected[order], atol=1e-9)
+        assert order == sorted(set(order))
+        assert {*np.flatnonzero(distance_m <= reach_m)} <= {*order}
+
+
+def test_no_more_points_are_given_than_one_too_many() -> None:
+    line = np.array([-1e6, 1e6]), np.array([0.0, 1.0])
+    assert len(points_near(0.0, 0.0, *line, 100.0, most=1000)[0]) == 202
+    assert len(points_near(0.0, 0.0, *line, 100.0, most=50)[0]) == 51

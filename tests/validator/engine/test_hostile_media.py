@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import pickle
 import struct
 import zlib
 from pathlib import Path
 
 import numpy as np
+import pytest
 from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import SHARD_0, SHARD_1, judged, new_draft
+from tests.validator.engine.rules.case import NOMINAL, SHARD_0, SHARD_1, judged, new_draft
 from tests.validator.engine.rules.cases.media import COLOURS, JPEG
 
 from branchdrive.contract.columns import STREAMS
-from branchdrive.testing.media import png
+from branchdrive.testing.media import MEDIA_FILE, png
 
 FORM, WHOLE, DECODES = "BD-FRM-005", "BD-FRM-006", "BD-FRM-008"
 
@@ -86,11 +88,11 @@ DAMAGED: dict[str, tuple[str, str, bytes]] = {
     "png with bytes behind it": (WHOLE, "png", PNG + b"more"),
     "jpeg cut in half": (WHOLE, "jpeg", JPEG[: SCAN + 14]),
     "jpeg with bytes behind it": (WHOLE, "jpeg", JPEG + b"more"),
-    "png without data": (DECODES, "png", PNG[:33] + TAIL),
+    "png without data": (WHOLE, "png", PNG[:33] + TAIL),
     "png with data that are not packed": (DECODES, "png", _png(b"road" * 20)),
     "png with too few rows": (DECODES, "png", _png(zlib.compress(bytes(50)))),
     "png with a bomb": (DECODES, "png", _png(zlib.compress(bytes(50_000_000), 9))),
-    "jpeg without a scan": (DECODES, "jpeg", JPEG[:SCAN] + JPEG[-2:]),
+    "jpeg without a scan": (WHOLE, "jpeg", JPEG[:SCAN] + JPEG[-2:]),
 }  # fmt: skip
 """What is written in place of an image, under which encoding, and the rule that must find it."""
 
@@ -127,3 +129,27 @@ def test_every_damaged_image_ends_in_its_finding(tmp_path: Path) -> None:
     }
     wanted = {(attempt, rule) for attempt, (_, rule) in expected.items()}
     assert found == wanted, [expected[attempt] for attempt, _ in found ^ wanted]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link"])
+def test_what_is_no_regular_file_is_not_called_missing_too(kind: str, tmp_path: Path) -> None:
+    draft = new_draft("media")
+
+    def replace(root: Path) -> None:
+        media = root / SHARD_1 / MEDIA_FILE
+        media.unlink()
+        os.mkfifo(media) if kind == "pipe" else media.symlink_to("/dev/null")
+
+    draft.after_seal(replace)
+    failed = {finding.rule for finding in judged(draft, tmp_path).findings}
+    assert "BD-LAY-006" in failed
+    assert "BD-FRM-002" not in failed
+
+
+def test_a_null_in_the_index_is_reported_once(tmp_path: Path) -> None:
+    draft = new_draft("media")
+    draft.set("frames", "encoding", None, rollout_id=NOMINAL, camera="front", tick=BRANCH_TICK)
+    draft.set("frames", "rollout_id", None, rollout_id=NOMINAL, camera="rear", tick=BRANCH_TICK)
+    found = {finding.rule: finding.location for finding in judged(draft, tmp_path).findings}
+    assert "BD-NUL-001" in found
+    assert not {"BD-KEY-004", "BD-FRM-007"} & found.keys()

@@ -16,7 +16,7 @@ from tests.validator.formats.image_files import jpeg, noise, png
 from branchdrive.contract.camera import PinholeCamera, TopDownCamera
 from branchdrive.errors import DecodeError, PlatformError
 from branchdrive.formats.image_codec import can_decode, decode_image
-from branchdrive.formats.image_header import ImageHeader, disagreement, image_header
+from branchdrive.formats.image_header import ImageHeader, disagreement, image_header, read_header
 
 RGB, GREY = noise(1, 9, 16, 3), noise(2, 9, 16)
 
@@ -53,7 +53,7 @@ def saved(mode: str, form: str = "PNG", **options: object) -> bytes:
     ids=["rgb", "grey", "palette", "rgba", "la", "deep", "jpeg", "progressive", "comment", "grey jpeg", "cmyk"],
 )
 def test_header_says_what_an_image_is(image: bytes, header: ImageHeader) -> None:
-    assert image_header(image) == header
+    assert read_header(image) == header
 
 
 @pytest.mark.parametrize(
@@ -145,6 +145,6 @@ def test_an_image_is_of_the_size_and_kind_of_its_camera(
 def test_a_size_of_many_pixels_is_read_without_decoding_them() -> None:
     image = bytearray(png(RGB))
     image[16:24] = struct.pack(">II", 2**31 - 1, 2**31 - 1)
-    assert image_header(bytes(image)).width_px == 2**31 - 1
+    assert read_header(bytes(image)).width_px == 2**31 - 1
     with pytest.raises(DecodeError):
         decode_image(bytes(image))

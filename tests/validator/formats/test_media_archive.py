@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.formats.media_archive import MAX_CAMERA_NAME, MediaArchive, member_name
+from branchdrive.formats.media_archive import HEADER_BYTES, MAX_CAMERA_NAME, MediaArchive, holds_member, member_name
 
 names = st.builds(
     member_name,
@@ -55,3 +55,27 @@ def test_members_of_an_observation_are_one_sample_of_webdataset() -> None:
 def test_longer_names_of_cameras_do_not_fit() -> None:
     with pytest.raises(ValueError, match="too long"):
         MediaArchive(BytesIO()).add(member_name("a" * 128, 1_000_000, "c" * (MAX_CAMERA_NAME + 1), "jpeg"), b"")
+
+
+@pytest.mark.parametrize("form", [tarfile.USTAR_FORMAT, tarfile.GNU_FORMAT, tarfile.PAX_FORMAT])
+def test_members_of_archives_of_any_program_have_a_header(form: int) -> None:
+    stream = BytesIO()
+    member = tarfile.TarInfo("drive/" + "long/" * 40 + "000080.front.png")
+    member.size = 700
+    with tarfile.open(fileobj=stream, mode="w", format=form) as tar:
+        tar.addfile(member, BytesIO(bytes(700)))
+    content = stream.getvalue()
+    with tarfile.open(fileobj=BytesIO(content)) as tar:
+        offset = tar.getmembers()[0].offset_data
+    header = content[offset - HEADER_BYTES : offset]
+    assert holds_member(header, 700)
+    assert not holds_member(header, 699)
+    assert not holds_member(b"?" + header[1:], 700)
+    assert not holds_member(header[1:], 700)
+
+
+@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.DIRTYPE, tarfile.CHRTYPE])
+def test_links_folders_and_devices_are_no_members_with_bytes(kind: bytes) -> None:
+    member = tarfile.TarInfo("front.png")
+    member.type, member.size = kind, 700
+    assert not holds_member(member.tobuf(tarfile.USTAR_FORMAT), 700)

@@ -115,7 +115,7 @@ def test_a_missing_image_is_named(root: Path) -> None:
 
 @pytest.mark.parametrize("camera", ["front", "BEV", ""])
 def test_a_camera_that_is_not_declared_is_named(root: Path, camera: str) -> None:
-    with pytest.raises(UsageError, match=rf"no camera '{camera}' in this dataset; it has \['bev', 'top_down'\]"):
+    with pytest.raises(UsageError, match=rf"no camera '{camera}' in this dataset; it has `bev`, `top_down`"):
         nominal(root).frames(camera)
 
 

@@ -104,7 +104,7 @@ def test_wrong_names_are_refused_in_words(written: Path) -> None:
     dataset = open_dataset(written)
     with pytest.raises(UsageError, match=r"no table 'frames' in this dataset; its streams have \['rollouts'"):
         dataset.table("frames")
-    with pytest.raises(UsageError, match="no group 'g9' among the 5 groups"):
+    with pytest.raises(UsageError, match="no group 'g9' among the 5 groups of this dataset; there are 'g"):
         dataset.group("g9")
 
 

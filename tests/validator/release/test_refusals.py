@@ -136,14 +136,15 @@ def test_too_few_groups_leave_a_valid_dataset(tmp_path: Path, groups: tuple[int,
            for name, table in d.tables[folder].items() if name != "frames"}  # fmt: skip
     write_dataset(tmp_path / "dataset", {folder: few}, descriptor())
     err = refused(tmp_path / "dataset")
-    assert "without a group; a cluster is never divided; collect more groups or ask for less" in err
+    assert "`; a cluster is never divided; collect more groups, on other routes\n" in err
     assert not (tmp_path / "dataset" / STAGING_DIR).exists()
     assert validate(tmp_path / "dataset").verdict == "valid"
 
 
 @pytest.mark.parametrize("least", ["1000,1", "1,1000", "15,1"])
 def test_a_calibration_partition_that_is_too_large_is_refused(dataset: Path, least: str) -> None:
-    assert "collect more groups or ask for less" in refused(dataset, "--calibration", least)
+    less = "collect more groups, on other routes, or ask for fewer groups and clusters with `--calibration`"
+    assert less in refused(dataset, "--calibration", least)
     assert not (dataset / STAGING_DIR).exists()
     assert validate(dataset).verdict == "valid"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.stats import bootstrap
 from tests.validator.statistics.samples import alone, pairs, same
 
 from branchdrive.statistics.bootstrap import Design, counted_mean, design
-from branchdrive.statistics.interval import Intervals, intervals
+from branchdrive.statistics.interval import LEAST_UNITS, LEVELS, Intervals, intervals
 from branchdrive.statistics.stream import below, words
 
 
@@ -134,3 +135,10 @@ def test_an_estimate_outside_all_resamples_has_no_bca() -> None:
     ends = intervals(np.array([9.0]), resamples, np.arange(3.0)[:, None], resamples, np.array([3]), np.array([3]))
     assert np.isnan([ends.bca_low[0], ends.bca_high[0]]).all()
     same([ends.low[0], ends.high[0]], [0.1, 3.9])
+
+
+def test_fewer_units_than_the_least_are_all_on_one_side_too_often() -> None:
+    for num_units in (LEAST_UNITS - 1, LEAST_UNITS):
+        signs = np.array([*product((-1.0, 1.0), repeat=num_units)])
+        on_one_side = float((np.abs(signs.mean(axis=1)) == 1).mean())
+        assert (on_one_side <= 1 - (LEVELS[1] - LEVELS[0])) == (num_units == LEAST_UNITS)

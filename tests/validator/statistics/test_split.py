@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
+from branchdrive.statistics.interval import LEAST_UNITS
 from branchdrive.statistics.split import (
     CALIBRATION,
     DIVIDED,
@@ -310,3 +311,20 @@ def test_how_many_clusters_calibrate_does_not_hang_on_the_draw() -> None:
 
 def test_without_calibration_the_algorithms_are_the_same() -> None:
     assert assign_split(*MIXED, seed=3, algorithm=STRATIFIED) == assign_split(*MIXED, seed=3, algorithm=DIVIDED)
+
+
+@pytest.mark.parametrize(("num_groups", "num_partitions"), [(4, 2), (5, 3), (6, 3), (7, 3)])
+def test_five_groups_on_different_routes_are_the_fewest_that_fill_every_partition(
+    num_groups: int, num_partitions: int
+) -> None:
+    for seed in range(5):
+        assignment = assign_split(
+            [f"g{i}" for i in range(num_groups)], range(num_groups), ["a"] * num_groups, seed=seed
+        )
+        assert len({*assignment.values()}) == num_partitions
+
+
+def test_forty_groups_on_different_routes_are_enough_to_conclude_something() -> None:
+    for seed in range(5):
+        assignment = assign_split([f"g{i}" for i in range(40)], range(40), ["a"] * 40, seed=seed)
+        assert [*assignment.values()].count("test") == LEAST_UNITS

@@ -10,7 +10,7 @@ TABLE = Table(
         Column.name("Road", is_code=True),
         Column.name("By"),
         Column("Mean, m"),
-        Column("Spread, m", is_detail=True),
+        Column("Spread, m"),
         Column("Judged", is_text=True),
     ],
     [

@@ -107,11 +107,18 @@ def test_the_last_name_of_a_row_is_never_left_out() -> None:
     assert page(table, 80).count("a  ") == 2
 
 
-def test_characters_of_others_are_escaped_but_not_the_sign_of_a_spread() -> None:
-    rows = [["\x1b[2Jx\n", "1 ± 2", "0", "0", "\u202e"]]
+def test_characters_of_others_are_escaped_but_not_the_signs_of_tables() -> None:
+    rows = [["\x1b[2Jx\n", "1 ± 2", "M6†", "0", "\u202e"]]
     found = page(replace(TABLE, rows=rows, title="a\nb", notes=["\x07"]), 100)
     assert "\x1b" not in found
-    assert "\\x1b[2Jx\\n" in found and "1 ± 2" in found and "\\u202e" in found and "a\\nb" in found and "\\x07" in found
+    assert (
+        "\\x1b[2Jx\\n" in found
+        and "1 ± 2" in found
+        and "M6†" in found
+        and "\\u202e" in found
+        and "a\\nb" in found
+        and "\\x07" in found
+    )
     assert "\\x9b" in page(Passage("\x9b", ["b\x9b"]), 100).split("\n")[1]
 
 

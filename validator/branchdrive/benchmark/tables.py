@@ -1,9 +1,8 @@
-"""Tables of results: values made once, printed in full as Markdown, `TABLES.md`, and as headlines on a terminal.
+"""Tables of results, printed as Markdown, `TABLES.md`; a terminal shows `branchdrive.benchmark.table.headline`.
 
 They are a pure function of the document `results.json`, and of `latency.json` where it exists, in the layout of the
-paper. Whatever prints them puts the
-warnings of the results below each title, so that none can be quoted without them. Tables print the number of groups,
-never of trajectories.
+paper. Whatever prints them puts the warnings of the results below each title, so that none can be quoted without them.
+Tables print the number of groups, never of trajectories.
 
 Source: paper, tables of "Experiments"; spec/14-benchmark.md#tables.
 """

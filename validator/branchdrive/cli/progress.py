@@ -1,12 +1,12 @@
-"""Progress of long work on a terminal: a bar with counts, elapsed time and an ETA."""
+"""Progress of long work: on a terminal a bar with counts, elapsed time and an ETA, elsewhere a line for each part."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Protocol, TextIO
 
-__all__ = ["Update", "progress_bar"]
+__all__ = ["Update", "part_lines", "progress_bar"]
 
 
 class Update(Protocol):
@@ -47,3 +47,25 @@ def progress_bar(stderr: TextIO, title: str) -> Iterator[Update]:
     with Progress(*columns, console=Console(file=stderr), transient=True) as bar:
         task = bar.add_task(title, total=None, note="")
         yield lambda done, total, note="": bar.update(task, completed=done, total=total, note=note)
+
+
+def part_lines(stderr: TextIO, title: str) -> Callable[[str], None]:
+    """Names parts of the work, a line each as it begins, on a `stderr` that is no terminal and so shows no bar.
+
+    A line that cannot be written stops no work.
+
+    Args:
+        stderr: Where the lines go.
+        title: What is done with each part.
+    """
+    announced: set[str] = set()
+
+    def tell(part: str) -> None:
+        if part in announced or stderr.isatty():
+            return
+        announced.add(part)
+        with suppress(OSError, ValueError):
+            stderr.write(f"{title} {part}\n")
+            stderr.flush()
+
+    return tell

@@ -1,7 +1,8 @@
 """One branch group of a world: the nominal pass, its branch, the interventions and the nominal replays.
 
 Every rollout is executed from tick 0. Rollouts that an interrupted run has finished are reused, also the nominal one
-with its branch and its commands. A seed whose nominal rollout has no branch leaves a group of that one rollout.
+with its branch and its commands. A seed whose nominal rollout has no branch, or breaks a rule that costs its group,
+leaves a group of that one rollout.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ from dataclasses import dataclass, field
 from branchdrive.collector.drive import Drive, drive
 from branchdrive.collector.record import record
 from branchdrive.collector.report import GroupReport
+from branchdrive.collector.review import review_nominal
 from branchdrive.collector.town import Element
 from branchdrive.collector.trigger import Trigger, brake_trigger, branch_columns
 from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.policy import Policy
+from branchdrive.contract.text import listed
 from branchdrive.contract.timing import WINDOW_OFFSETS
-from branchdrive.engine.rollout import check_rollout
 from branchdrive.errors import UsageError
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
@@ -139,8 +141,8 @@ class _Group:
     def collect(self) -> GroupReport:
         bank, report = self.descriptor.action_bank, self.report
         nominal = self._rollout("nominal", bank.nominal, None)
-        report.unbranched_because = self._unbranched_because(nominal)
-        if report.unbranched_because:
+        unfound = "the trigger found no manoeuvre of the expert with its windows in the rollout"
+        if not review_nominal(nominal, self.descriptor, report, unfound=unfound):
             return report
         wanted = [("intervention", policy, 0) for policy in bank.interventions]
         wanted += [("nominal_replay", bank.nominal, number) for number in range(self.collector.num_replays)]
@@ -148,15 +150,6 @@ class _Group:
             if not report.stopped_because:
                 self._rollout(role, policy, nominal, num_before)
         return report
-
-    def _unbranched_because(self, nominal: Rollout) -> str:
-        """Why a nominal rollout is not worth replays; empty if it is."""
-        if nominal.record["status"] != "complete":
-            return str(nominal.record["status_reason"])
-        if nominal.branch_tick is None:
-            return "the trigger found no manoeuvre of the expert with its windows in the rollout"
-        findings = check_rollout(nominal, self.descriptor)
-        return f"{findings[0].rule} {findings[0].message}" if findings else ""
 
     def _rollout(self, role: str, policy: Policy, nominal: Rollout | None, num_before: int = 0) -> Rollout:
         """The first complete attempt, reused or executed; the last one where none is complete.
@@ -205,8 +198,8 @@ class _Group:
         look: Callable[[], Mapping[str, bytes]] | None = getattr(world, "frames", None)
         if cameras and look is None:
             raise UsageError(
-                f"the descriptor declares the cameras {cameras}, and the world {type(world).__name__} has no method "
-                "`frames`; write it, or claim no media stream"
+                f"the descriptor declares the cameras {listed(cameras)}, and the world {type(world).__name__} has no "
+                "method `frames`; write it, or claim no media stream"
             )
         wanted = None if nominal is None else self._covered(nominal.branch_tick)
 
@@ -215,7 +208,10 @@ class _Group:
                 return
             frames = look()
             if missing := [camera for camera in cameras if camera not in frames]:
-                raise UsageError(f"`frames` gives no image of {missing} at tick {tick}; give one of every camera")
+                given = f"it gave {listed(frames)}" if frames else "it gave none"
+                raise UsageError(
+                    f"`frames` gives no image of {listed(missing)} at tick {tick}; {given}; give one of every camera"
+                )
             for camera, image in frames.items():
                 writer.append_frame(tick, camera, image)
 

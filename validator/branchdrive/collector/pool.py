@@ -6,7 +6,6 @@ Which process executes a group never changes its bytes. Asked to stop, a worker 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Future
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -19,9 +18,6 @@ from branchdrive.workers import started_workers
 from branchdrive.writer.group_writer import GroupWriter
 
 __all__ = ["Execute", "Planned", "execute_groups", "num_workers"]
-
-_GROUPS_PER_WORKER = 2
-"""Groups that are handed out at a time for every worker."""
 
 
 class Planned(Protocol):
@@ -88,20 +84,13 @@ def num_workers(num_groups: int, *, jobs: int) -> int:
 def _in_workers(
     root: Path, descriptor: Descriptor, plans: Sequence[_Plan], execute: Execute[_Plan, _Report], jobs: int
 ) -> Generator[_Report, None, None]:
-    waiting = list(reversed(plans))
-    running: set[Future[_Report]] = set()
     with deferred_interrupt() as raise_if_noted:  # half an event leaks semaphores
         context = spawn_context()
         stop = context.Event()
     raise_if_noted()
     state = (root, descriptor.model_dump_json(), execute, stop)
     with started_workers(context, num_workers(len(plans), jobs=jobs), stop, _Worker.start, *state) as workers:
-        while waiting or running:
-            while waiting and len(running) < _GROUPS_PER_WORKER * jobs:
-                running.add(workers.submit(_Worker.collect, waiting.pop()))
-            finished, running = workers.wait(running)
-            for future in finished:
-                yield future.result()
+        yield from workers.results(_Worker.collect, plans)
 
 
 class _StoppedError(Exception):

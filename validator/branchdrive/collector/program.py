@@ -68,12 +68,13 @@ def collector_main(
 
 
 def _summary(root: Path, report: CollectionReport) -> str:
-    bare = [group for group in report.groups if group.unbranched_because]
+    bare = sum(bool(group.unbranched_because) for group in report.groups)
+    refused = sum(bool(group.refused_because) for group in report.groups)
+    branched = f"{len(report.groups) - bare - refused} with a branch, {bare} without, {refused} refused"
     lines = [f"dataset   {root}", f"identity  {report.identity}"]
-    branched = f"{len(report.groups) - len(bare)} with a branch, {len(bare)} without; {report.num_found} found finished"
-    lines.append(f"groups    {len(report.groups)} collected: {branched}")
+    lines.append(f"groups    {len(report.groups)} collected: {branched}; {report.num_found} found finished")
     lines.append(f"time      {report.seconds:.1f} s, {report.num_ticks:,} ticks")
-    reasons = ((group.group_id, group.unbranched_because or group.stopped_because) for group in report.groups)
-    lines += [f"          {group_id}: {because}" for group_id, because in reasons if because]
+    remarks = report.remarks("unbranched_because", "refused_because", "stopped_because", "note")
+    lines += [f"          {remark}" for remark in remarks]
     lines.append(f"next      {shlex.join(['branchdrive-validate', str(root)])}")
     return "\n".join([*lines, ""])

@@ -6,6 +6,16 @@ from dataclasses import dataclass
 
 __all__ = ["CollectionReport", "GroupReport"]
 
+_MAX_LISTED = 10
+
+_SAID = {
+    "unbranched_because": "has no branch",
+    "refused_because": "is refused",
+    "stopped_because": "stopped early",
+    "note": "is collected, with a note",
+}
+"""What is said of a group with such a reason."""
+
 
 @dataclass
 class GroupReport:
@@ -16,8 +26,10 @@ class GroupReport:
         num_simulated: Rollouts that were executed.
         num_reused: Rollouts found finished.
         num_ticks: Ticks that were executed.
-        unbranched_because: Why no replay was spent on the group; empty if it was branched.
+        unbranched_because: Why the nominal rollout has no branch to spend replays on; empty if it has one.
+        refused_because: What rule its nominal rollout breaks, so that no replay was spent; empty if none.
         stopped_because: Why the bank is not complete; empty if it is, or no replay was spent.
+        note: What is recommended of its nominal rollout; it costs the group nothing.
     """
 
     group_id: str
@@ -25,7 +37,9 @@ class GroupReport:
     num_reused: int = 0
     num_ticks: int = 0
     unbranched_because: str = ""
+    refused_because: str = ""
     stopped_because: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -55,3 +69,19 @@ class CollectionReport:
     def ticks_per_s(self) -> float:
         """Executed ticks per second of wall time."""
         return self.num_ticks / self.seconds
+
+    def remarks(self, *reasons: str) -> list[str]:
+        """What groups lack and why, a line each: at most ten of each reason, and how many more there are.
+
+        Args:
+            *reasons: Which reasons of `GroupReport` to tell.
+        """
+        lines = []
+        for reason in reasons:
+            concerned = [group for group in self.groups if getattr(group, reason)]
+            lines += [
+                f"{group.group_id} {_SAID[reason]}: {getattr(group, reason)}" for group in concerned[:_MAX_LISTED]
+            ]
+            if len(concerned) > _MAX_LISTED:
+                lines.append(f"{len(concerned) - _MAX_LISTED:,} more: {_SAID[reason]}")
+        return lines

@@ -18,6 +18,7 @@ from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.refusal import Document
 from branchdrive.contract.resources import SPEC_VERSION
+from branchdrive.contract.text import listed
 
 __all__ = [
     "Collection", "DeclaredEncoding", "Descriptor", "Driver", "Rates", "ReplayNoise", "Software",
@@ -219,7 +220,7 @@ class Descriptor(Document):
         declared = {(camera.name, camera.stream) for camera in self.cameras}
         lacking = [c for name in self.streams for c in STREAMS[name].cameras if (c, name) not in declared]
         if lacking:
-            raise ValueError(f"claimed media streams need the cameras {lacking}, each declared with its stream")
+            raise ValueError(f"the cameras {listed(lacking)}, which claimed media streams need, each with its stream")
         return self
 
     @model_validator(mode="after")

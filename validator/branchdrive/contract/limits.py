@@ -35,6 +35,7 @@ class Limits:
     max_image_bytes: int
     max_image_pixels: int
     max_image_scans: int
+    max_image_parts: int
     max_media_bytes: int
     max_shard_rollouts: int
     max_route_vertices: int
@@ -72,6 +73,8 @@ class Bounds:
     wall_margin_m: float
     route_distance_m: float
     bev_px: float
+    bev_share: float
+    bev_route_m: float
     moved_m: float
     driving_mps: float
     body_m: float

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 __all__ = ["Check", "Location", "Mask", "Mismatch", "PreconditionError"]
 
 Location: TypeAlias = dict[str, str | int]
-"""Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id.
+"""Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id, camera.
 
 A pointer is a JSON pointer (RFC 6901) into the document, and ``/`` stands for the whole of it.
 """

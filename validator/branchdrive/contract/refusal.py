@@ -94,7 +94,8 @@ def refusal(what: str, error: ValidationError) -> ContractError:
         f"found {wrong.found}"
         for wrong in found
     ]
-    return ContractError("\n".join([f"{what} breaks the format; {CATALOGUE['BD-DOC-003'].remedy}", *lines]), found)
+    remedy = CATALOGUE["BD-DOC-003"].remedy
+    return ContractError("\n".join([f"{what} breaks the format; {remedy[:1].lower()}{remedy[1:]}", *lines]), found)
 
 
 class _PlainlyRefused(ModelMetaclass):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["NONE", "count_text", "counted", "one_line", "percent", "printable", "quote"]
+from collections.abc import Iterable
+
+__all__ = ["NONE", "count_text", "counted", "listed", "one_line", "percent", "printable", "quote"]
 
 NONE = "-"
 """Stands where a value is not defined."""
@@ -42,6 +44,11 @@ def percent(share: float, digits: int = 2) -> str:
 def count_text(count: int | None) -> str:
     """A count with its thousands apart."""
     return NONE if count is None else f"{count:,}"
+
+
+def listed(names: Iterable[object]) -> str:
+    """Names in back-ticks, with commas."""
+    return ", ".join(f"`{printable(str(name))}`" for name in names)
 
 
 def counted(count: int, noun: str) -> str:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.box import Boxes
 
-__all__ = ["Feet", "RoutePosition", "feet_within", "polyline_box_distance_m", "project"]
+__all__ = ["Feet", "RoutePosition", "feet_within", "points_near", "polyline_box_distance_m", "project"]
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,9 @@ _MAX_CELLS = 1 << 20
 
 _BLOCK_SEGMENTS = 10
 """Neighbouring segments that one circle encloses."""
+
+_MAX_PIECES = 1e9
+"""Pieces of a segment: positions end at 1e7 m."""
 
 _ABOVE = 1 + 1e-9
 """Factor by more than rounding."""
@@ -95,6 +98,39 @@ def feet_within(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array, reac
         kept = np.flatnonzero(segment < num_segments)
         parts.append(_feet(point[kept], segment[kept], x_m, y_m, route_x_m, route_y_m, reach_m))
     return _joined(parts)
+
+
+def points_near(
+    x_m: float, y_m: float, route_x_m: Array, route_y_m: Array, reach_m: float, *, most: int
+) -> tuple[Array, Array]:
+    """Points of a polyline near a place: its vertices, and what parts segments into equal pieces of at most 1 m.
+
+    Args:
+        x_m: The place.
+        y_m: The same, y.
+        route_x_m: Vertices, at least two, no two neighbours equal.
+        route_y_m: The same, y.
+        reach_m: No point this near to the place is left out; others may be among them.
+        most: How many points are wanted; where there are more, one more is given.
+
+    Returns:
+        World frame, in driving order, each ``[points]``.
+    """
+    ex, ey = np.diff(route_x_m), np.diff(route_y_m)
+    square = ex * ex + ey * ey
+    length = np.sqrt(square)
+    pieces = np.clip(np.ceil(length), 1, _MAX_PIECES)
+    foot = ((x_m - route_x_m[:-1]) * ex + (y_m - route_y_m[:-1]) * ey) / square
+    first, last = ((foot + side * reach_m / length) * pieces for side in (-1, 1))
+    first, last = np.clip(np.floor(first), 0, pieces), np.clip(np.ceil(last), -1, pieces - 1)
+    last[-1] += last[-1] == pieces[-1] - 1  # the last vertex begins no segment
+    off = np.hypot(route_x_m[:-1] + foot * ex - x_m, route_y_m[:-1] + foot * ey - y_m)
+    counts = np.where(off <= reach_m * _ABOVE, np.maximum(last - first + 1, 0), 0)
+    counts = np.diff(np.minimum(np.cumsum(counts), most + 1), prepend=0).astype(np.int64)
+    segment = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (first[segment] + place) / pieces[segment]
+    return route_x_m[segment] + share * ex[segment], route_y_m[segment] + share * ey[segment]
 
 
 def _joined(parts: list[Feet]) -> Feet:

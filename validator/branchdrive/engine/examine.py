@@ -141,7 +141,7 @@ def _row_location(view: ShardView, name: str, row: int, found: Location) -> Loca
         location = {"file": f"{view.file_prefix}/{name}.parquet", **location}
     location |= found
     table = view[name]
-    for column in ("rollout_id", "town", "element_id"):
+    for column in ("rollout_id", "town", "element_id", "camera"):
         if column in TABLES[name].key and table[column][row]:
             location[column] = str(table[column][row])
     if isinstance(table, StreamView):

@@ -47,6 +47,11 @@ class Finding:
         return CATALOGUE[self.rule].kind
 
     @property
+    def is_recommendation(self) -> bool:
+        """Whether the violated rule recommends, and costs neither a group nor the dataset."""
+        return CATALOGUE[self.rule].level == "SHOULD"
+
+    @property
     def message(self) -> str:
         """The finding as one sentence."""
         more = f" ({self.count} places)" if self.count > 1 else ""

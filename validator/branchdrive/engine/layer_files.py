@@ -255,7 +255,7 @@ def _strays(path: str, name: str, table: pa.Table) -> Iterator[Mismatch]:
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
     """What a table of a derived layer stores beside its rows and the declared metadata of its columns."""
     for key in (schema.metadata or {}).keys() - {COLUMNS_KEY.encode()}:
-        yield Mismatch({"column": ""}, "no metadata of the file", printable(key.decode("utf-8", "replace")))
+        yield Mismatch({}, "no metadata of the file", printable(key.decode("utf-8", "replace")))
     for column in LAYER_TABLES[name].columns:
         declared = {key.encode(): value.encode() for key, value in column.metadata.items()}
         for key, value in (schema.field(column.name).metadata or {}).items():

@@ -83,7 +83,7 @@ def _with_repeats(tasks: Sequence[ShardTask], results: Sequence[ShardResult]) ->
     """Tasks of the shards with identities that the dataset repeats, which know them now."""
     rollouts, groups = repeated_rollouts(results).keys(), split_groups(results).keys()
     of_folder = {result.folder: result for result in results}
-    told = [
+    again = [
         replace(
             task,
             repeated_rollouts=frozenset(rollouts & set(of_folder[task.folder].rollout_ids)),
@@ -91,7 +91,7 @@ def _with_repeats(tasks: Sequence[ShardTask], results: Sequence[ShardResult]) ->
         )
         for task in tasks
     ]
-    return [task for task in told if task.repeated_rollouts or task.split_groups]
+    return [task for task in again if task.repeated_rollouts or task.split_groups]
 
 
 def _run(

@@ -48,7 +48,9 @@ def check_rollout_structure(
 
 
 def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout | None = None) -> list[Finding]:
-    """Everything that one attempt can be told about qualifying; empty if it complies.
+    """All findings on one attempt that bear on qualifying, and recommendations; empty if it complies with every rule.
+
+    A finding with `is_recommendation` costs neither the group nor the dataset: go on with the rollout.
 
     What depends on the rest of its group (the complete bank, repeated keys) is left to the validator.
 

@@ -24,6 +24,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.media import MediaMode
+from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.engine.examine import VIEW_RULES, examine
 from branchdrive.engine.spool import Spool
@@ -44,9 +45,11 @@ from branchdrive.raw.content import attempt_content
 from branchdrive.raw.extent import vehicle_widths
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.images import Images
-from branchdrive.raw.media import Look, read_media
+from branchdrive.raw.media import Looks, read_media
 from branchdrive.raw.response import observed_extremes, responses, tracks
-from branchdrive.raw.semantic_actors import SemanticActors
+from branchdrive.raw.semantic_bodies import SemanticBodies
+from branchdrive.raw.semantic_frame import SemanticFrames
+from branchdrive.raw.semantic_ground import SemanticGround
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import map_digests
 from branchdrive.tables.frame import Frame
@@ -169,7 +172,7 @@ def _read_media(
         media=media,
         mode=task.media,
         is_hashed=task.is_hashed,
-        look=_look(view),
+        looks=_looks(view),
         links=task.links,
     )
     result.digests |= reading.digests
@@ -181,12 +184,12 @@ def _read_media(
     return reading.images
 
 
-def _look(view: ShardView | None) -> Look | None:
-    """What semantic maps are compared with; ``None`` where the shard has none, or no actors."""
-    if view is None or "frames" not in view or "actors" not in view:
-        return None
-    cameras = {c.name: c for c in view.descriptor.cameras if c.stream == "semantic_bev"}
-    return SemanticActors(view, cameras) if cameras else None
+def _looks(view: ShardView | None) -> Looks:
+    """What semantic maps are compared with; nothing where the shard has none."""
+    if view is None or "frames" not in view or SEMANTIC_STREAM not in view.descriptor.streams:
+        return Looks()
+    frames = SemanticFrames(view)
+    return Looks(SemanticBodies(frames), SemanticGround(frames))
 
 
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:

@@ -122,7 +122,7 @@ def _quiet_start() -> Iterator[None]:
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(
-        jobs, spawn_context(is_single_threaded=True), _prepare_process, (spec_limits().max_worker_bytes,)
+        jobs, spawn_context(for_arrays=True), _prepare_process, (spec_limits().max_worker_bytes,)
     )
 
 

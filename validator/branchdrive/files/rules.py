@@ -151,7 +151,8 @@ def limits_hold(survey: Survey) -> Iterator[Check]:
             found.append(Mismatch({"file": entry.path}, "a path within the limits", reason))
     for shard in survey.shards:
         found += [
-            Mismatch({"file": path}, "a table within the limits", reason) for path, reason in shard.over_limit.items()
+            Mismatch({"file": path}, f"a {'table' if path.endswith('.parquet') else 'file'} within the limits", reason)
+            for path, reason in shard.over_limit.items()
         ]
     yield Check.of(len(survey.entries), tuple(found))
 
@@ -207,34 +208,36 @@ def _is_working_file(name: str) -> bool:
 
 @rule("BD-LAY-009")
 def files_have_a_place(survey: Survey) -> Iterator[Check]:
-    """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media."""
+    """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media.
+
+    Where the descriptor is refused, its claims are not known, and every layer, table and medium has a place.
+    """
     plain = [e for e in survey.entries if e.kind in ("file", "folder") and unsafe_reason(e.path) is None]
     found = [Mismatch({"file": e.path}, "a place in the layout", "none") for e in plain if not _has_place(e)]
-    if survey.descriptor is not None:
-        unclaimed = {RAW_DIR, *LAYERS} - set(survey.descriptor.layers)
-        found += [
-            Mismatch({"file": e.path}, "a file of a claimed layer", "a file that no claim covers")
-            for e in plain
-            if e.path in unclaimed
-        ]
-        has_media = "frames" in survey.descriptor.tables
-        code = {path: kind for shard in survey.shards for path, kind in shard.stored_code.items()}
-        claimed = {TABLES[name].file_name for name in survey.descriptor.tables}
-        for files in survey.shard_folders.values():
-            for entry in files:
-                name = entry.path.rsplit("/", 1)[1]
-                if name in TABLE_FILES and name not in claimed:
-                    found.append(
-                        Mismatch({"file": entry.path}, "tables of claimed streams", "a table that no claim covers")
-                    )
-                elif name not in TABLE_FILES and not has_media and _has_place(entry):
-                    found.append(
-                        Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers")
-                    )
-                elif name not in TABLE_FILES and _has_place(entry) and _is_working_file(name):
-                    found.append(Mismatch({"file": entry.path}, "tables and media", "a working file of a writer"))
-                elif entry.path in code and _has_place(entry):
-                    found.append(Mismatch({"file": entry.path}, "tables and media", f"{code[entry.path]}: stored code"))
+    layers = (RAW_DIR, *LAYERS) if survey.descriptor is None else survey.descriptor.layers
+    tables = tuple(TABLES) if survey.descriptor is None else survey.descriptor.tables
+    unclaimed = {RAW_DIR, *LAYERS} - set(layers)
+    found += [
+        Mismatch({"file": e.path}, "a file of a claimed layer", "a file that no claim covers")
+        for e in plain
+        if e.path in unclaimed
+    ]
+    has_media = "frames" in tables
+    code = {path: kind for shard in survey.shards for path, kind in shard.stored_code.items()}
+    claimed = {TABLES[name].file_name for name in tables}
+    for files in survey.shard_folders.values():
+        for entry in files:
+            name = entry.path.rsplit("/", 1)[1]
+            if name in TABLE_FILES and name not in claimed:
+                found.append(
+                    Mismatch({"file": entry.path}, "tables of claimed streams", "a table that no claim covers")
+                )
+            elif name not in TABLE_FILES and not has_media and _has_place(entry):
+                found.append(Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers"))
+            elif name not in TABLE_FILES and _has_place(entry) and _is_working_file(name):
+                found.append(Mismatch({"file": entry.path}, "tables and media", "a working file of a writer"))
+            elif entry.path in code and _has_place(entry):
+                found.append(Mismatch({"file": entry.path}, "tables and media", f"{code[entry.path]}: stored code"))
     yield Check.of(len(plain), tuple(found))
 
 
@@ -279,7 +282,7 @@ def scenario_types_are_those_of_the_plan(survey: Survey) -> Iterator[Check]:
     place = {**_DESCRIPTOR, "pointer": "/collection/scenario_types"}
     text = f"none of {', '.join(map(quote, others[:4]))}, which attempts have"
     found = [Mismatch(place, "every scenario type of the attempts, or none", text, len(others))]
-    yield Check.of(len(survey.shards) if survey.descriptor is not None else 0, found if planned and others else ())
+    yield Check.of(len(survey.shards) if planned else 0, found if planned and others else ())
 
 
 @rule("BD-DOC-005")

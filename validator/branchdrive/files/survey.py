@@ -135,9 +135,13 @@ class Survey:
         return listed is not None and self.digests.get(path, listed) != listed
 
     def is_condemned(self, path: str) -> bool:
-        """Whether other rules already say that the file is missing, unreadable or damaged."""
+        """Whether other rules already say that the file is missing, unreadable, damaged, or no regular file."""
         is_missing = self.manifest is not None and path in self.manifest.files and path not in self.paths
-        return is_missing or path in self.unreadable or self.is_damaged(path)
+        return is_missing or path in self.unreadable or path in self._irregular or self.is_damaged(path)
+
+    @cached_property
+    def _irregular(self) -> frozenset[str]:
+        return frozenset(entry.path for entry in self.entries if entry.kind not in ("file", "folder"))
 
     @cached_property
     def paths(self) -> frozenset[str]:

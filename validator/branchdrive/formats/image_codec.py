@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.errors import DecodeError, PlatformError
-from branchdrive.formats.image_header import ImageHeader, image_header, png_chunks
+from branchdrive.formats.image_header import ImageHeader, image_header
+from branchdrive.formats.image_parts import pixel_parts, png_data
 
 __all__ = ["NO_DECODER", "can_decode", "decode_image", "decoder"]
 
@@ -44,10 +45,11 @@ def decode_image(image: bytes) -> NDArray[np.uint8]:
         PlatformError: Neither Pillow nor OpenCV is there.
     """
     header = image_header(image)
-    if header.colour not in ("grey", "rgb") or header.bit_depth != 8:
+    if header.colour not in ("grey", "rgb") or header.bit_depth != 8 or header.coding:
         raise DecodeError(f"neither grey nor RGB of 8 bits: {header}")
-    if header.encoding == "png" and not _has_all_rows(image, header):
-        raise DecodeError("a PNG that holds fewer or more rows than its header says")
+    if header.encoding == "png":
+        _demand_all_rows(image, header)
+    image = pixel_parts(image, header.encoding)
     pillow = _pillow()
     pixels = _with_opencv(image) if pillow is None else _with_pillow(pillow, image)
     expected = (header.height_px, header.width_px) + ((3,) if header.colour == "rgb" else ())
@@ -56,15 +58,22 @@ def decode_image(image: bytes) -> NDArray[np.uint8]:
     return pixels
 
 
-def _has_all_rows(image: bytes, header: ImageHeader) -> bool:
-    """Whether the rows of a PNG are as many as its header says; decoders take missing ones for black."""
+def _demand_all_rows(image: bytes, header: ImageHeader) -> None:
+    """Let an image end here whose rows are not as many as its header says; decoders take missing ones for black.
+
+    Raises:
+        DecodeError: They are not, or cannot be unpacked.
+    """
     wanted = header.height_px * (1 + header.width_px * (3 if header.colour == "rgb" else 1))
     stream = zlib.decompressobj()
     try:
-        rows = stream.decompress(b"".join(body for kind, body in png_chunks(image) if kind == b"IDAT"), wanted + 1)
-    except (zlib.error, OverflowError):
-        return False
-    return stream.eof and len(rows) == wanted
+        num_bytes = len(stream.decompress(png_data(image), wanted + 1))
+    except (zlib.error, OverflowError) as error:
+        raise DecodeError("a PNG whose data are damaged: they cannot be unpacked") from error
+    if num_bytes != wanted or not stream.eof:
+        raise DecodeError(f"a PNG with {'fewer' if num_bytes < wanted else 'more'} rows than its header says")
+    if stream.unused_data:
+        raise DecodeError(f"a PNG with {len(stream.unused_data):,} bytes behind its rows")
 
 
 def _pillow() -> Any:

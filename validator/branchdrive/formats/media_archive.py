@@ -13,13 +13,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
-__all__ = ["MAX_CAMERA_NAME", "MEDIA_FILE", "SUFFIXES", "MediaArchive", "member_name"]
+__all__ = ["HEADER_BYTES", "MAX_CAMERA_NAME", "MEDIA_FILE", "SUFFIXES", "MediaArchive", "holds_member", "member_name"]
 
 MEDIA_FILE = "media.tar"
 """Archive of a shard."""
 
 SUFFIXES: Mapping[str, str] = MappingProxyType({"jpeg": "jpg", "png": "png"})
 """Suffix of a member by the encoding of its image."""
+
+HEADER_BYTES = tarfile.BLOCKSIZE
+"""Bytes before a member that say what it is."""
 
 MAX_CAMERA_NAME = 88
 """Characters of a camera's name that fit into the 100 of a member's, beside a tick and a suffix."""
@@ -28,6 +31,15 @@ MAX_CAMERA_NAME = 88
 def member_name(rollout_id: str, tick: int, camera: str, encoding: str) -> str:
     """Name of the member that holds an image."""
     return f"{rollout_id}/{tick:06d}.{camera}.{SUFFIXES[encoding]}"
+
+
+def holds_member(header: bytes, num_bytes: int) -> bool:
+    """Whether the block before some bytes of an archive makes them a member: a file of that size, by POSIX or GNU."""
+    try:
+        member = tarfile.TarInfo.frombuf(header, "ascii", "surrogateescape")
+    except (tarfile.HeaderError, ValueError):
+        return False
+    return header[257:262] == b"ustar" and member.isreg() and member.size == num_bytes
 
 
 class MediaArchive:

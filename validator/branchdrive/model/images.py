@@ -81,7 +81,8 @@ class ImageHistory:
         for shard, there in places.items():
             if not (self._root / shard).is_dir():
                 raise DatasetError(
-                    f"{self._root}: {shard!r} is not here, and images lie in the raw layer; use the release in place"
+                    f"{self._root}: {shard!r} is not here, and images lie in the raw layer; use the release in place, "
+                    "which `branchdrive build DATASET` makes without `--output`"
                 )
             folder = MediaFolder(self._root, shard, self._descriptor.cameras_by_name, self._links)
             found += folder.read_all(there)

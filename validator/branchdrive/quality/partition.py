@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from branchdrive.contract.text import counted, listed
 from branchdrive.driving.route_cluster import route_clusters
 from branchdrive.statistics.split import (
     CALIBRATION,
@@ -95,10 +96,8 @@ def draw_partitions(
     )
     empty = [name for name in SHARES if name not in assignment.values()]
     if empty:
-        raise ValueError(
-            f"{len(group_ids)} integrity-complete groups in {len(set(labels))} route clusters leave the partitions "
-            f"{empty} without a group; a cluster is never divided"
-        )
+        there = f"{counted(len(group_ids), 'integrity-complete group')} in {counted(len(set(labels)), 'route cluster')}"
+        raise ValueError(f"{there} leave no group to {listed(empty)}; a cluster is never divided")
     return assignment
 
 

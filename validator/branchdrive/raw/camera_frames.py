@@ -51,7 +51,7 @@ class CameraFrame:
         """The decoded image: ``[height, width, 3]`` of an RGB stream, ``[height, width]`` of a semantic map.
 
         Raises:
-            DatasetError: As `read`, or the image is damaged or none of its camera.
+            DatasetError: As `read`, or the image is damaged or does not fit its camera.
             PlatformError: Neither Pillow nor OpenCV is there.
         """
         return _decoded(self, self.read())

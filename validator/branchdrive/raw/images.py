@@ -21,7 +21,7 @@ from branchdrive.statistics.stream import below, words
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["GRID", "Images", "cell_means", "chosen_rows", "is_flat", "unknown_class"]
+__all__ = ["GRID", "Comparison", "Images", "cell_means", "chosen_rows", "is_flat", "unknown_class"]
 
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
@@ -34,40 +34,58 @@ _FLAT = 2
 
 
 @dataclass(eq=False)
+class Comparison:
+    """Semantic maps against a part of what is recorded, in the order of the stored rows of the index.
+
+    Attributes:
+        is_compared: Whether an image was compared ``[rows]``.
+        contradicted: Expected and found text of those that contradict it, by row.
+    """
+
+    is_compared: Mask
+    contradicted: dict[int, tuple[str, str]] = field(default_factory=dict)
+
+    def note(self, row: int, found: tuple[str, str] | None) -> None:
+        """An image was compared, and `found` is what contradicts."""
+        self.is_compared[row] = True
+        if found is not None:
+            self.contradicted[row] = found
+
+
+@dataclass(eq=False)
 class Images:
     """Facts of images, in the order of the stored rows of the index.
 
     Attributes:
         is_read: Whether its bytes are those of the index ``[rows]``.
         is_decoded: Whether its pixels were looked at, or could not be had ``[rows]``.
-        is_compared: Whether it is a map of the ground that was compared with what is recorded, or holds a class
-            that there is not ``[rows]``.
+        bodies: Semantic maps against recorded vehicles; those with a class that there is not among them.
+        ground: The same against recorded roads and routes.
         form: Expected and found text of images of another form than index and descriptor name, by row.
-        cut: Rows of images that do not end as their encoding demands.
+        damaged: Expected and found text of images that lack some of their bytes or have more, by row.
         undecodable: Why images do not decode, by row.
         flat: Rows of images of one colour.
-        contradicted: Expected and found text of maps of the ground that contradict what is recorded or hold a class
-            that there is not, by row.
         cells: Means of the cells of a grid over an image and its channels ``[rows, cells]``; NaN where not decoded.
         unjudged: Why pixels were not looked at, or not all; ``None`` where all were.
     """
 
     is_read: Mask
     is_decoded: Mask
-    is_compared: Mask
+    bodies: Comparison
+    ground: Comparison
     form: dict[int, tuple[str, str]] = field(default_factory=dict)
-    cut: set[int] = field(default_factory=set)
+    damaged: dict[int, tuple[str, str]] = field(default_factory=dict)
     undecodable: dict[int, str] = field(default_factory=dict)
     flat: set[int] = field(default_factory=set)
-    contradicted: dict[int, tuple[str, str]] = field(default_factory=dict)
     cells: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, GRID * GRID), np.float32))
     unjudged: str | None = None
 
     @classmethod
     def none(cls, num_rows: int) -> Images:
         """Of images that nobody looked at yet."""
-        unread = np.zeros(num_rows, bool)
-        return cls(unread, unread.copy(), unread.copy(), cells=np.full((num_rows, GRID * GRID), np.nan, np.float32))
+        none = (np.zeros(num_rows, bool) for _ in range(4))
+        cells = np.full((num_rows, GRID * GRID), np.nan, np.float32)
+        return cls(next(none), next(none), Comparison(next(none)), Comparison(next(none)), cells=cells)
 
 
 def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
@@ -103,7 +121,7 @@ def is_flat(pixels: Pixels) -> bool:
 
 
 def unknown_class(pixels: Pixels) -> tuple[str, str] | None:
-    """Expected and found text of a map of the ground that holds a class that there is not."""
+    """Expected and found text of a semantic map that holds a class that there is not."""
     classes, last = classes_of(pixels), max(SemanticClass)
     if classes.max() <= last:
         return None

@@ -25,10 +25,13 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.media import SAMPLE_STEP, MediaMode
 from branchdrive.contract.mismatch import Location, Mismatch
+from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
-from branchdrive.formats.image_header import ImageHeader, disagreement, excess, is_whole, read_header
+from branchdrive.formats.image_header import ImageHeader, disagreement, read_header
+from branchdrive.formats.image_parts import find_flaw
+from branchdrive.formats.media_archive import HEADER_BYTES, holds_member
 from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat, unknown_class
@@ -36,7 +39,7 @@ from branchdrive.raw.images import Images, cell_means, chosen_rows, is_flat, unk
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["CHECKSUM_DIGITS", "Look", "MediaReading", "read_media"]
+__all__ = ["CHECKSUM_DIGITS", "Look", "Looks", "MediaReading", "read_media"]
 
 _FILE_NAME = re.compile(PATTERNS["file"].removeprefix("^").removesuffix("$"))
 _PIECE_BYTES = 1 << 20
@@ -44,12 +47,15 @@ _PIECE_BYTES = 1 << 20
 _MAX_OVERLAP = 2
 """How often the bytes of a file are looked at as images, on average: ranges that overlap cost as if they did not."""
 
+_MAX_SIGHTS = 20_000
+"""How many images are remembered by their bytes: attempts of a group see the same before their branch."""
+
 CHECKSUM_DIGITS = 16
 """Hexadecimal digits of an image's SHA-256 that the index records."""
 
 
 class Look(Protocol):
-    """Comparison of maps of the ground with what is recorded.
+    """Comparison of semantic maps with a part of what is recorded.
 
     Attributes:
         is_judged: Whether there is anything to compare the image with ``[stored rows]``.
@@ -61,8 +67,26 @@ class Look(Protocol):
         """What is expected and found otherwise in the pixels of the image of a stored row, where anything is."""
 
 
+@dataclass(frozen=True)
+class Looks:
+    """What decoded semantic maps are compared with, as far as there is anything.
+
+    Attributes:
+        bodies: Recorded vehicles.
+        ground: Recorded roads and routes.
+    """
+
+    bodies: Look | None = None
+    ground: Look | None = None
+
+
 _Image: TypeAlias = tuple[int, int, str, str, int, str, str, int]
 """Offset, size, checksum, rollout, tick, camera and encoding of an image, and its row of the index."""
+
+_Sight: TypeAlias = tuple[NDArray[np.float32], bool] | str
+"""Means of the cells of an image, and whether it has one colour; or why it does not decode."""
+
+_NO_LOOKS = Looks()
 
 _COLUMNS = ("file", "offset_bytes", "size_bytes", "checksum", "rollout_id", "tick", "camera", "encoding")
 
@@ -98,7 +122,7 @@ def read_media(
     media: Collection[str] = (),
     mode: MediaMode = "full",
     is_hashed: bool = True,
-    look: Look | None = None,
+    looks: Looks = _NO_LOOKS,
     links: Links = None,
 ) -> MediaReading:
     """Read the media files of a shard.
@@ -112,12 +136,12 @@ def read_media(
         cameras: Cameras of the descriptor by name.
         mode: Which images are decoded.
         is_hashed: Whether what is no table is digested.
-        look: Called with the pixels of every decoded map of the ground that it judges.
+        looks: Called with the pixels of every decoded semantic map that they judge.
         links: Folders that links may lead into.
     """
     reading = MediaReading()
     by_file = {} if frames is None else _by_file(folder, frames)
-    eye = None if frames is None else _Eye(reading, frames, cameras, mode, look)
+    eye = None if frames is None else _Eye(reading, frames, cameras, mode, looks)
     for path in sorted({*by_file, *media}):
         images = by_file.get(path, [])
         if path not in files:
@@ -202,7 +226,7 @@ class _Part:
 
 
 class _Eye:
-    """Looks at images one after the other; the same bytes, which follow each other, are looked at once."""
+    """Looks at images one after the other; the same bytes are decoded once, but where pixels are compared."""
 
     def __init__(
         self,
@@ -210,7 +234,7 @@ class _Eye:
         frames: pa.Table,
         cameras: Mapping[str, Camera],
         mode: MediaMode,
-        look: Look | None,
+        looks: Looks,
     ) -> None:
         images = reading.images = Images.none(frames.num_rows)
         chosen = chosen_rows(frames, mode)
@@ -221,13 +245,16 @@ class _Eye:
             chosen[:] = False
         elif mode == "sample":
             images.unjudged = f"one image in {SAMPLE_STEP:,} was decoded, {chosen.sum():,} of a shard"
-        self._reading, self._images, self._cameras, self._look = reading, images, cameras, look
+        self._reading, self._images, self._cameras = reading, images, cameras
+        self._looks = ((looks.bodies, images.bodies), (looks.ground, images.ground))
         self._chosen, self._max_bytes = chosen.tolist(), spec_limits().max_image_bytes
         self._headers: dict[str, tuple[bytes, ImageHeader]] = {}
         self._read: list[int] = []
         self._place: tuple[str, int, int] | None = None
+        self._is_member = True
         self._content, self._digest = b"", ""
-        self._pixels: NDArray[np.uint8] | str | None = None
+        self._pixels: NDArray[np.uint8] | None = None
+        self._sights: dict[str, _Sight] = {}
 
     def see(self, path: str, image: _Image, part: _Part) -> None:
         """Compare an image with the index, and look at it."""
@@ -237,14 +264,20 @@ class _Eye:
             return
         if self._place != (path, offset, size):
             self._place = path, offset, size
+            self._is_member = not path.endswith(".tar") or (
+                offset >= HEADER_BYTES and holds_member(part.bytes_at(offset - HEADER_BYTES, HEADER_BYTES), size)
+            )
             self._content = part.bytes_at(offset, size)
-            self._digest = hashlib.sha256(self._content).hexdigest()[:CHECKSUM_DIGITS]
+            self._digest = hashlib.sha256(self._content).hexdigest()
             self._pixels = None
         if len(self._content) < size:
             self._blame(path, image, f"{size} bytes from {offset}", f"{len(self._content)} bytes: the file ends")
-        elif self._digest != checksum:
-            self._blame(path, image, f"checksum {self._digest}", quote(checksum))
+        elif (found := self._digest[:CHECKSUM_DIGITS]) != checksum:
+            self._blame(path, image, f"checksum {found} of {size} bytes from {offset}", quote(checksum))
         else:
+            if not self._is_member:
+                expected = f"a header of a member of {size} bytes before {offset}, as an archive has one"
+                self._blame(path, image, expected, "none")
             self._read.append(row)
             camera = self._cameras.get(camera_name)
             if camera is not None and self._is_sound(image, camera) and self._chosen[row]:
@@ -255,7 +288,8 @@ class _Eye:
         self._images.is_read[self._read] = True
 
     def _blame(self, path: str, image: _Image, expected: str, found: str) -> None:
-        place: Location = {"file": path, "table": "frames", "rollout_id": image[3], "tick": image[4]}
+        rollout_id, tick, camera = image[3:6]
+        place: Location = {"file": path, "table": "frames", "rollout_id": rollout_id, "tick": tick, "camera": camera}
         self._reading.mismatches.append(Mismatch(place, expected, found))
 
     def _is_sound(self, image: _Image, camera: Camera) -> bool:
@@ -278,33 +312,41 @@ class _Eye:
         if header.encoding != encoding:
             self._images.form[row] = f"a {encoding}", str(header)
             return False
-        if (found := excess(self._content, encoding)) is not None:
-            self._images.form[row] = found
-            return False
-        if not is_whole(self._content, encoding):
-            self._images.cut.add(row)
-            return False
-        return True
+        flaw = find_flaw(self._content, encoding)
+        if flaw is not None:
+            flawed = self._images.form if flaw.is_of_form else self._images.damaged
+            flawed[row] = flaw.expected, flaw.found
+        return flaw is None
 
     def _decode(self, row: int, camera: Camera) -> None:
-        images = self._images
-        if self._pixels is None:
-            try:
-                self._pixels = decode_image(self._content)
-            except DecodeError as error:
-                self._pixels = str(error)
+        images, is_map = self._images, camera.stream == SEMANTIC_STREAM
         images.is_decoded[row] = True
-        if isinstance(self._pixels, str):
-            images.undecodable[row] = self._pixels
+        sight = self._sight(needs_pixels=is_map)
+        if isinstance(sight, str):
+            images.undecodable[row] = sight
             return
-        images.cells[row] = cell_means(self._pixels)
-        if camera.stream != "semantic_bev":
-            if is_flat(self._pixels):
+        images.cells[row], has_one_colour = sight
+        if not is_map or self._pixels is None:
+            if has_one_colour:
                 images.flat.add(row)
             return
-        found, is_judged = unknown_class(self._pixels), self._look is not None and bool(self._look.is_judged[row])
-        images.is_compared[row] = is_judged or found is not None
-        if found is None and self._look is not None and is_judged:
-            found = self._look(row, self._pixels)
-        if found is not None:
-            images.contradicted[row] = found
+        if (found := unknown_class(self._pixels)) is not None:
+            images.bodies.note(row, found)
+            return
+        for look, comparison in self._looks:
+            if look is not None and look.is_judged[row]:
+                comparison.note(row, look(row, self._pixels))
+
+    def _sight(self, *, needs_pixels: bool) -> _Sight:
+        """What there is to see, with the pixels where they are needed and there are any."""
+        sight = self._sights.get(self._digest)
+        if sight is None or (needs_pixels and self._pixels is None and not isinstance(sight, str)):
+            try:
+                self._pixels = decode_image(self._content)
+                sight = cell_means(self._pixels), is_flat(self._pixels)
+            except DecodeError as error:
+                sight = str(error)
+            if len(self._sights) >= _MAX_SIGHTS:
+                self._sights.clear()
+            self._sights[self._digest] = sight
+        return sight

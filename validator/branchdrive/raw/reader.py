@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.text import counted, quote
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.untrusted import linked_folders
@@ -138,7 +140,7 @@ class Dataset:
             DatasetError: A file is missing, does not decode or has undeclared columns.
         """
         if group_id not in self._shard_of_group:
-            raise UsageError(f"no group {group_id!r} among the {len(self._shard_of_group)} groups of this dataset")
+            raise UsageError(_unknown_group(group_id, self.groups))
         shard = self._shard_of_group[group_id]
         if self._current is None or self._current.shard != shard:
             names = [name for name in self.descriptor.tables if name != ROLLOUTS and TABLES[name].is_of_rollouts]
@@ -150,3 +152,11 @@ class Dataset:
 
     def __repr__(self) -> str:
         return f"Dataset({self.descriptor.dataset_id!r}, {len(self.shards)} shards at {str(self.root)!r})"
+
+
+def _unknown_group(group_id: str, groups: Sequence[str]) -> str:
+    """What is said of a group that is not there: which are, the nearest names of them or the first."""
+    near = get_close_matches(group_id, groups, n=3) or groups[:3]
+    named = f"; there are {', '.join(map(quote, near))}" if near else ""
+    more = f" and {len(groups) - len(near):,} others, all in `Dataset.groups`" if len(groups) > len(near) else ""
+    return f"no group {quote(group_id)} among the {counted(len(groups), 'group')} of this dataset{named}{more}"

@@ -13,6 +13,7 @@ import numpy as np
 
 from branchdrive.contract.columns import TABLES, Column, Table
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.text import listed
 from branchdrive.errors import UsageError
 from branchdrive.raw.camera_frames import CameraFrames
 from branchdrive.raw.media_folder import FRAMES, MediaFolder
@@ -108,7 +109,7 @@ class Rollout:
         """
         cameras = {} if self.media is None else self.media.cameras
         if self.media is None or camera not in cameras:
-            raise UsageError(f"no camera {camera!r} in this dataset; it has {sorted(cameras) or 'no media'}")
+            raise UsageError(f"no camera {camera!r} in this dataset; it has {listed(sorted(cameras)) or 'no media'}")
         frames = CameraFrames.of_rows(camera, self.tables[FRAMES], self.media)
         if offsets is None:
             return frames

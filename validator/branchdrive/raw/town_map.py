@@ -23,10 +23,13 @@ from branchdrive.tables.view import TableView
 
 __all__ = [
     "AREAS",
+    "EDGE_SLACK_M",
     "POINTS",
     "Ground",
     "Shapes",
+    "demand_strips",
     "ground",
+    "held_by_strips",
     "is_surveyed",
     "is_usable",
     "is_whole",
@@ -288,12 +291,38 @@ def walls_inside(view: ShardView) -> Index:
     return found
 
 
-def _is_on_ground(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> Mask:
-    """Points that a drivable surface holds, for certain."""
+def demand_strips(view: ShardView) -> None:
+    """Let a rule end here where strips cannot be looked through.
+
+    Raises:
+        PreconditionError: The maps cover too much ground.
+    """
+    view.cached(_filed)
+
+
+def held_by_strips(view: ShardView, towns: Index, x_m: Array, y_m: Array, *, depth_m: float) -> Mask:
+    """Points that a lane, shoulder or parking strip holds, this far inside of its edges.
+
+    Args:
+        view: The shard, with maps.
+        towns: Town of each point, as an index into the towns of the rollouts ``[points]``.
+        x_m: World frame, within 1e7 m.
+        y_m: The same, y.
+        depth_m: Least distance from the edge.
+
+    Raises:
+        PreconditionError: The maps cover too much ground.
+    """
     held = np.zeros(len(towns), bool)
     _, strips = view.cached(_filed)
     for point, _, excess_m, is_end in strips.near(towns, x_m, y_m):
-        held[point[(excess_m <= -EDGE_SLACK_M) & ~is_end]] = True
+        held[point[(excess_m <= -depth_m) & ~is_end]] = True
+    return held
+
+
+def _is_on_ground(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> Mask:
+    """Points that a drivable surface holds, for certain."""
+    held = held_by_strips(view, towns, x_m, y_m, depth_m=EDGE_SLACK_M)
     for point, excess_m in _outlined(view).near(towns, x_m, y_m, slack_m=0.0):
         held[point[excess_m <= -EDGE_SLACK_M]] = True
     return held

@@ -22,7 +22,7 @@ from branchdrive.leakage.audit import Progress, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
-from branchdrive.process import ONE_THREAD, child_environment, exit_after, python_command
+from branchdrive.process import ARRAY_WORK, child_environment, exit_after, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_here", "audit_in_own_process"]
 
@@ -85,7 +85,7 @@ def audit_in_own_process(task: AuditTask, parts: KnownParts, progress: Progress 
         with there:
             process = subprocess.Popen(  # noqa: S603  (this interpreter and this module)
                 python_command("-m", __name__, str(there.fileno())),
-                env={**child_environment(), **ONE_THREAD},
+                env={**child_environment(), **ARRAY_WORK},
                 pass_fds=(there.fileno(),),
                 stdin=subprocess.PIPE,  # closes with this process, however that ends
                 start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of

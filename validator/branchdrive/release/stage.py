@@ -103,7 +103,8 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
         split = split_document(assignment, clusters, seed=options.seed, calibration=options.calibration)
         thresholds = threshold_document(rows["pairs"], groups)
     except ValueError as error:
-        raise DatasetError(f"{scan.root}: {error}; collect more groups or ask for less") from error
+        less = ", or ask for fewer groups and clusters with `--calibration`" if options.calibration else ""
+        raise DatasetError(f"{scan.root}: {error}; collect more groups, on other routes{less}") from error
     layers.put_document(_SPLIT, split)
     layers.put_document(_THRESHOLDS, thresholds)
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}

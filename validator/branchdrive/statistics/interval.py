@@ -17,6 +17,7 @@ Source: Efron 1987; Efron and Tibshirani 1993.
 
 from __future__ import annotations
 
+import math
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -25,11 +26,19 @@ from numpy.typing import NDArray
 
 from branchdrive.statistics.rounding import slack
 
-__all__ = ["LEVELS", "Intervals", "intervals"]
+__all__ = ["LEAST_UNITS", "LEVELS", "Intervals", "intervals"]
 
 Array = NDArray[np.float64]
 
 LEVELS = (0.025, 0.975)
+
+LEAST_UNITS = 1 + math.ceil(math.log2(1 / (2 * LEVELS[0])))
+"""Fewest groups, or clusters, of which an interval can have its level.
+
+Values of ``n`` units all lie on one side of their median by chance ``2^(1 - n)``: so often does an interval within
+their range miss it, and no sign flip of the units has a smaller p-value.
+"""
+
 _NORMAL = NormalDist()
 
 

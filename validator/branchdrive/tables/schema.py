@@ -57,7 +57,7 @@ def metadata_mismatches(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
     try:
         carriers = [carrier for carrier in (_of_fields(schema), _of_file(schema)) if carrier]
     except (ValueError, RecursionError) as error:
-        yield Mismatch({"column": ""}, f"JSON with an object for each column as {COLUMNS_KEY!r}", str(error))
+        yield Mismatch({}, f"JSON with an object for each column as {COLUMNS_KEY!r}", str(error))
         return
     for carrier in carriers:
         for column in declared_table(name).columns:

@@ -22,14 +22,12 @@ class Column(NamedTuple):
         is_name: Whether the column tells what a row is about: terminals repeat it beside every part of a wide table,
             and leave a cell blank that says the same as the one above, but for that of the last such column.
         is_code: Whether cells are identifiers.
-        is_detail: Whether `Table.without_details` leaves it out.
     """
 
     title: str
     is_text: bool = False
     is_name: bool = False
     is_code: bool = False
-    is_detail: bool = False
 
     @classmethod
     def name(cls, title: str, *, is_code: bool = False) -> Column:
@@ -46,7 +44,6 @@ class Table:
         columns: At least one.
         rows: A cell for every column.
         notes: Paragraphs below the table.
-        is_detail: Whether a page of headlines leaves it out.
         has_total: Whether the last row is what the others lead to.
     """
 
@@ -54,17 +51,12 @@ class Table:
     columns: Sequence[Column]
     rows: Sequence[Sequence[str]]
     notes: Sequence[str] = ()
-    is_detail: bool = False
     has_total: bool = False
 
     def __post_init__(self) -> None:
         wrong = [row for row in self.rows if len(row) != len(self.columns)]
         if wrong:
             raise ValueError(f"table {self.title!r} has {len(self.columns)} columns, but a row {list(wrong[0])!r}")
-
-    def without_details(self) -> Table:
-        """The table with its headline columns only."""
-        return self.only([i for i, column in enumerate(self.columns) if not column.is_detail])
 
     def only(self, places: Sequence[int]) -> Table:
         """The table with the columns at these places."""

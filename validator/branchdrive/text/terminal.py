@@ -2,7 +2,7 @@
 
 A table that is too wide is parted: its columns stand in several blocks below each other, each with the columns that
 name the rows. Numbers stay whole, and no column is lost but those that have nothing in any row. Characters that are not
-ASCII are escaped, because text of others may hold any, but for the sign ±.
+ASCII are escaped, because text of others may hold any, but for the signs ± and †.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ PLAIN_WIDTH = 120
 _GAP = 2
 _LEAST_TEXT = 24
 """Texts are not folded to less than this before the table is parted."""
+
+_SPARED = "±†"
+"""The sign of a spread, and the mark of what reads more than sensors."""
 
 _RULED = Box("    \n    \n -- \n    \n -- \n -- \n    \n    \n", ascii=True)
 """Rules of dashes below the head and above the total, and nothing else."""
@@ -69,7 +72,7 @@ def _wants_colour(stdout: TextIO) -> bool:
 
 def _escaped(text: str) -> str:
     """Text of anyone, safe on any terminal."""
-    return "±".join(map(printable, text.split("±")))
+    return "".join(part if part in _SPARED else printable(part) for part in re.split(f"([{_SPARED}])", text))
 
 
 def print_section(console: Console, section: Table | Passage, warnings: Iterable[str] = ()) -> None:

@@ -19,7 +19,8 @@ from branchdrive.contract.text import quote
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.errors import ContractError, DecodeError, UsageError
 from branchdrive.formats.file_error import named
-from branchdrive.formats.image_header import disagreement, excess, is_whole, read_header
+from branchdrive.formats.image_header import disagreement, read_header
+from branchdrive.formats.image_parts import find_flaw
 from branchdrive.raw.media_folder import FRAMES, MediaFolder, image_checksum, places_of
 from branchdrive.raw.rollout import Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer
@@ -54,7 +55,7 @@ class MediaBuffer:
         Raises:
             UsageError: The camera is not declared, the tick is that of no saved observation, or the camera has an
                 image of it already.
-            ContractError: The image is no PNG or JPEG, is cut off, is too large, or is none of its camera.
+            ContractError: The image is no PNG or JPEG, is cut off, is too large, or does not fit its camera.
         """
         where = f"image of camera {quote(camera)} at tick {quote(tick)}"
         declared = self._cameras.get(camera)
@@ -86,10 +87,8 @@ class MediaBuffer:
         expected = disagreement(header, camera)
         if expected is not None:
             raise ContractError(f"{where}: expected {expected}, found {header}")
-        if (found := excess(bytes(image), header.encoding)) is not None:
-            raise ContractError(f"{where}: expected {found[0]}, found {found[1]}")
-        if not is_whole(bytes(image), header.encoding):
-            raise ContractError(f"{where}: is cut off or damaged; give the whole {header.encoding.upper()}")
+        if (flaw := find_flaw(bytes(image), header.encoding)) is not None:
+            raise ContractError(f"{where}: expected {flaw.expected}, found {flaw.found}")
         with named(self._path):
             if self._stream is None:
                 self._stream = self._path.open("wb")
@@ -110,7 +109,7 @@ class MediaBuffer:
 
         Raises:
             DatasetError: An image is not where its index says, or not what it says.
-            ContractError: It is none of its camera.
+            ContractError: It does not fit its camera.
         """
         frames = rollout.tables[FRAMES]
         ticks, cameras = (frames.column(name).to_pylist() for name in ("tick", "camera"))

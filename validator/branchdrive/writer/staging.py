@@ -50,6 +50,12 @@ class StagedFacts:
 
 def _open_stage(root: Path) -> Stage:
     if not (root / STAGING_DIR / "places.json").is_file():
+        others = sorted(entry.name for entry in area.iterdir()) if (area := root / STAGING_DIR).is_dir() else []
+        if others:
+            raise UsageError(
+                f"{root}: no collection runs or was cut off there; {STAGING_DIR} belongs to a rendering, a build or a "
+                "benchmark, and the same command goes on with it"
+            )
         raise UsageError(f"{root}: has no staging area, so that no collection runs or was cut off there")
     return Stage(root, read_descriptor(root))
 

@@ -49,15 +49,17 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     progress = bars(stderr)
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
+        if untrained := untrained_sentence(workspace.release, protocol):
+            stderr.write(f"{untrained}\n")
         trained = train_step(
             workspace, protocol, models=None, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=progress,
         )  # fmt: skip
-        stderr.write(sentence(trained, untrained_sentence(workspace.release, protocol)))
+        stderr.write(sentence(trained))
         lock_step(workspace, protocol)
         workspace = predict_step(workspace, protocol, device=args.device, progress=progress)
         with progress("evaluating") as show:
             found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
-    stdout.write(format_evaluation(found, args.format, stdout))
+    stdout.write(format_evaluation(found, args.format, stdout, args.release / BENCHMARK))
     stderr.write(f"tables and figures are in {printable(str(args.release / BENCHMARK))}\n")
     return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.contract.layout import BENCHMARK
 from branchdrive.contract.text import printable
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import (
@@ -52,7 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_format(parser: argparse.ArgumentParser) -> None:
     """What is printed."""
     parser.add_argument(
-        "--format", choices=("text", "markdown", "json"), default="text", help="what to print (default: text)"
+        "--format",
+        choices=("text", "markdown", "json"),
+        default="text",
+        help="headlines as text, all tables as markdown, or all results as json (default: text)",
     )
 
 
@@ -82,7 +86,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         found = _foreign(args)
         if args.output is not None:
             stderr.write(f"results, tables and figures are in {printable(str(args.output))}\n")
-    stdout.write(format_evaluation(found, args.format, stdout))
+    folder = args.release / BENCHMARK if args.predictions is None else args.output
+    stdout.write(format_evaluation(found, args.format, stdout, folder))
     return 0
 
 
@@ -107,10 +112,10 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
     return found
 
 
-def format_evaluation(found: Evaluation, form: str, stdout: TextIO) -> str:
-    """The evaluation as text, Markdown or JSON."""
+def format_evaluation(found: Evaluation, form: str, stdout: TextIO, folder: Path | None) -> str:
+    """The evaluation as text, Markdown or JSON; text names the folder that the tables are in, if there is one."""
     if form == "text":
         from branchdrive_reference.benchmark.text import render_results
 
-        return render_results(found.results, stdout)
+        return render_results(found.results, stdout, tables=None if folder is None else str(folder / "TABLES.md"))
     return found.files["TABLES.md" if form == "markdown" else "results.json"].decode()

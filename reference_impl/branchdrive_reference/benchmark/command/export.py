@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from branchdrive.cli.output import check_output
-from branchdrive.contract.text import printable
+from branchdrive.contract.text import counted, printable
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import add_release, need_models
 
@@ -50,6 +50,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     checkpoints = [] if lock is None else locked_checkpoints(release, lock, args.model)
     if not checkpoints:
         raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
+    stderr.write(f"exporting {args.model}, and comparing it with torch on `val`\n")
     content = export_selector(
         checkpoints,
         release.layer,
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     difference = check_equal(content, checkpoints, release.layer)
     replace_file(args.output, content)
     stdout.write(
-        f"{printable(str(args.output))}: {args.model}, {len(checkpoints)} seeds, {len(content):,} bytes, "
+        f"{printable(str(args.output))}: {args.model}, {counted(len(checkpoints), 'seed')}, {len(content):,} bytes, "
         f"largest difference to torch {difference:.1e}\n"
     )
     return 0

@@ -55,11 +55,13 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive_reference.benchmark.step import train_step
 
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
+        if untrained := untrained_sentence(workspace.release, protocol):
+            stderr.write(f"{untrained}\n")
         found = train_step(
             workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=bars(stderr),
         )  # fmt: skip
-        stdout.write(sentence(found, untrained_sentence(workspace.release, protocol)))
+        stdout.write(sentence(found))
         if not workspace.release.has_benchmark:
             stdout.write(
                 "They wait in the working area of the release; `branchdrive lock` and `predict` publish them.\n"
@@ -67,8 +69,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return 0
 
 
-def sentence(found: Trained, untrained: str | None) -> str:
-    """What was trained, what it took, and what is left out."""
+def sentence(found: Trained) -> str:
+    """What was trained, and what it took."""
     num_trained = found.num_models - found.num_there
     text = f"{num_trained} of {found.num_models} models and seeds trained in {found.models_s:.1f} s"
     there = ", the others were there" if found.num_there else ""
@@ -78,5 +80,4 @@ def sentence(found: Trained, untrained: str | None) -> str:
         if found.num_anew
         else ""
     )
-    left_out = "" if untrained is None else f"; {untrained}"
-    return f"{text}{there}{guard}{again}{left_out}\n"
+    return f"{text}{there}{guard}{again}\n"

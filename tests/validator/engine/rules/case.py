@@ -40,7 +40,7 @@ STEER_LEFT = "g0.steer_left_0.10.a1"
 INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
 """Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 
-NO_SUBJECT = frozenset({"BD-CTL-015", "BD-RPN-003", "BD-RPN-004", "BD-RSP-004"})
+NO_SUBJECT = frozenset({"BD-CTL-015", "BD-DOC-006", "BD-RPN-001", "BD-RPN-003", "BD-RPN-004", "BD-RSP-004"})
 """Rules without a subject: of one axis and of exact replays, which nothing declares, and on the first observation that
 differs, where attempts differ from the start."""
 

@@ -360,6 +360,20 @@ def test_without_a_descriptor_no_row_is_judged(tmp_path: Path) -> None:
     assert report.funnel is None
 
 
+@pytest.mark.parametrize("text", ["{", '{"spec_version": "0.1"}'])
+def test_what_no_claim_could_cover_is_found_without_a_descriptor_too(tmp_path: Path, text: str) -> None:
+    def spoil(root: Path) -> None:
+        (root / "branchdrive.json").write_text(text)
+        (root / "canonical").mkdir()
+        for name in ("controls.parquet.tmp", "views.pkl", "views.bin", "map.parquet.old"):
+            (root / SHARD_0 / name).write_bytes(b"")
+
+    draft = new_draft()
+    draft.before_seal(spoil)
+    places = [finding.location["file"] for finding in judge(draft, tmp_path)["BD-LAY-009"].findings]
+    assert sorted(places) == [f"{SHARD_0}/{name}" for name in ("controls.parquet.tmp", "map.parquet.old", "views.pkl")]
+
+
 def test_without_the_declared_columns_neither_metadata_nor_rows_are_judged(tmp_path: Path) -> None:
     draft = new_draft()
     draft.map_table("controls", lambda rows: rows.drop_columns("active"), folder=SHARD_1)

@@ -144,7 +144,8 @@ MEDIA_RULES = {rule.id for rule in CATALOGUE.values() if set(rule.streams) & {"r
 MAP_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-MAP")}
 
 
-UNCLAIMED_OF_IMAGES = ({"BD-FRM-009", "BD-WIN-006"}, {"BD-FRM-004", "BD-FRM-009"})
+OF_SEMANTIC_MAPS = {"BD-FRM-009", "BD-FRM-012"}
+UNCLAIMED_OF_IMAGES = (OF_SEMANTIC_MAPS | {"BD-WIN-006"}, OF_SEMANTIC_MAPS | {"BD-FRM-004"})
 """Rules on streams of images that releases do not claim, and the dataset with six views does not."""
 
 OF_RELEASE = INHERITED | {"BD-FRM-004"}

@@ -55,11 +55,11 @@ def comparison_table(title: str, section: Document) -> Table:
         Column("Difference", is_text=True),
         Column.name("By"),
         Column("Percentile"),
-        Column("BCa", is_detail=True),
+        Column("BCa"),
         Column("p"),
         *(Column(f"p Holm, {family['name']}") for family in families),
-        Column("p studentised", is_detail=True),
-        Column("Correlation within clusters", is_detail=True),
+        Column("p studentised"),
+        Column("Correlation within clusters"),
     ]
     return Table(title, columns, rows, _notes(section))
 

@@ -30,7 +30,7 @@ def description_tables(results: Document) -> list[Table]:
     titles = [Column(PARTITION_TITLES[name]) for name in partitions]
     composition = Table(
         "Composition of the population", [Column.name("Kind"), Column.name("Name"), *titles], rows,
-        ["Groups of the frozen population."], is_detail=True,
+        ["Groups of the frozen population."],
     )  # fmt: skip
     counts = {found["partition"]: found for found in about["availability"]}
     there = [name for name in PARTITION_TITLES if name in counts]
@@ -40,7 +40,7 @@ def description_tables(results: Document) -> list[Table]:
     ]
     heads = [Column.name("Partition"), Column("Candidates"), *(Column(target.symbol) for target in TARGETS)]
     note = "Candidates whose target is available; what is not stays masked in errors, ranks and means."
-    return [composition, Table("Availability of targets", heads, rows, [note], is_detail=True)]
+    return [composition, Table("Availability of targets", heads, rows, [note])]
 
 
 def parameter_texts(results: Document) -> dict[str, str] | None:

@@ -28,14 +28,14 @@ UNGUARDED = (
 """What two rows of a guard's table are."""
 
 _FIGURES = {
-    "coverage": Column("Coverage", is_detail=True),
+    "coverage": Column("Coverage"),
     "violation": Column("Violation"),
     "violation_of_clusters": Column("Violation, clusters"),
-    "violation_of_interventions": Column("Violation, interventions", is_detail=True),
+    "violation_of_interventions": Column("Violation, interventions"),
     "intervention": Column("Intervention"),
     "gain": Column("Gain"),
     "retained_gain": Column("Retained gain"),
-    "separation_difference_m": Column("Separation, m", is_detail=True),
+    "separation_difference_m": Column("Separation, m"),
 }
 """Columns of a selection's figures."""
 
@@ -79,7 +79,7 @@ def _profile_table(profile: Document, results: Document) -> Table:
         notes.append(DEVELOPMENT)
     if (floor := noise_floor(results)) is not None:
         notes.append(floor)
-    columns = [Column.name("Selection"), *_FIGURES.values(), Column("Actions", is_detail=True)]
+    columns = [Column.name("Selection"), *_FIGURES.values(), Column("Actions")]
     return Table(f"Guard, profile {profile['profile']}", columns, rows, notes)
 
 
@@ -114,7 +114,7 @@ def noise_tables(results: Document) -> list[Table]:
             *(Column(target.symbol) for target in TARGETS),
             Column("Mean D_min, m"),
         ]
-        tables.append(Table("Selected differences beyond noise", columns, counted, [note], is_detail=True))
+        tables.append(Table("Selected differences beyond noise", columns, counted, [note]))
     return tables
 
 

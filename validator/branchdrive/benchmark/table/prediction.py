@@ -13,7 +13,7 @@ from branchdrive.driving.target import TARGETS
 from branchdrive.quality.text import PARTITION_TITLES
 from branchdrive.text.table import Column, Table
 
-__all__ = ["prediction_tables"]
+__all__ = ["headline_tables", "prediction_tables"]
 
 _INTERVALS = (("route clusters", BY_CLUSTERS), ("groups", ("low", "high")), ("groups, BCa", BCA))
 _DAGGER = "†"
@@ -29,7 +29,7 @@ def prediction_tables(results: Document) -> list[Table]:
     return [
         _population(results),
         *description_tables(results),
-        *_headlines(results),
+        *headline_tables(results),
         _intervals(results),
         *(_of_targets(results, metric) for metric in METRICS_OF_TARGETS),
         comparison_table("Comparisons of models", results["prediction"]),
@@ -43,7 +43,7 @@ def _population(results: Document) -> Table:
     names = [name for name in PARTITION_TITLES if name in about["groups"]]
     rows = [[PARTITION_TITLES[name], f"{about['groups'][name]:,}", f"{about['clusters'][name]:,}"] for name in names]
     columns = [Column.name("Partition"), Column("Groups"), Column("Route clusters")]
-    return Table("Population", columns, rows, is_detail=True)
+    return Table("Population", columns, rows)
 
 
 def _estimates(results: Document) -> dict[tuple[str, str], Document]:
@@ -62,7 +62,7 @@ def _is_apart(model: Document) -> bool:
     return "reported_apart" in model
 
 
-def _headlines(results: Document) -> list[Table]:
+def headline_tables(results: Document) -> list[Table]:
     """The paper's table; models that are reported apart have one of their own behind it."""
     apart = {model["id"] for model in results["models"] if _is_apart(model)}
     titles = _titles(results)
@@ -95,7 +95,7 @@ def _intervals(results: Document) -> Table:
         for kind, ends in _INTERVALS
     ]
     columns = [Column.name("Model"), Column.name("Resampled"), *(Column(metric.heading) for metric in HEADLINES)]
-    return Table("Prediction: intervals of 95 %", columns, rows, is_detail=True)
+    return Table("Prediction: intervals of 95 %", columns, rows)
 
 
 def _of_targets(results: Document, metric: DeclaredMetric) -> Table:
@@ -106,7 +106,7 @@ def _of_targets(results: Document, metric: DeclaredMetric) -> Table:
         rows.append([title, *(spread_over_seeds(v["value"], v["seed_sd"]) for v in values)])
     headings = [f"{t.symbol}, {t.unit}" if metric.unit == "target" else t.symbol for t in TARGETS]
     notes = [f"{_SYMBOLS}."] if metric is METRICS_OF_TARGETS[0] else []
-    return Table(metric.title, [Column.name("Model"), *map(Column, headings)], rows, notes, is_detail=True)
+    return Table(metric.title, [Column.name("Model"), *map(Column, headings)], rows, notes)
 
 
 def _spread(results: Document) -> Table:
@@ -125,7 +125,7 @@ def _spread(results: Document) -> Table:
         "at all. There is a ratio for each group and target in which candidates differ."
     )
     columns = [Column.name("Model"), Column("Median sd ratio"), Column("Median variance ratio"), Column("Ratios")]
-    return Table("Spread of predictions over candidates", columns, rows, [note], is_detail=True)
+    return Table("Spread of predictions over candidates", columns, rows, [note])
 
 
 def _shuffles(results: Document) -> Table:
@@ -150,4 +150,4 @@ def _shuffles(results: Document) -> Table:
         Column.name("Metric", is_code=True),
         *map(Column, ("As it is", "Shuffled", "Increase", "95 %, clusters", "Shuffles")),
     ]
-    return Table("Shuffled inputs", columns, rows, [note], is_detail=True)
+    return Table("Shuffled inputs", columns, rows, [note])

@@ -22,15 +22,15 @@ __all__ = ["ranking_sections"]
 _COLUMNS = (
     Column.name("Selector"),
     Column("Value"),
-    Column("95 %, clusters", is_detail=True),
+    Column("95 %, clusters"),
     Column("To nominal"),
     Column("Regret"),
     Column("Concordance"),
     Column("NDCG"),
     Column("Top-1"),
-    Column("Seed agreement", is_detail=True),
+    Column("Seed agreement"),
     Column("Captured"),
-    Column("Actions", is_detail=True),
+    Column("Actions"),
     Column("Non-worsening"),
 )
 _SEES = Column("Sees", is_text=True)

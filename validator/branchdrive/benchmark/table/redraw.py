@@ -26,10 +26,10 @@ _COLUMNS = [
     Column("Violation on test, clusters"),
     Column("Mean violation, redraws"),
     Column("95 % of redraws"),
-    Column("Redraws above the rate", is_detail=True),
+    Column("Redraws above the rate"),
     Column("Retained gain on test"),
     Column("Retained gain, redraws"),
-    Column("Nominal alone", is_detail=True),
+    Column("Nominal alone"),
 ]
 
 READING = (

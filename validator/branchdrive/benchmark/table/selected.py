@@ -64,8 +64,8 @@ def _means(profile: Document, entries: list[Any], results: Document, suffix: str
         Column("Avoidable"),
         Column(f"{first.symbol}, {first.unit}"),
         Column(f"{first.symbol} worse"),
-        *(Column(f"{t.symbol}, {t.unit}", is_detail=True) for t in others),
-        Column(f"{TARGETS[0].symbol} available", is_detail=True),
+        *(Column(f"{t.symbol}, {t.unit}") for t in others),
+        Column(f"{TARGETS[0].symbol} available"),
     ]
     contact_m = results["ranking"]["contact_m"]
     notes = [
@@ -92,7 +92,7 @@ def _losses(profile: Document, entries: list[Any], results: Document, suffix: st
     rows = [[e["selector"], *(percents(t["worse"]) for t in e["outcomes"]["targets"])] for e in entries]
     columns = [Column.name("Selector"), *(Column(target.symbol) for target in TARGETS)]
     title = f"Selections worse than nominal beyond noise, profile {profile['profile']}{suffix}"
-    return [Table(title, columns, rows, is_detail=True)]
+    return [Table(title, columns, rows)]
 
 
 def contact_sentence(profile: Document) -> str | None:

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
-from branchdrive.raw.images import Images
+from branchdrive.raw.images import Comparison, Images
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.town_map import demand_strips
+from branchdrive.tables.view import StreamView
 
 Index = NDArray[np.int64]
 
@@ -36,6 +38,11 @@ def _found_in(view: ShardView, stored_rows: Iterable[int]) -> Mask:
     marked = np.zeros(len(view.stream("frames")), bool)
     marked[[*stored_rows]] = True
     return marked[view.stream("frames").position]
+
+
+def _place(frames: StreamView, row: int) -> Location:
+    """Place of an image."""
+    return {"table": "frames", "tick": int(frames.tick[row]), "camera": str(frames["camera"][row])}
 
 
 def _is_of_map(view: ShardView) -> Mask:
@@ -77,15 +84,13 @@ def images_are_whole(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return
     images, frames = _images(view), view.stream("frames")
     has_images = frames.by_rollout(images.is_read[frames.position]).any
-    cut = frames.by_rollout(_found_in(view, images.cut))
+    damaged = frames.by_rollout(_found_in(view, images.damaged))
 
     def describe(i: int) -> Mismatch:
-        row = int(cut.first_row[i])
-        place: Location = {"table": "frames", "tick": int(frames.tick[row])}
-        kind, camera = frames["encoding"][row], frames["camera"][row]
-        return Mismatch(place, f"a whole {kind} of {camera}", "one that is damaged or cut short", int(cut.count[i]))
+        row = int(damaged.first_row[i])
+        return Mismatch(_place(frames, row), *images.damaged[int(frames.position[row])], int(damaged.count[i]))
 
-    yield Check.of_subjects(subjects & has_images, subjects & cut.any, describe)
+    yield Check.of_subjects(subjects & has_images, subjects & damaged.any, describe)
 
 
 @rule("BD-FRM-008")
@@ -104,22 +109,37 @@ def images_decode(view: ShardView) -> Iterator[Check]:
     _demand_all(images, np.ones(len(frames), bool))
 
 
-@rule("BD-FRM-009")
-def maps_show_recorded_actors(view: ShardView) -> Iterator[Check]:
-    """Vehicles of semantic maps are the recorded ones, and their classes are those that there are."""
-    if "frames" not in view:
-        return
-    images, frames = _images(view), view.stream("frames")
-    of_maps = np.zeros(len(frames), bool)
-    of_maps[frames.position] = _is_of_map(view)
+def _against(view: ShardView, images: Images, comparison: Comparison) -> Iterator[Check]:
+    """What semantic maps contradict."""
+    frames, contradicted = view.stream("frames"), comparison.contradicted
     yield Check.of_rows(
         "frames",
         None,
-        int(images.is_compared.sum()),
-        np.flatnonzero(_found_in(view, images.contradicted)),
-        lambda row: images.contradicted[int(frames.position[row])],
+        int(comparison.is_compared.sum()),
+        np.flatnonzero(_found_in(view, contradicted)),
+        lambda row: contradicted[int(frames.position[row])],
     )
+    of_maps = np.zeros(len(frames), bool)
+    of_maps[frames.position] = _is_of_map(view)
     _demand_all(images, of_maps)
+
+
+@rule("BD-FRM-009")
+def maps_show_recorded_vehicles(view: ShardView) -> Iterator[Check]:
+    """Vehicles of semantic maps are the recorded ones, and their classes are those that there are."""
+    if "frames" in view:
+        images = _images(view)
+        yield from _against(view, images, images.bodies)
+
+
+@rule("BD-FRM-012")
+def maps_show_recorded_ground(view: ShardView) -> Iterator[Check]:
+    """Semantic maps show the road and the route that are recorded."""
+    if "frames" in view:
+        images = _images(view)
+        yield from _against(view, images, images.ground)
+        if "map" in view:
+            demand_strips(view)
 
 
 @rule("BD-FRM-010")
@@ -129,7 +149,8 @@ def images_follow_the_drive(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return
     frames = view.stream("frames")
     at = view.observations.find(frames.rollout, frames.tick)
-    rows = np.flatnonzero((at >= 0) & ~_is_of_map(view))
+    is_view = (at >= 0) & ~_is_of_map(view)
+    rows = np.flatnonzero(is_view)
     x, y = (view.observations[name][at[rows]].astype(np.float64) for name in ("x_m", "y_m"))
     group = view.group[frames.rollout[rows]]
     camera, checksum = (frames.categories(name)[0][rows] for name in ("camera", "checksum"))
@@ -139,15 +160,16 @@ def images_follow_the_drive(view: ShardView, subjects: Mask) -> Iterator[Check]:
     original = dict(zip(rows[order[moved]].tolist(), rows[first[moved]].tolist(), strict=True))
     repeated = np.zeros(len(frames), bool)
     repeated[[*original]] = True
-    summary, has_images = frames.by_rollout(repeated), frames.by_rollout((at >= 0) & ~_is_of_map(view)).any
+    summary, has_images = frames.by_rollout(repeated), frames.by_rollout(is_view).any
 
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
         of = original[row]
-        place: Location = {"table": "frames", "tick": int(frames.tick[row])}
+        place = _place(frames, row)
         where = f"tick {frames.tick[of]} of {view.rollout_ids[frames.rollout[of]]}"
         expected = f"another image of {frames['camera'][row]} than at {where}, elsewhere"
-        return Mismatch(place, expected, "the same bytes", int(summary.count[i]))
+        found = "the same bytes: one of the two shows another place"
+        return Mismatch(place, expected, found, int(summary.count[i]))
 
     yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe)
 
@@ -178,7 +200,7 @@ def images_show_something_of_their_own(view: ShardView, subjects: Mask) -> Itera
 
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
-        place: Location = {"table": "frames", "tick": int(frames.tick[row])}
+        place = _place(frames, row)
         found = "one colour" if flat[row] else f"the image of {frames['camera'][copies[row]]}"
         return Mismatch(place, f"what {frames['camera'][row]} sees", found, int(summary.count[i]))
 

@@ -67,7 +67,7 @@ def rows_belong_to_rollouts(view: ShardView) -> Iterator[Check]:
         if not TABLES[name].is_of_rollouts:
             continue
         stream = view.stream(name)
-        bad = np.flatnonzero(stream.rollout < 0)
+        bad = np.flatnonzero((stream.rollout < 0) & stream.valid("rollout_id"))
         yield Check.of_rows(
             name,
             "rollout_id",

@@ -77,6 +77,8 @@ def cameras_keep_their_encoding(view: ShardView) -> Iterator[Check]:
     differs[order] = (encodings[order] != encodings[first]) & (frames.rollout[order] >= 0)
     of_first = np.empty(len(frames), np.int64)
     of_first[order] = first
+    is_named = frames.valid("encoding")
+    differs &= is_named & is_named[of_first]
     yield Check.of_rows(
         "frames",
         "encoding",

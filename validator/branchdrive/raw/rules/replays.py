@@ -79,8 +79,9 @@ def _subjects(view: ShardView, subjects: Mask) -> Mask:
 @rule("BD-RPN-001")
 def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where replays are declared to be exact, a nominal replay is its nominal to the bit."""
-    is_exact = view.descriptor.collection.replay_noise.kind == "exact"
     differences, judged = view.cached(_differences), _subjects(view, subjects)
+    if view.descriptor.collection.replay_noise.kind != "exact":
+        judged[:] = False
     differing = np.array([i in differences and differences[i] is not EQUAL for i in range(view.num_rollouts)], bool)
 
     def describe(i: int) -> Mismatch:
@@ -89,7 +90,7 @@ def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
         place: Location = {"table": table, "column": column, "tick": int(stream.tick[row])}
         return Mismatch(place, f"{quote(stream[column][of_nominal])} as in the nominal", quote(stream[column][row]))
 
-    yield Check.of_subjects(judged, judged & differing & is_exact, describe)
+    yield Check.of_subjects(judged, judged & differing, describe)
 
 
 @rule("BD-RPN-002")
@@ -97,8 +98,10 @@ def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where noise is injected, a nominal replay differs; where it is natural, not all of a shard are equal."""
     kind = view.descriptor.collection.replay_noise.kind
     differences, judged = view.cached(_differences), _subjects(view, subjects)
+    if kind == "exact":
+        judged[:] = False
     equal = judged & np.array([differences.get(i) is EQUAL for i in range(view.num_rollouts)], bool)
-    if kind == "exact" or (kind == "natural" and (not equal[judged].all() or judged.sum() < 2)):
+    if kind == "natural" and (not equal[judged].all() or judged.sum() < 2):
         equal[:] = False
     expected = f"a drive that differs from the nominal (replay noise is declared as {kind})"
 
@@ -201,8 +204,8 @@ def exact_images_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
 
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
-        location: Location = {"table": "frames", "column": "checksum", "tick": int(frames.tick[row])}
-        name = frames["camera"][row]
+        name, tick = str(frames["camera"][row]), int(frames.tick[row])
+        location: Location = {"table": "frames", "column": "checksum", "tick": tick, "camera": name}
         found = f"another image of {name}"
         return Mismatch(location, f"the image of {name} of the nominal", found, int(summary.count[i]))
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import hashlib
 from base64 import b64decode
 from collections.abc import Callable
+from io import BytesIO
 from typing import Any
+from zlib import compress, crc32
 
 import numpy as np
-import pyarrow as pa
-from numpy.typing import NDArray
-from tests.synthetic import BRANCH_TICK, STRIDE, WINDOW_TICKS, to_table
+from tests.synthetic import BRANCH_TICK, STRIDE, WINDOW_TICKS
 from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, SHARD_0, boundary, mutant
 from tests.validator.engine.rules.cases.replays import copy_all, declare
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.columns import STREAMS
-from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass
+from branchdrive.formats.media_archive import MediaArchive, member_name
 from branchdrive.testing.media import IMAGE_PX, media_document, png, view
 
 END = BRANCH_TICK + WINDOW_TICKS
@@ -27,8 +27,6 @@ LAST = "g1.brake_0.50.a2"
 AT_BRANCH = {"rollout_id": NOMINAL, "camera": "rear", "tick": BRANCH_TICK}
 """The image that most cases replace."""
 
-Pixels = NDArray[np.uint8]
-
 JPEG = b64decode(
     "/9j/4AAQSkZJRgABAQAAAQABAAD/2wBDABQODxIPDRQSEBIXFRQYHjIhHhwcHj0sLiQySUBMS0dARkVQWnNiUFVtVkVGZIhlbXd7gYKBTmCN"
     "l4x9lnN+gXz/2wBDARUXFx4aHjshITt8U0ZTfHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHz/wAAR"
@@ -38,15 +36,17 @@ JPEG = b64decode(
 """A baseline JPEG of the size of the cameras."""
 
 
-def replace_image(d: Draft, content: bytes, encoding: str | None = None, **where: Any) -> None:
+def replace_image(
+    d: Draft, content: bytes, encoding: str | None = None, *, file: str = EXTRA_FILE, **where: Any
+) -> None:
     """Give images of the first shard other bytes, in a file of their own."""
     row = {
-        "file": EXTRA_FILE, "offset_bytes": 0, "size_bytes": len(content),
+        "file": file, "offset_bytes": 0, "size_bytes": len(content),
         "checksum": hashlib.sha256(content).hexdigest()[:16], **({"encoding": encoding} if encoding else {}),
     }  # fmt: skip
     for column, value in row.items():
         d.set("frames", column, value, **where)
-    d.before_seal(lambda root: (root / SHARD_0 / EXTRA_FILE).write_bytes(content))
+    d.before_seal(lambda root: (root / SHARD_0 / file).write_bytes(content))
 
 
 def repeat_image(d: Draft, of: dict[str, Any], **where: Any) -> None:
@@ -64,7 +64,7 @@ def _unseen() -> bytes:
 # BD-FRM-002
 
 
-@mutant("BD-FRM-002", base="media", at={"table": "frames", "rollout_id": NOMINAL})
+@mutant("BD-FRM-002", base="media", at={"table": "frames", "rollout_id": NOMINAL, "camera": "rear"})
 def checksum_of_another_image(d: Draft) -> None:
     d.set("frames", "checksum", "0" * 16, **AT_BRANCH)
 
@@ -94,15 +94,46 @@ def image_that_is_a_whole_file(d: Draft) -> None:
     replace_image(d, _unseen(), **AT_BRANCH)
 
 
+ARCHIVE = "views.tar"
+
+
+def _archived(d: Draft, change: Callable[[bytes], bytes] = lambda archive: archive) -> None:
+    """Give a camera one image in an archive that may be changed."""
+    stream, image = BytesIO(), _unseen()
+    archive = MediaArchive(stream)
+    offset = archive.add(member_name(NOMINAL, BRANCH_TICK, "rear", "png"), image)
+    archive.end()
+    replace_image(d, image, **AT_BRANCH)
+    d.set("frames", "file", ARCHIVE, **AT_BRANCH)
+    d.set("frames", "offset_bytes", offset, **AT_BRANCH)
+    d.before_seal(lambda root: (root / SHARD_0 / EXTRA_FILE).unlink())
+    d.before_seal(lambda root: (root / SHARD_0 / ARCHIVE).write_bytes(change(stream.getvalue())))
+
+
+@mutant("BD-FRM-002", base="media", at={"file": f"{SHARD_0}/{ARCHIVE}", "camera": "rear"})
+def archive_without_a_header(d: Draft) -> None:
+    _archived(d, lambda archive: bytes(512) + archive[512:])
+
+
+@mutant("BD-FRM-002", base="media", at={"file": f"{SHARD_0}/{ARCHIVE}", "camera": "rear"})
+def header_with_another_checksum(d: Draft) -> None:
+    _archived(d, lambda archive: b"?" + archive[1:])
+
+
+@boundary("BD-FRM-002", "BD-FRM-005", base="media")
+def image_that_is_a_member_of_an_archive(d: Draft) -> None:
+    _archived(d)
+
+
 # BD-FRM-003
 
 
-@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": NOMINAL})
+@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": NOMINAL, "camera": "rear"})
 def two_images_of_one_camera(d: Draft) -> None:
     d.duplicate("frames", **AT_BRANCH)
 
 
-@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": 3})
+@mutant("BD-FRM-003", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": 3, "camera": "rear"})
 def image_between_observations(d: Draft) -> None:
     d.set("frames", "tick", 3, **AT_BRANCH)
 
@@ -170,18 +201,18 @@ def encoding_that_is_not_the_indexed_one(d: Draft) -> None:
     d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK + 1, END + 1))
 
 
-@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
 def text_in_place_of_an_image(d: Draft) -> None:
     replace_image(d, b"a picture of the road ahead", **AT_BRANCH)
 
 
-@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
 def image_that_claims_to_be_huge(d: Draft) -> None:
     content = png(COLOURS)
     replace_image(d, content[:16] + (2**31 - 1).to_bytes(4, "big") * 2 + content[24:], **AT_BRANCH)
 
 
-@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
 def grey_image_of_a_colour_camera(d: Draft) -> None:
     replace_image(d, png(COLOURS[..., 0]), **AT_BRANCH)
 
@@ -189,9 +220,29 @@ def grey_image_of_a_colour_camera(d: Draft) -> None:
 @mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK})
 def jpeg_of_a_thousand_scans(d: Draft) -> None:
     scan = JPEG[JPEG.index(b"\xff\xda") : -2]
-    replace_image(d, JPEG[:-2] + scan * 999 + JPEG[-2:], "jpeg", camera="rear", rollout_id=NOMINAL)
-    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK))
-    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK + 1, END + 1))
+    _jpeg_at_branch(d, JPEG[:-2] + scan * 999 + JPEG[-2:])
+
+
+def _with_chunk(kind: bytes, body: bytes) -> bytes:
+    """A sound PNG with one more chunk behind its header."""
+    whole = png(COLOURS)
+    chunk = len(body).to_bytes(4, "big") + kind + body + crc32(kind + body).to_bytes(4, "big")
+    return whole[:33] + chunk + whole[33:]
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
+def image_with_an_unknown_critical_chunk(d: Draft) -> None:
+    replace_image(d, _with_chunk(b"ABCD", b"what no decoder knows"), **AT_BRANCH)
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
+def image_that_is_animated(d: Draft) -> None:
+    replace_image(d, _with_chunk(b"acTL", bytes(8)), **AT_BRANCH)
+
+
+@boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
+def image_with_a_note_that_unpacks_to_megabytes(d: Draft) -> None:
+    replace_image(d, _with_chunk(b"zTXt", b"note\0\0" + compress(bytes(3_000_000), 9)), **AT_BRANCH)
 
 
 @boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
@@ -202,27 +253,59 @@ def sound_image_in_a_file_of_its_own(d: Draft) -> None:
 # BD-FRM-006
 
 
-@mutant("BD-FRM-006", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant(
+    "BD-FRM-006", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"}
+)
 def image_cut_in_half(d: Draft) -> None:
     replace_image(d, png(COLOURS)[:90], **AT_BRANCH)
 
 
-@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
 def bit_of_an_image_flipped(d: Draft) -> None:
     content = bytearray(png(COLOURS))
     content[80] ^= 1
     replace_image(d, bytes(content), **AT_BRANCH)
 
 
-@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
 def bytes_behind_an_image(d: Draft) -> None:
     replace_image(d, png(COLOURS) + b"more", **AT_BRANCH)
+
+
+def _jpeg_at_branch(d: Draft, content: bytes) -> None:
+    """Let the camera have this one image."""
+    replace_image(d, content, "jpeg", camera="rear", rollout_id=NOMINAL)
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK))
+    d.drop("frames", rollout_id=NOMINAL, camera="rear", tick=range(BRANCH_TICK + 1, END + 1))
+
+
+def _jpeg_among_others(d: Draft, content: bytes) -> None:
+    """Let the camera have this image among sound ones of its encoding."""
+    replace_image(d, JPEG, "jpeg", file="sound.bin", camera="rear", rollout_id=NOMINAL)
+    replace_image(d, content, "jpeg", **AT_BRANCH)
+
+
+@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
+def jpeg_without_a_scan(d: Draft) -> None:
+    _jpeg_among_others(d, JPEG[: JPEG.index(b"\xff\xda")] + JPEG[-2:])
+
+
+@mutant("BD-FRM-006", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
+def jpeg_with_another_behind_it(d: Draft) -> None:
+    _jpeg_among_others(d, JPEG + JPEG)
+
+
+@boundary("BD-FRM-006", "BD-FRM-008", base="media")
+def jpeg_with_an_end_marker_in_its_comment(d: Draft) -> None:
+    replace_image(
+        d, JPEG[:2] + b"\xff\xfe\x00\x04\xff\xd9" + JPEG[2:] + bytes(2), "jpeg", camera="front", rollout_id=NOMINAL
+    )
 
 
 # BD-FRM-007
 
 
-@mutant("BD-FRM-007", base="media", at={"table": "frames", "column": "encoding", "tick": BRANCH_TICK})
+@mutant("BD-FRM-007", base="media", at={"table": "frames", "column": "encoding", "tick": BRANCH_TICK, "camera": "rear"})
 def camera_that_changes_its_encoding(d: Draft) -> None:
     replace_image(d, JPEG, "jpeg", **AT_BRANCH)
 
@@ -235,106 +318,18 @@ def cameras_with_encodings_of_their_own(d: Draft) -> None:
 # BD-FRM-008
 
 
-@mutant("BD-FRM-008", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant(
+    "BD-FRM-008", base="media", at={"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"}
+)
 def image_with_too_few_rows(d: Draft) -> None:
     whole = png(COLOURS[:2])
     replace_image(d, png(COLOURS)[:33] + whole[33:], **AT_BRANCH)
 
 
-# BD-FRM-009
-
-BEV_PX, PX_PER_M = 64, 1.0
-VEHICLE = int(SemanticChannel.OTHER_VEHICLE) | int(SemanticClass.VEHICLE)
-
-
-def add_semantic_map(
-    d: Draft, change: Callable[[Pixels], Pixels] = lambda pixels: pixels, tick: int = BRANCH_TICK
-) -> None:
-    """Claim semantic maps, and draw that of the first nominal at its branch or a tick from the definition."""
-    camera = {
-        "name": "bev", "stream": "semantic_bev", "projection": "top_down", "width_px": BEV_PX, "height_px": BEV_PX,
-        "px_per_m": PX_PER_M, "origin_row_px": BEV_PX / 2, "origin_column_px": BEV_PX / 2,
-    }  # fmt: skip
-    d.descriptor["streams"].append("semantic_bev")
-    d.descriptor["cameras"].append(camera)
-    moment = {"rollout_id": NOMINAL, "tick": tick}
-    (ego,) = d.take("observations", **moment).to_pylist()
-    rows, columns = np.mgrid[:BEV_PX, :BEV_PX] + 0.5
-    forward, left = (BEV_PX / 2 - rows) / PX_PER_M, (BEV_PX / 2 - columns) / PX_PER_M
-    cos, sin = np.cos(ego["yaw_rad"]), np.sin(ego["yaw_rad"])
-    x, y = ego["x_m"] + cos * forward - sin * left, ego["y_m"] + sin * forward + cos * left
-    pixels = np.full((BEV_PX, BEV_PX), SemanticClass.ROAD, np.uint8)
-    for actor in d.take("actors", **moment).to_pylist():
-        if actor["actor_class"] in ("vehicle", "cycle"):
-            cos, sin = np.cos(actor["yaw_rad"]), np.sin(actor["yaw_rad"])
-            dx, dy = x - actor["x_m"], y - actor["y_m"]
-            inside = np.abs(cos * dx + sin * dy) <= max(actor["length_m"] / 2, 0.5)
-            pixels[inside & (np.abs(cos * dy - sin * dx) <= max(actor["width_m"] / 2, 0.5))] = VEHICLE
-    assert (pixels == VEHICLE).any()
-    content = png(change(pixels))
-    row = {**moment, "camera": "bev", "file": "bev.bin", "offset_bytes": 0, "size_bytes": len(content)}
-    row |= {"checksum": hashlib.sha256(content).hexdigest()[:16], "encoding": "png"}
-    table: pa.Table = to_table("frames", {name: [value] for name, value in row.items()})
-    d.append("frames", table, folder=SHARD_0)
-    d.before_seal(lambda root: (root / SHARD_0 / "bev.bin").write_bytes(content))
-
-
-MAP_AT = {"table": "frames", "rollout_id": NOMINAL, "tick": BRANCH_TICK}
-
-
-@mutant("BD-FRM-009", base="media", at=MAP_AT)
-def map_that_is_turned_around(d: Draft) -> None:
-    add_semantic_map(d, lambda pixels: np.ascontiguousarray(pixels[::-1, ::-1]))
-
-
-@mutant("BD-FRM-009", base="media", at=MAP_AT)
-def map_without_vehicles(d: Draft) -> None:
-    add_semantic_map(d, lambda pixels: np.where(pixels == VEHICLE, SemanticClass.ROAD, pixels).astype(np.uint8))
-
-
-@mutant("BD-FRM-009", base="media", at=MAP_AT)
-def map_with_a_vehicle_that_is_not_recorded(d: Draft) -> None:
-    def invent(pixels: Pixels) -> Pixels:
-        pixels[4:8, 4:8] = VEHICLE
-        return pixels
-
-    add_semantic_map(d, invent)
-
-
-@mutant("BD-FRM-009", base="media", at=MAP_AT)
-def map_moved_by_a_length(d: Draft) -> None:
-    add_semantic_map(d, lambda pixels: np.roll(pixels, 6, axis=0))
-
-
-def _with_class_10(pixels: Pixels) -> Pixels:
-    pixels[-1, -1] = 10
-    return pixels
-
-
-@mutant("BD-FRM-009", base="media", at=MAP_AT)
-def map_with_a_class_that_there_is_not(d: Draft) -> None:
-    add_semantic_map(d, _with_class_10)
-
-
-@mutant("BD-FRM-009", base="media", at={**MAP_AT, "tick": 0})
-def map_before_the_window_with_a_class_that_there_is_not(d: Draft) -> None:
-    add_semantic_map(d, _with_class_10, tick=0)
-
-
-@boundary("BD-FRM-009", base="media")
-def map_of_the_recorded_vehicles(d: Draft) -> None:
-    add_semantic_map(d)
-
-
-@boundary("BD-FRM-009", base="media")
-def map_moved_by_a_pixel(d: Draft) -> None:
-    add_semantic_map(d, lambda pixels: np.roll(pixels, 1, axis=0))
-
-
 # BD-FRM-010
 
 
-@mutant("BD-FRM-010", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant("BD-FRM-010", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
 def image_of_the_observation_before(d: Draft) -> None:
     repeat_image(d, {**AT_BRANCH, "tick": BRANCH_TICK - STRIDE}, **AT_BRANCH)
 
@@ -345,7 +340,7 @@ def camera_that_froze(d: Draft) -> None:
     repeat_image(d, {**AT_BRANCH, "tick": BRANCH_TICK - STRIDE}, **frozen)
 
 
-@mutant("BD-FRM-010", base="media", at={"tick": END})
+@mutant("BD-FRM-010", base="media", at={"tick": END, "camera": "front"})
 def image_of_another_candidate(d: Draft) -> None:
     repeat_image(
         d, {"rollout_id": BRAKE, "camera": "front", "tick": END}, rollout_id=ACCELERATE, camera="front", tick=END
@@ -355,17 +350,17 @@ def image_of_another_candidate(d: Draft) -> None:
 # BD-FRM-011
 
 
-@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
 def black_image(d: Draft) -> None:
     replace_image(d, png(np.zeros_like(COLOURS)), **AT_BRANCH)
 
 
-@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
 def image_of_one_colour(d: Draft) -> None:
     replace_image(d, png(np.full_like(COLOURS, (10, 200, 30))), **AT_BRANCH)
 
 
-@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK})
+@mutant("BD-FRM-011", base="media", at={"rollout_id": NOMINAL, "tick": BRANCH_TICK, "camera": "rear"})
 def image_of_another_camera(d: Draft) -> None:
     repeat_image(d, {**AT_BRANCH, "camera": "front"}, **AT_BRANCH)
 
@@ -385,7 +380,7 @@ def _exact(d: Draft) -> None:
     copy_all(d)
 
 
-@mutant("BD-RPN-004", base="media", at={"rollout_id": BRAKE, "tick": BRANCH_TICK})
+@mutant("BD-RPN-004", base="media", at={"rollout_id": BRAKE, "tick": BRANCH_TICK, "camera": "front"})
 def image_before_the_branch_differs(d: Draft) -> None:
     _exact(d)
     replace_image(d, _unseen(), rollout_id=BRAKE, camera="front", tick=BRANCH_TICK)

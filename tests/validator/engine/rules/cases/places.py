@@ -53,7 +53,7 @@ def pickle_beside_media(d: Draft) -> None:
 
 @mutant("BD-LAY-009", base="media", at={"file": f"{SHARD_0}/views.PKL"})
 def pickle_by_its_name(d: Draft) -> None:
-    """A pickle of protocol 0, which is text and told by its name alone."""
+    """A pickle of protocol 0, which is text and known by its name alone."""
     _beside_media(d, "views.PKL", pickle.dumps([1], protocol=0))
 
 
