@@ -55,11 +55,10 @@ def layer_of(path: str) -> str | None:
     top, _, rest = path.partition("/")
     if not rest or top not in LAYERS[:5]:
         return None
-    if top != "raw":
-        return top
-    name = path.rsplit("/", 1)[-1]
-    is_table = path.count("/") == 2 and name in _IDENTITY_TABLES
-    return "media" if SHARD.match(path) is not None and not is_table else "raw"
+    shard = SHARD.match(path)
+    is_in_shard = top == "raw" and shard is not None and shard[0] != path
+    is_table = path.count("/") == 2 and path.rsplit("/", 1)[-1] in _IDENTITY_TABLES
+    return "media" if is_in_shard and not is_table else top
 
 
 def shard_of(path: str) -> str | None:

@@ -16,10 +16,11 @@ TRAITS = ("unit", "frame", "shape", "track")
 
 @dataclass
 class Reading:
-    """Locations that break the rules on tables, and how many files were read."""
+    """Locations that break the rules on tables, how many files were read, and whether a shard was left out."""
 
     found: dict[str, list[Location]] = field(default_factory=dict)
     examined: int = 0
+    is_whole: bool = True
 
 
 def create(connection: duckdb.DuckDBPyConnection) -> None:
@@ -60,6 +61,7 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
                 if rule != "BD-TAB-001" or path in folder.sound:  # another digest is blamed already
                     reading.found[rule] += [{"file": path, **location} for location in locations]
             whole &= not set(failures) & {"BD-TAB-001", "BD-TAB-002", "BD-LAY-007"}
+        reading.is_whole &= whole
         if whole:
             for table in paths:
                 connection.execute(f"insert into {table} by name select '{shard}' as shard, * from read_{table}")

@@ -133,12 +133,12 @@ def statement(rule: str, tables: list[str]) -> str | None:
     selects = []
     for table in tables:
         columns = TABLES[table]["columns"]
-        place = [name for name in PLACES if name in TABLES[table]["key"]]
         violations = {column["name"]: VIOLATIONS[rule](table, column) for column in columns}
         violations = {name: condition for name, condition in violations.items() if condition}
         if violations:
             marks = ", ".join(f"case when {test} then '{name}' end" for name, test in violations.items())
-            keys = ", ".join([*place, *(f"null as {name}" for name in PLACES if name not in place)])
+            key = TABLES[table]["key"]
+            keys = ", ".join(name if name in key else f"null as {name}" for name in PLACES)
             selects.append(
                 f'select shard, \'{table}\' as "table", {keys}, unnest([{marks}]) as "column" from {table} '
                 f"where {' or '.join(violations.values())}"

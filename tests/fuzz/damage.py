@@ -91,7 +91,7 @@ def _with_text(table: pa.Table, content: bytes) -> pa.Table:
     """The first column of text, or else the first, with text that need not be UTF-8 in its first cell."""
     index = next((i for i, field in enumerate(table.schema) if pa.types.is_dictionary(field.type)), 0)
     values = [str(value).encode() for value in table[index].to_pylist()]
-    text = pa.array([content, *values[1:]], pa.binary())
+    text = pa.array([content, *values[1:]][: len(values)], pa.binary())
     array = pa.Array.from_buffers(pa.string(), len(text), text.buffers())
     return table.set_column(index, table.column_names[index], array)
 

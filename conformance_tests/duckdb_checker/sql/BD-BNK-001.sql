@@ -1,4 +1,4 @@
--- subjects: branch_group
+-- subjects: examined_group
 select distinct group_id
-from branch_group, policy p
-where not exists (from candidate c where c.group_id = branch_group.group_id and c.action_key = p.key)
+from examined_group, policy p
+where not exists (from candidate c where c.group_id = examined_group.group_id and c.action_key = p.key)

@@ -1,4 +1,4 @@
--- subjects: chosen_nominal
+-- subjects: examined_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.branch_tick is distinct from n.branch_tick then 'branch_tick' end,
         case when c.branch_frame is distinct from n.branch_frame then 'branch_frame' end,
@@ -10,5 +10,5 @@ select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table"
         case when c.trigger_confidence is distinct from n.trigger_confidence then 'trigger_confidence' end
     ) as "column"
 from chosen_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
-where "column" is not null
+where "column" is not null and c.group_id in (select group_id from examined_nominal)
 qualify row_number() over (partition by c.group_id order by c.rollout_id) = 1

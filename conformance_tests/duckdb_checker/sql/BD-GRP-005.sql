@@ -1,4 +1,4 @@
--- subjects: chosen_nominal
+-- subjects: examined_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.scenario_type is distinct from n.scenario_type then 'scenario_type' end,
         case when c.environment is distinct from n.environment then 'environment' end,
@@ -7,5 +7,5 @@ select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table"
         case when c.ego_height_m is distinct from n.ego_height_m then 'ego_height_m' end
     ) as "column"
 from chosen_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
-where "column" is not null
+where "column" is not null and c.group_id in (select group_id from examined_nominal)
 qualify row_number() over (partition by c.group_id order by c.rollout_id) = 1

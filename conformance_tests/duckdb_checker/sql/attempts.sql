@@ -67,3 +67,11 @@ create or replace temp table track as
 select c.*, a.group_id, a.t_b, min(c.tick) over (partition by c.run, c.actor_id) as begin_tick
 from actors c join attempt a using (run)
 where c.tick between a.t_b - 75 and a.t_b + 50;
+
+-- Vehicles where their tracks begin, of all attempts.
+create or replace temp table body_of_vehicle as
+select width_m from (
+    select width_m, actor_class, tick - lag(tick) over (partition by run, actor_id order by tick) as since
+    from actors join rollouts using (run)
+    where tick between branch_tick - 75 and branch_tick + 50)
+where actor_class = 'vehicle' and since is distinct from 5;

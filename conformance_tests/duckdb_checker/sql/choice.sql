@@ -46,3 +46,10 @@ where c.role = 'intervention' and not c.faulty and not n.faulty;
 
 create or replace temp table branch_group as
 select distinct group_id from rollouts where group_id not in (select group_id from faulty_group);
+
+-- Groups that rules on groups examine: no chosen attempt breaks a structure rule.
+create or replace temp table examined_group as
+select group_id from branch_group where group_id not in (select group_id from chosen where faulty);
+
+create or replace temp table examined_nominal as
+select * from chosen_nominal semi join examined_group using (group_id);

@@ -20,7 +20,7 @@ Source: spec/07-rules.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, TypeVar
@@ -76,6 +76,10 @@ class RuleInfo:
     def decides(self) -> bool:
         """Whether the rule can make a dataset invalid."""
         return self.kind in ("structure", "claim") and self.level == "MUST"
+
+    def is_about(self, streams: Collection[str]) -> bool:
+        """Whether the rule is about what a dataset with these streams holds."""
+        return not self.streams or not set(self.streams).isdisjoint(streams)
 
     @property
     def url(self) -> str:

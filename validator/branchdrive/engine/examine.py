@@ -52,9 +52,7 @@ def examine(
     result, tallies = Examination(), {}
     for rule_id in VIEW_RULES:
         if selected is None or rule_id in selected:
-            streams = CATALOGUE[rule_id].streams
-            is_claimed = not streams or any(name in view.descriptor.streams for name in streams)
-            tallies[rule_id] = Tally(rule_id, is_claimed=is_claimed)
+            tallies[rule_id] = Tally(rule_id, is_claimed=CATALOGUE[rule_id].is_about(view.descriptor.streams))
     place = view.file_prefix or "memory"
     claimed = {rule_id: tally for rule_id, tally in tallies.items() if tally.is_claimed}
     in_scope = {scope: [r for r in rules_of(scope) if r in claimed] for scope in ("rows", "rollout", "group")}

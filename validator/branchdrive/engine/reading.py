@@ -11,11 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from branchdrive.contract.media import MediaMode
-from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_layers
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
-from branchdrive.engine.tally import Tally
 from branchdrive.engine.worker import Executor, Failed
 from branchdrive.files.shard_facts import repeated_rollouts, split_groups
 from branchdrive.files.survey import Survey
@@ -148,6 +146,6 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
 
 
 def _unjudged(task: ShardTask) -> ShardResult:
-    reason = f"{task.folder} could not be judged"
-    tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected}
-    return ShardResult(task.folder, tallies=tallies)
+    result = ShardResult(task.folder)
+    result.leave_out(f"{task.folder} could not be judged", task.selected)
+    return result

@@ -113,15 +113,22 @@ class ShardResult(ShardFacts):
 
     Attributes:
         tallies: Totals of the rules on its rows.
+        left_out: Why its rows could not be judged; ``None`` if they could.
         funnel: How far its groups get.
         frames: Frames for the derived layers that are in the spool, under the name of the shard.
         no_frames: Why there are none.
     """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
+    left_out: str | None = None
     funnel: Funnel = field(default_factory=Funnel)
     frames: tuple[str, ...] = ()
     no_frames: str = "the raw layer could not be read"
+
+    def leave_out(self, reason: str | None, selected: frozenset[str]) -> None:
+        """Judge none of its rows, for a reason that every rule on rows then has."""
+        self.left_out = reason
+        self.tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in selected}
 
 
 def spooled_name(folder: str) -> str:
@@ -220,7 +227,7 @@ def _release_memory() -> None:
 
 
 def _view(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> ShardView | None:
-    """The shard's rows; ``None`` where they cannot be judged, for a reason that every rule on rows then has."""
+    """The shard's rows; ``None`` where they cannot be judged."""
     reason = None
     if task.descriptor is None:
         reason = "the descriptor is unusable"
@@ -233,9 +240,7 @@ def _view(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> 
     elif any(result.type_mismatches.values()):
         reason = f"{task.folder} has tables with undeclared columns or types"
     if task.descriptor is None or reason is not None:
-        result.tallies = {
-            rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in task.selected
-        }
+        result.leave_out(reason, task.selected)
         return None
     claimed = {name: tables[name] for name in task.descriptor.tables}
     return ShardView(claimed, task.descriptor, file_prefix=task.folder)

@@ -175,12 +175,15 @@ def _merge(
 ) -> dict[str, Tally]:
     """One tally per rule of the catalogue over the whole dataset."""
     tallies: dict[str, Tally] = {}
+    left_out = next((shard.left_out for shard in results if shard.left_out), None)
     for rule_id in CATALOGUE:
         tally = tallies[rule_id] = Tally(rule_id)
         if rule_id not in selected:
             tally.unjudged = "deselected"
         elif tally.info.scope == "dataset":
             _judge_survey(survey, tally, tallies)
+            if tally.info.grain in ("rollout", "group"):
+                tally.unjudged = tally.unjudged or left_out
         elif tally.info.scope in ("layers", "layer_rows"):
             if rule_id in derived:
                 tallies[rule_id] = derived[rule_id]
@@ -193,6 +196,8 @@ def _merge(
                 tally.add(shard.tallies[rule_id])
             if survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
+            else:
+                tally.is_claimed = tally.info.is_about(survey.descriptor.streams)
     return tallies
 
 
@@ -206,8 +211,7 @@ def judge_files(survey: Survey) -> list[Tally]:
 
 
 def _judge_survey(survey: Survey, tally: Tally, tallies: dict[str, Tally]) -> None:
-    streams = tally.info.streams
-    if streams and survey.descriptor is not None and not set(streams) & set(survey.descriptor.streams):
+    if survey.descriptor is not None and not tally.info.is_about(survey.descriptor.streams):
         tally.is_claimed = False
         return
     failed = [other for other in tally.info.requires if other in tallies and tallies[other].status == "fail"]

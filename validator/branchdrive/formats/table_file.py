@@ -28,12 +28,17 @@ def read_layer_table(root: Path, name: str, links: Links = None) -> pa.Table:
 
 
 def join_parts(parts: Sequence[pa.Table]) -> pa.Table:
-    """Rows of the files of one table, one file after the other, with one dictionary for each column of text."""
+    """Rows of the files of one table, one file after the other, with one dictionary for each column of text.
+
+    Columns stand in the order of the first file.
+    """
     import pyarrow as pa
 
     if len(parts) == 1:
         return parts[0]
-    return pa.concat_tables([part.cast(parts[0].schema) for part in parts]).unify_dictionaries().combine_chunks()
+    schema = parts[0].schema
+    alike = [part.select(schema.names).cast(schema) for part in parts]
+    return pa.concat_tables(alike).unify_dictionaries().combine_chunks()
 
 
 def parts_of(name: str, table: pa.Table) -> dict[str, pa.Table]:

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pyarrow as pa
 from tests.synthetic_release import TWINS, raw_tables
+from tests.validator.engine.datasets import parquet_bytes
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.cases.tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 from branchdrive.contract.layer import table_path, table_paths
+from branchdrive.formats.parquet import decode_table
 
 STATE = "model/state-train.parquet"
 GROUPS = "quality/group_quality.parquet"
@@ -132,6 +134,15 @@ def derived_columns_in_reverse_order(d: ReleaseDraft) -> None:
     for layer in BUILT:
         for name in d.tables[layer]:
             d.map_table(name, lambda rows: rows.select(rows.column_names[::-1]), folder=layer)
+
+
+@boundary("BD-LYR-003", "BD-LYR-009")
+def columns_of_one_partition_in_reverse_order(d: ReleaseDraft) -> None:
+    def reverse(content: bytes) -> bytes:
+        rows = decode_table(content, "surroundings")
+        return parquet_bytes(rows.select(rows.column_names[::-1]))
+
+    _rewrite(d, "model/surroundings-calibration.parquet", reverse)
 
 
 @boundary("BD-LYR-003", "BD-LYR-006", "BD-LYR-007", "BD-LYR-008", "BD-LYR-009")
