@@ -10,7 +10,7 @@ import json
 import os
 import socket
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pyarrow as pa
@@ -96,11 +96,15 @@ def _with_text(table: pa.Table, content: bytes) -> pa.Table:
     return table.set_column(index, table.column_names[index], array)
 
 
-_TABLE_EDITS: Mapping[str, Callable[[pa.Table], bytes]] = {
+def _take(table: pa.Table, rows: Sequence[int]) -> pa.Table:
+    return table.take(pa.array(rows, pa.int64()))
+
+
+TABLE_EDITS: Mapping[str, Callable[[pa.Table], bytes]] = {
     "no row": lambda t: parquet_bytes(t.slice(0, 0)),
     "one row": lambda t: parquet_bytes(t.slice(0, 1)),
     "rows twice": lambda t: parquet_bytes(pa.concat_tables([t, t])),
-    "rows backwards": lambda t: parquet_bytes(t.take(list(range(len(t)))[::-1])),
+    "rows backwards": lambda t: parquet_bytes(_take(t, range(len(t))[::-1])),
     "a row group for each row": lambda t: parquet_bytes(t, row_group_size=1),
     "a column twice": lambda t: parquet_bytes(t.append_column(t.schema.field(0), t[0])),
     "a column in capitals": lambda t: parquet_bytes(t.append_column(t.column_names[0].upper(), t[0])),
@@ -113,7 +117,7 @@ _TABLE_EDITS: Mapping[str, Callable[[pa.Table], bytes]] = {
     "a megabyte of metadata": lambda t: parquet_bytes(t.replace_schema_metadata({"x": "y" * 2**20})),
     "10,001 pairs of metadata": lambda t: parquet_bytes(t.replace_schema_metadata({str(i): "" for i in range(10_001)})),
     "metadata for a terminal": lambda t: parquet_bytes(t.replace_schema_metadata({"\x1b[2J": "\x1b]0;owned\x07"})),
-    "300,000 equal rows": lambda t: parquet_bytes(t.slice(0, 1).take([0] * 300_000)),
+    "300,000 equal rows": lambda t: parquet_bytes(_take(t, [0] * 300_000 if len(t) else [])),
     "text that is no UTF-8": lambda t: parquet_bytes(_with_text(t, b"\xff\xfe")),
     "half a surrogate": lambda t: parquet_bytes(_with_text(t, b"\xed\xa0\x80")),
     "text for a terminal": lambda t: parquet_bytes(_with_text(t, b"\x1b[31m\x07")),
@@ -124,9 +128,9 @@ _TABLE_EDITS: Mapping[str, Callable[[pa.Table], bytes]] = {
 @_damage
 def table(draw: Draw, root: Path) -> str:
     path = draw.choice(_files(root, ".parquet"))
-    kind = draw.choice(tuple(_TABLE_EDITS))
+    kind = draw.choice(tuple(TABLE_EDITS))
     rows = decode_table((root / path).read_bytes(), Path(path).stem)
-    put(root / path, _TABLE_EDITS[kind](rows))
+    put(root / path, TABLE_EDITS[kind](rows))
     return f"{path}: {kind}"
 
 

@@ -14,12 +14,13 @@ from tests.fuzz import __main__ as command
 from tests.fuzz.base import write_bases
 from tests.fuzz.case import Fuzz
 from tests.fuzz.cell import places
+from tests.fuzz.damage import TABLE_EDITS
 from tests.fuzz.draw import Draw
 from tests.fuzz.guard import Guard
 from tests.fuzz.pool import Lost, run_cases
 from tests.fuzz.report import render, summary
 
-from branchdrive.contract.columns import TABLES
+from branchdrive.contract.columns import TABLES, table_schema
 
 NUM_CASES = 12
 
@@ -46,6 +47,12 @@ def test_draws_depend_on_seed_and_number_alone() -> None:
 def test_cells_of_every_column_of_the_raw_layer_are_edited(bases: dict[str, Path]) -> None:
     expected = {f"raw/{name}.{column.name}" for name, table in TABLES.items() for column in table.columns}
     assert {place.name for place in places(bases["raw"])} == expected
+
+
+def test_every_edit_of_a_table_is_one_of_a_table_without_rows_too() -> None:
+    empty = table_schema("rollouts").empty_table()
+    for edit in TABLE_EDITS.values():
+        assert edit(empty)
 
 
 @pytest.mark.parametrize("touch", [

@@ -84,6 +84,12 @@ def test_cells_stand_at_their_camera_cell_and_time() -> None:
     }
 
 
+def test_no_attempt_has_no_row_of_numbers() -> None:
+    view = _view()
+    num_columns = len(stream_columns(view.descriptor.tables, examined_cameras(view.descriptor)))
+    assert recorded_numbers(view, np.array([], np.int64)).shape == (0, num_columns)
+
+
 def test_all_images_are_needed_where_models_may_read_them() -> None:
     view = _view()
     assert view.images is not None

@@ -222,6 +222,12 @@ def test_arrow_tables_have_the_declared_schema(layer: ModelLayer, table: str) ->
     assert found.equals(join_parts([*parts_of(table, to_arrow(table, FRAMES[table])).values()]))
 
 
+def test_files_of_a_table_are_joined_whatever_the_order_of_their_columns() -> None:
+    first, *others = parts_of("state", to_arrow("state", FRAMES["state"])).values()
+    turned = [first, *(part.select(part.column_names[::-1]) for part in others)]
+    assert join_parts(turned).equals(join_parts([first, *others]))
+
+
 @pytest.mark.parametrize("table", ["records", "controls", "../state"])
 def test_only_tables_of_the_layer_are_read(layer: ModelLayer, table: str) -> None:
     with pytest.raises(UsageError, match="in the model layer, which has"):

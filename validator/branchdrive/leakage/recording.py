@@ -48,9 +48,9 @@ def has_all_images(view: ShardView) -> bool:
 
 def _of_camera(view: ShardView, camera: str, attempts: Index) -> Array:
     """Means of the cells of a camera's images ``[attempts, cells * times]``, NaN where there is no sound image."""
-    shape = (len(attempts), GRID * GRID, len(HISTORY_OFFSETS))
+    shape = (len(attempts), GRID * GRID * len(HISTORY_OFFSETS))
     if view.images is None or IMAGES not in view:
-        return np.full((shape[0], shape[1] * shape[2]), np.nan)
+        return np.full(shape, np.nan)
     frames = view.stream(IMAGES)
     own = np.flatnonzero(frames.equals("camera", camera) & (frames.rollout >= 0))
     ticks = view.branch_tick[attempts][:, None] + np.asarray(HISTORY_OFFSETS)
@@ -61,7 +61,7 @@ def _of_camera(view: ShardView, camera: str, attempts: Index) -> Array:
     if len(own):
         is_there = key[place] == wanted
         cells[is_there] = view.images.cells[frames.position[own[place[is_there]]]]
-    return cells.transpose(0, 2, 1).reshape(len(attempts), -1)
+    return cells.transpose(0, 2, 1).reshape(shape)
 
 
 def _of_table(view: ShardView, table: str, attempts: Index) -> Array:
