@@ -92,20 +92,15 @@ class Judgement:
         else:
             self.outcomes["BD-FRM-002"] = outcome(*self._media())
         for rule in RULES:
-            streams = rule.get("streams")
-            if self.descriptor and streams and not set(streams) & set(self.descriptor["streams"]):
-                self.outcomes[rule["id"]] = Outcome("not-claimed", "the descriptor claims none of its streams")
-            if not self.is_whole and rule["grain"] in ("row", "rollout", "group") and not self._is_decided(rule["id"]):
+            if not self.is_whole and rule["grain"] in ("row", "rollout", "group") and not self.failed(rule["id"]):
                 self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
+            if self.descriptor and not self._is_about(rule):
+                self.outcomes[rule["id"]] = Outcome("not-claimed", "the descriptor claims none of its streams")
             self.outcomes.setdefault(rule["id"], Outcome("skipped", UNREADABLE))
 
     def failed(self, rule: str) -> bool:
         """Whether a rule failed."""
         return rule in self.outcomes and self.outcomes[rule].status == "fail"
-
-    def _is_decided(self, rule: str) -> bool:
-        """Whether shards that were left out cannot change what is said of a rule."""
-        return rule in self.outcomes and self.outcomes[rule].status in ("fail", "not-claimed")
 
     def _judge_layout(self) -> None:
         self.outcomes["BD-LAY-001"] = outcome(layout.lay_001(self.folder))

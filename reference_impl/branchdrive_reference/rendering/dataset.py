@@ -41,7 +41,7 @@ from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
-from branchdrive.release.publish import WORK_DIR, staging
+from branchdrive.release.publish import RENDER_DIR, staging
 from branchdrive_reference.rendering.group import joined_pieces, piece_paths
 from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, plan_text, with_media
 from branchdrive_reference.rendering.work import Task, render_groups
@@ -114,7 +114,7 @@ def render_dataset(
 
 def is_rendering(root: Path) -> bool:
     """Whether a run was interrupted at `root`, or is going on."""
-    return (root / STAGING_DIR / WORK_DIR / FRAMES).exists()
+    return (root / STAGING_DIR / RENDER_DIR / FRAMES).exists()
 
 
 def _manifest(root: Path) -> Manifest:
@@ -136,7 +136,7 @@ class _Rendering:
         descriptor = read_descriptor(self._root)
         check_renderable(descriptor)
         self._refuse_another_plan()
-        with staging(self._root, create=False) as work:
+        with staging(self._root, create=False, folder=RENDER_DIR) as work:
             area = work / FRAMES
             is_installing = (area / _READY_FILE).exists() and not (self._root / MANIFEST_FILE).exists()
             if not is_installing:
@@ -154,7 +154,7 @@ class _Rendering:
 
     def _refuse_another_plan(self) -> None:
         """Refuse to start over where another plan has finished groups, which may have taken hours."""
-        area = Path(STAGING_DIR) / WORK_DIR / FRAMES
+        area = Path(STAGING_DIR) / RENDER_DIR / FRAMES
         is_begun = (self._root / area / _PLAN_FILE).exists() and any((self._root / area).rglob("*.parquet"))
         if not is_begun or not (self._root / MANIFEST_FILE).exists():
             return

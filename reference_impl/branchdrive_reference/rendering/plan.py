@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Literal
 
 from branchdrive.contract.camera import Camera
@@ -44,8 +45,8 @@ class MediaPlan:
     def document(self) -> bytes:
         """The plan as JSON: images of another plan are not those of this one."""
         cameras = [camera.model_dump(mode="json") for camera in self.cameras]
-        settings = {"jpeg_quality": JPEG_QUALITY, "opencv": OPENCV_VERSION, "window": self.window}
-        return dump_json({"cameras": cameras, **settings})
+        versions = {"branchdrive": version("branchdrive"), "opencv": OPENCV_VERSION}
+        return dump_json({"cameras": cameras, "jpeg_quality": JPEG_QUALITY, "window": self.window, **versions})
 
 
 def plan_text(document: bytes) -> str:
@@ -53,7 +54,8 @@ def plan_text(document: bytes) -> str:
     try:
         plan, _ = json.JSONDecoder().raw_decode(document.decode())
         cameras = ", ".join(f"{c['name']} {c['width_px']}x{c['height_px']}" for c in plan["cameras"])
-        return f"{cameras} (window {plan['window']}, JPEG quality {plan['jpeg_quality']}, OpenCV {plan['opencv']})"
+        settings = f"window {plan['window']}, JPEG quality {plan['jpeg_quality']}, OpenCV {plan['opencv']}"
+        return f"{cameras} ({settings}, branchdrive {plan['branchdrive']})"
     except (ValueError, KeyError, TypeError, RecursionError):
         return "a plan that cannot be read"
 

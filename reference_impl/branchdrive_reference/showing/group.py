@@ -7,9 +7,8 @@ from dataclasses import replace
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.errors import UsageError
-from branchdrive.raw.media_folder import FRAMES
 from branchdrive.raw.reader import Dataset
-from branchdrive.release.publish import WORK_DIR
+from branchdrive.release.publish import RENDER_DIR
 from branchdrive_reference.drawing.elements import elements_around
 from branchdrive_reference.drawing.scene import read_scene
 from branchdrive_reference.showing.sheet import Sheet
@@ -27,7 +26,7 @@ def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
     """
     descriptor = dataset.descriptor
     if not any(STREAMS[name].cameras for name in descriptor.streams):
-        is_cut = (dataset.root / STAGING_DIR / WORK_DIR / FRAMES).exists()
+        is_cut = (dataset.root / STAGING_DIR / RENDER_DIR).exists()
         advice = (
             "a `branchdrive render` was interrupted: run it again" if is_cut else "add them with `branchdrive render`"
         )

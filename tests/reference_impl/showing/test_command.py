@@ -175,7 +175,7 @@ def test_a_dataset_without_media_says_how_to_add_them(tmp_path: Path) -> None:
     code, _, err = show(tmp_path / "d", "g0", "--output", tmp_path / "a.png")
     assert code == 2
     assert "has no media; add them with `branchdrive render`" in err
-    (tmp_path / "d/.staging/build/frames").mkdir(parents=True)
+    (tmp_path / "d/.staging/render/frames").mkdir(parents=True)
     code, _, err = show(tmp_path / "d", "g0", "--output", tmp_path / "a.png")
     assert code == 2
     assert "has no media; a `branchdrive render` was interrupted: run it again" in err

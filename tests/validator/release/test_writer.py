@@ -20,7 +20,7 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.release import builder as builder
-from branchdrive.release.publish import staging
+from branchdrive.release.publish import RENDER_DIR, lock_area, staging
 from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.writer import DatasetWriter
@@ -138,6 +138,19 @@ def test_what_an_interrupted_build_left_is_only_its_own(dataset: Path) -> None:
         raise KeyboardInterrupt
     with staging(dataset) as area:
         assert (area / "part").exists()
+
+
+def test_the_work_of_an_interrupted_command_is_kept_from_others(dataset: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), staging(dataset, folder=RENDER_DIR) as area:
+        (area / "part").write_text("")
+        raise KeyboardInterrupt
+    left = contents(dataset)
+    advice = r"an interrupted `branchdrive render` has left its work in \.staging/render; run it again to finish it"
+    with pytest.raises(UsageError, match=advice):
+        build(dataset)
+    with pytest.raises(UsageError, match=advice), lock_area(dataset):
+        pass
+    assert contents(dataset) == left
 
 
 @pytest.mark.parametrize("mode", [0o755, 0o777, 0o701])

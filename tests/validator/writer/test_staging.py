@@ -151,7 +151,7 @@ def test_without_a_staging_area_or_a_rollout_there_is_nothing_to_look_at(tmp_pat
     assert (code, err) == (
         2, f"branchdrive: {tmp_path}: has no staging area, so that no collection runs or was cut off there\n",
     )  # fmt: skip
-    (tmp_path / "rendered/.staging/build").mkdir(parents=True)
+    (tmp_path / "rendered/.staging/render").mkdir(parents=True)
     assert (
         "no collection runs or was cut off there; .staging belongs to a rendering," in staging(tmp_path / "rendered")[2]
     )

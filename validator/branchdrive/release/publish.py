@@ -35,12 +35,15 @@ from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifes
 from branchdrive.formats.untrusted import read_file
 
 __all__ = [
-    "WORK_DIR", "benchmark_area", "has_card", "lock_area", "make_private", "publish", "publish_layer",
+    "RENDER_DIR", "benchmark_area", "has_card", "lock_area", "make_private", "publish", "publish_layer",
     "published_identity", "staging",
 ]  # fmt: skip
 
-WORK_DIR = "build"
-"""Folder in the staging area of who derives files from a dataset: layers, or media."""
+_BUILD_DIR = "build"
+"""Folder in the staging area of who derives layers from a dataset."""
+RENDER_DIR = "render"
+"""Folder in the staging area of who derives media from a dataset."""
+_WAITING = {_BUILD_DIR: "an interrupted `branchdrive build`", RENDER_DIR: "an interrupted `branchdrive render`"}
 
 _NEW = "new"
 _BENCHMARK = "benchmark-"
@@ -55,33 +58,35 @@ def lock_area(target: Path) -> Iterator[Path]:
     """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
 
     Raises:
-        UsageError: Another command is running there, a collection has stopped in the middle, or a link leads out.
+        UsageError: Another command is running there, a collection or a rendering has stopped in the middle, or a link
+            leads out.
     """
     _refuse_links(target)
     area = target / STAGING_DIR
     make_dir(area)
-    with _sole_writer(target, area):
+    with _sole_writer(target, area, _BUILD_DIR):
         try:
             yield area
         finally:
-            delete(area / WORK_DIR)
+            delete(area / _BUILD_DIR)
             _leave(area)
 
 
 @contextmanager
-def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
-    """The working area of a build in `target`, which nobody else writes to meanwhile, collectors included.
+def staging(target: Path, *, create: bool = True, folder: str = _BUILD_DIR) -> Iterator[Path]:
+    """The working area of a build, or a rendering, in `target`, which nobody else writes to meanwhile.
 
     It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build
-    is refused. Whatever else lies in the staging area belongs to a collection and is not touched.
+    is refused. Whatever else lies in the staging area belongs to another command and is not touched.
 
     Args:
         target: The folder to build in.
         create: Whether it may be missing.
+        folder: Name of the working area.
 
     Raises:
-        UsageError: A collection or another build is running there, a collection has stopped in the middle, a link
-            leads out of the folder, or it is missing and may not be.
+        UsageError: Another command is running there or has stopped in the middle, a link leads out of the folder, or
+            it is missing and may not be.
     """
     is_new = not target.exists()
     if not create and not target.is_dir():
@@ -90,8 +95,9 @@ def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
     _refuse_links(target)
     area = target / STAGING_DIR
     make_dir(area)
-    with _sole_writer(target, area):
-        work = _work_folder(area)
+    with _sole_writer(target, area, folder):
+        work = area / folder
+        make_private(work)
         try:
             yield work
             delete(work)
@@ -110,7 +116,7 @@ def staging(target: Path, *, create: bool = True) -> Iterator[Path]:
 
 
 @contextmanager
-def _sole_writer(target: Path, area: Path) -> Iterator[None]:
+def _sole_writer(target: Path, area: Path, folder: str) -> Iterator[None]:
     lock = FileLock(area / WRITER_LOCK)
     try:
         is_taken = lock.acquire(blocking=False)
@@ -119,8 +125,13 @@ def _sole_writer(target: Path, area: Path) -> Iterator[None]:
     if not is_taken:
         raise UsageError(f"{target}: a collection, a build or a benchmark is running there; wait until it has finished")
     try:
-        others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, WORK_DIR})
+        others = sorted({entry.name for entry in area.iterdir()} - {WRITER_LOCK, folder})
         others = [name for name in others if not name.startswith(_BENCHMARK)]
+        if waiting := next((name for name in others if name in _WAITING), None):
+            raise UsageError(
+                f"{target}: {_WAITING[waiting]} has left its work in {STAGING_DIR}/{waiting}; "
+                "run it again to finish it, or delete that folder"
+            )
         if others:
             raise UsageError(
                 f"{target}: an unfinished collection has {others[0]!r} in {STAGING_DIR}; finish the collection before "
@@ -174,13 +185,6 @@ def _drop_stale_benchmarks(target: Path, area: Path) -> None:
             delete(entry)
 
 
-def _work_folder(area: Path) -> Path:
-    """The builder's own folder, with what an interrupted build left there."""
-    work = area / WORK_DIR
-    make_private(work)
-    return work
-
-
 def make_private(folder: Path) -> None:
     """Make `folder` one that no other user could have filled: what is there of another's, or open to others, goes."""
     if folder.exists():
@@ -230,7 +234,7 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
     descriptor_bytes = render_descriptor(descriptor)
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
-    fresh = target / STAGING_DIR / WORK_DIR / _NEW
+    fresh = target / STAGING_DIR / _BUILD_DIR / _NEW
     delete(fresh)
     make_dir(fresh.parent)
     make_dir(fresh)
