@@ -50,10 +50,12 @@ def test_a_judged_guard_says_what_it_did_and_where_its_promise_stands(invented: 
     assert "Not judged under balanced, progress, comfort, near_range, where it promises nothing: too few." in found
 
 
-def test_too_few_clusters_are_told_first(results: Any) -> None:
+def test_too_few_clusters_are_said_first(results: Any) -> None:
     for num_clusters, units in ((1, "1 route cluster"), (LEAST_UNITS - 1, "5 route clusters")):
         results["population"]["clusters"]["test"] = num_clusters
-        assert text(results).startswith("Nothing can be concluded: `test` has 4 groups in " + units)
+        sentence = f"Nothing can be concluded: `test` has 4 groups in {units}"
+        assert text(results).startswith(sentence)
+        assert render_tables(results).split("\n")[2].startswith(sentence)
     results["population"]["clusters"]["test"] = LEAST_UNITS
     assert text(results).startswith("Prediction ")
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from branchdrive.benchmark.table.cell import Document
 from branchdrive.benchmark.table.guard import guard_sections, noise_tables
+from branchdrive.benchmark.table.headline import inconclusive_sentence
 from branchdrive.benchmark.table.latency import latency_table
 from branchdrive.benchmark.table.prediction import prediction_tables
 from branchdrive.benchmark.table.ranking import ranking_sections
@@ -41,10 +42,11 @@ def render_tables(results: Document, latency: Document | None = None) -> str:
         results: Document ``results.json``, which conforms to its schema.
         latency: Document ``latency.json``, if there is one.
     """
-    protocol = results["protocol"]
+    protocol, warning = results["protocol"], inconclusive_sentence(results)
     head = [
         "# Benchmark results",
         "",
+        *([warning, ""] if warning else []),
         f"Protocol `{protocol['name']}` {protocol['version']}, digest `{protocol['digest']}`.",
         "Values are means over seeds, and what follows ± is their standard deviation over seeds unless a table says "
         "otherwise. Intervals of 95 % resample whole route clusters; those that resample groups stand beside them.",
