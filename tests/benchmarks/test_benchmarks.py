@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import subprocess
@@ -19,6 +20,7 @@ from tests.sampling import THOROUGH
 
 from benchmarks import benchmark, highway_env, paper, ranking, release
 from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.cli.main import run
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.training import model_tasks
 
@@ -86,7 +88,14 @@ def test_a_collection_is_measured_with_its_validation(tmp_path: Path) -> None:
     assert rows["funnel"].measured.splitlines()[0] == "1 groups discovered"
 
 
-def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
+def run_in_this_process(command: str, *arguments: str) -> Measured:
+    """A command and how it ends, without a process to measure."""
+    stdout, stderr = io.StringIO(), io.StringIO()
+    return Measured(run([command, *arguments], stdout, stderr), stdout.getvalue(), 0.1, peak_bytes(os.getpid()), 0, 0)
+
+
+def test_a_collection_that_fails_is_no_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "run_branchdrive", run_in_this_process)
     (tmp_path / "dataset").write_text("in the way")
     with pytest.raises(BranchDriveError, match="`branchdrive collect` ended with 2"):
         list(paper.rows(tmp_path, num_groups=1, jobs=1))
@@ -134,7 +143,8 @@ def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkey
     assert float(rows[-1].measured.removesuffix(" s")) > 0
 
 
-def test_a_step_that_fails_is_no_measurement(bare: Path) -> None:
+def test_a_step_that_fails_is_no_measurement(bare: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmark, "run_branchdrive", run_in_this_process)
     (bare / ".staging").write_text("in the way")
     with pytest.raises(BranchDriveError, match="`branchdrive train` ended with 2"):
         list(benchmark.rows(bare, jobs=1))

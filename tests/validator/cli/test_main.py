@@ -283,7 +283,10 @@ def test_a_rule_is_explained(rule_id: str) -> None:
     assert out.startswith(f"{rule_id}  {info.title}\n")
     for part in (f"kind {info.kind}", f"clause {info.clause}", f"remedy {info.remedy}", *info.streams, *info.requires):
         assert part in words
-    assert call(run, "rules", rule_id.lower()) == (code, out, err)
+
+
+def test_a_rule_is_explained_in_any_case() -> None:
+    assert call(run, "rules", "bd-ctl-001") == call(run, "rules", "BD-CTL-001")
 
 
 # --- interrupts and bugs
