@@ -181,7 +181,7 @@ def test_one_batch_can_be_learnt_by_heart(release: Path) -> None:
     optimizer = AdamW(network.parameters())
     losses = []
     with deterministic():
-        for _ in range(150):
+        for _ in range(120):
             outcome = network(data, num_groups=3, num_candidates=13)
             loss = loss_terms(outcome, data["scalars"], data["mask"], data["trajectory"], configuration.training).total
             optimizer.descend(loss, 2e-3)
