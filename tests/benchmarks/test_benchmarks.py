@@ -16,7 +16,7 @@ from benchmarks.simulator import measure_ticks_per_s
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
-from tests.sampling import THOROUGH
+from tests.sampling import THOROUGH, sampled
 
 from benchmarks import benchmark, highway_env, paper, ranking, release
 from branchdrive.benchmark.protocol import default_protocol
@@ -80,7 +80,12 @@ def test_without_highway_env_its_row_says_how_to_install_it(monkeypatch: pytest.
     assert row.bar == ">= 25x"
 
 
-def test_a_collection_is_measured_with_its_validation(tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_processes", sampled([False, True], every=2))
+def test_a_collection_is_measured_with_its_validation(
+    tmp_path: Path, has_processes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not has_processes:
+        monkeypatch.setattr(paper, "run_branchdrive", run_in_this_process)
     rows = {row.what.splitlines()[0]: row for row in paper.rows(tmp_path, num_groups=1, jobs=1)}
     collected = rows["collect 1 groups of preset `paper`, 1 worker(s)"]
     assert re.fullmatch(r"[0-9.]+ s", collected.measured) and collected.bar == "<= 60 min"
