@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import subprocess
@@ -15,10 +16,11 @@ from benchmarks.simulator import measure_ticks_per_s
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
-from tests.sampling import THOROUGH
+from tests.sampling import THOROUGH, sampled
 
 from benchmarks import benchmark, highway_env, paper, ranking, release
 from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.cli.main import run
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.training import model_tasks
 
@@ -78,7 +80,12 @@ def test_without_highway_env_its_row_says_how_to_install_it(monkeypatch: pytest.
     assert row.bar == ">= 25x"
 
 
-def test_a_collection_is_measured_with_its_validation(tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_processes", sampled([False, True], every=2))
+def test_a_collection_is_measured_with_its_validation(
+    tmp_path: Path, has_processes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not has_processes:
+        monkeypatch.setattr(paper, "run_branchdrive", run_in_this_process)
     rows = {row.what.splitlines()[0]: row for row in paper.rows(tmp_path, num_groups=1, jobs=1)}
     collected = rows["collect 1 groups of preset `paper`, 1 worker(s)"]
     assert re.fullmatch(r"[0-9.]+ s", collected.measured) and collected.bar == "<= 60 min"
@@ -86,7 +93,14 @@ def test_a_collection_is_measured_with_its_validation(tmp_path: Path) -> None:
     assert rows["funnel"].measured.splitlines()[0] == "1 groups discovered"
 
 
-def test_a_collection_that_fails_is_no_measurement(tmp_path: Path) -> None:
+def run_in_this_process(command: str, *arguments: str) -> Measured:
+    """A command and how it ends, without a process to measure."""
+    stdout, stderr = io.StringIO(), io.StringIO()
+    return Measured(run([command, *arguments], stdout, stderr), stdout.getvalue(), 0.1, peak_bytes(os.getpid()), 0, 0)
+
+
+def test_a_collection_that_fails_is_no_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "run_branchdrive", run_in_this_process)
     (tmp_path / "dataset").write_text("in the way")
     with pytest.raises(BranchDriveError, match="`branchdrive collect` ended with 2"):
         list(paper.rows(tmp_path, num_groups=1, jobs=1))
@@ -134,7 +148,8 @@ def test_a_benchmark_is_measured_step_by_step(bare: Path, tmp_path: Path, monkey
     assert float(rows[-1].measured.removesuffix(" s")) > 0
 
 
-def test_a_step_that_fails_is_no_measurement(bare: Path) -> None:
+def test_a_step_that_fails_is_no_measurement(bare: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmark, "run_branchdrive", run_in_this_process)
     (bare / ".staging").write_text("in the way")
     with pytest.raises(BranchDriveError, match="`branchdrive train` ended with 2"):
         list(benchmark.rows(bare, jobs=1))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.sampling import THOROUGH
 
 from branchdrive.cli.main import run_script
 from branchdrive.contract.rule import CATALOGUE
@@ -118,17 +119,24 @@ def test_rules_that_are_not_claimed_are_not_compared(judged: list[tuple[Case, Re
         assert score(case, Answer.of(rule_removed(report)), {"BD-LAY-002"}, is_whole=False) == []
 
 
-def test_a_command_is_scored(few_cases: str, tmp_path: Path) -> None:
-    """Each case at a time, several at once, and one that is right but for what it cannot be given."""
-    single = f"{sys.executable} -P -m branchdrive.cli validate {{dataset}} --format json"
-    code, text, error = run("validator", "--command", single, "--select", "BD-VAL-003", "--cases", few_cases)
+SINGLE = f"{sys.executable} -P -m branchdrive.cli validate {{dataset}} --format json"
+"""A validator that takes a case at a time."""
+
+
+@THOROUGH
+def test_a_command_that_can_be_given_every_case_conforms(few_cases: str) -> None:
+    code, text, error = run("validator", "--command", SINGLE, "--select", "BD-VAL-003", "--cases", few_cases)
     assert (code, error) == (0, ""), text
     assert "conforms" in text
+
+
+def test_a_command_is_scored(few_cases: str, tmp_path: Path) -> None:
+    """Several at once, and one that is right but for what it cannot be given, each case at a time."""
     code, text, _ = run("validator", "--select", RULE, "--format", "json", "--cases", few_cases)
     document = json.loads(text)
     assert (code, document["right"], document["left_out"]) == (0, True, [])
     options = ("--select", RULE, "--output", str(tmp_path / "table.txt"), "--cases", few_cases)
-    code, text, _ = run("validator", "--command", single, *options)
+    code, text, _ = run("validator", "--command", SINGLE, *options)
     assert code == 0
     assert "conforms in all cases that it could be given" in (tmp_path / "table.txt").read_text()
     assert f"{RULE}/waived" in (tmp_path / "table.txt").read_text()

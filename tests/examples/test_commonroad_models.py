@@ -20,14 +20,14 @@ def collector() -> Any:
     return module
 
 
-def test_its_groups_are_valid_and_qualify(tmp_path: Path) -> None:
+def test_a_group_is_valid_and_qualifies(tmp_path: Path) -> None:
     module = collector()
     root, options = tmp_path / "dataset", {**module.options(), "num_replays": 1}
-    bd.collect_dataset(root, module.describe(1), module.WORLDS, num_groups=2, **options)
+    bd.collect_dataset(root, module.describe(1), module.WORLDS, num_groups=1, **options)
     verdict = bd.validate(root)
     assert (verdict.verdict, [finding.message for finding in verdict.findings]) == ("valid", [])
     assert verdict.funnel is not None
-    assert set(verdict.funnel.groups.values()) == {2}
+    assert set(verdict.funnel.groups.values()) == {1}
 
 
 def test_steering_to_the_right_goes_to_the_right() -> None:

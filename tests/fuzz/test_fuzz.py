@@ -22,7 +22,7 @@ from tests.fuzz.report import render, summary
 
 from branchdrive.contract.columns import TABLES, table_schema
 
-NUM_CASES = 12
+NUM_CASES = 8
 
 
 @pytest.fixture(scope="module")

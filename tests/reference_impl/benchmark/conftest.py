@@ -33,6 +33,18 @@ def done(bare: Path, small_protocol: Path, tmp_path_factory: pytest.TempPathFact
     return kept_folder("benchmarked-release", benchmark, tmp_path_factory.mktemp("done") / "release")
 
 
+@pytest.fixture(scope="session")
+def exported(done: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the selector `selector.onnx` of that benchmark, and what the command said of it."""
+
+    def export(folder: Path) -> None:
+        folder.mkdir()
+        said = invoke("export", done, "--output", folder / "selector.onnx")
+        (folder / "said.txt").write_text(said)
+
+    return kept_folder("exported-selector", export, tmp_path_factory.mktemp("exported") / "selector")
+
+
 @pytest.fixture
 def release(bare: Path, tmp_path: Path) -> Path:
     """A release without a benchmark of one's own."""

@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tests.reference_impl.benchmark.small_release import contents, invoke
+from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
+from tests.sampling import sampled
 
 from branchdrive import DatasetError, UsageError, open_model
 from branchdrive.driving.target import TARGETS, TRAJECTORY
@@ -74,21 +75,20 @@ def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp
     assert results["guard"]["reason"] == "No risk was fitted."
 
 
-def test_what_was_not_evaluated_is_not_evaluated_by_the_way(
-    release: Path, columns: Columns, small_protocol: Path, tmp_path: Path
-) -> None:
+def test_what_was_not_evaluated_is_not_evaluated_by_the_way(release: Path, columns: Columns, tmp_path: Path) -> None:
     def models() -> tuple[list[str], str]:
         results = json.loads(invoke("evaluate", release, *options))
         return [model["id"] for model in results["models"]], " ".join(results["warnings"])
 
     options = ("--predictions", _write(tmp_path / "mine.parquet", columns), "--name", "Mine", "--format", "json")
-    invoke("train", release, "--protocol", small_protocol, "--no-guard")
+    document = smallest_protocol()
+    invoke("train", release, "--protocol", write_protocol(tmp_path / "protocol.json", document), "--no-guard")
     invoke("lock", release)
     invoke("predict", release)
     assert models()[0] == ["Mine"] and "have not been evaluated yet" in models()[1]
     invoke("evaluate", release, "--no-figures")
-    assert len(models()[0]) == 5 and "left out" not in models()[1]
-    (tmp_path / "other.json").write_text(json.dumps({**json.loads(small_protocol.read_bytes()), "version": "9.0.0"}))
+    assert len(models()[0]) == 3 and "left out" not in models()[1]
+    write_protocol(tmp_path / "other.json", {**document, "version": "9.0.0"})
     options += ("--protocol", tmp_path / "other.json")
     assert models()[0] == ["Mine"] and "locked under another protocol" in models()[1]
     assert "no record of the release counts it" in models()[1]
@@ -140,17 +140,33 @@ def test_faults_are_named(
         invoke("evaluate", done, "--predictions", file, "--name", "Mine")
 
 
-def test_neither_torch_nor_cvxpy_is_needed(benchmarked: Path, columns: Columns, tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_figures", sampled([False, True], every=2))
+def test_neither_torch_nor_cvxpy_is_needed(
+    benchmarked: Path, columns: Columns, tmp_path: Path, has_figures: bool
+) -> None:
+    """Figures take seconds to draw; what draws them can be imported."""
     file = _write(tmp_path / "my predictions.parquet", columns)
     missing = """
         import sys
         sys.modules |= dict.fromkeys(("torch", "safetensors", "cvxpy", "clarabel", "scipy", "pymunk", "numba"))
+        import branchdrive_reference.benchmark.figure.gallery
     """
-    theirs = ("evaluate", benchmarked, "--predictions", file, "--name", "Mine", "--output", tmp_path / "a/b")
+    theirs: tuple[object, ...] = (
+        "evaluate",
+        benchmarked,
+        "--predictions",
+        file,
+        "--name",
+        "Mine",
+        "--output",
+        tmp_path / "a/b",
+    )
     ours = ("evaluate", benchmarked, "--no-figures")
+    theirs += () if has_figures else ("--no-figures",)
     for has_theirs, ended in zip((True, False), ended_without(missing, theirs, ours), strict=True):
         assert (ended.code, "Mine" in ended.stdout) == (0, has_theirs), ended.stderr
-    assert (tmp_path / "a/b/figures/prediction.png").is_file()
+    assert (tmp_path / "a/b/results.json").is_file()
+    assert (tmp_path / "a/b/figures/prediction.png").is_file() is has_figures
 
 
 class Ended(NamedTuple):

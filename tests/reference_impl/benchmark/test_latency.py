@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, invoke_both, is_clean
+from tests.sampling import sampled
 
 from branchdrive import UsageError, validate
 from branchdrive.contract.document import schema_mismatches
@@ -21,8 +22,14 @@ def statuses(root: Path, *rules: str) -> list[str]:
     return [found[rule] for rule in rules]
 
 
-def test_every_model_is_timed_and_the_exported_ones_twice(benchmarked: Path) -> None:
+@pytest.mark.parametrize("is_exporting", sampled([False, True], every=2))
+def test_every_model_is_timed_and_the_exported_ones_twice(
+    benchmarked: Path, is_exporting: bool, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("onnxruntime")
+    if not is_exporting:  # it takes seconds, and the command compares what it is given with torch
+        selector = (request.getfixturevalue("exported") / "selector.onnx").read_bytes()
+        monkeypatch.setattr(latency, "export_selector", lambda *_, **__: selector)
     before = contents(benchmarked)
     said, printed = invoke_both("latency", benchmarked, "--repeats", "2")
     assert printed == "".join(

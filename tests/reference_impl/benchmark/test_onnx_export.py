@@ -19,11 +19,12 @@ def checkpoints(done: Path) -> list[Checkpoint]:
     return [read_checkpoint(done / f"benchmark/checkpoints/M3-seed{seed}.safetensors") for seed in (11, 23)]
 
 
-def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], tmp_path: Path) -> None:
+def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], request: pytest.FixtureRequest) -> None:
     onnx = pytest.importorskip("onnx")
     pytest.importorskip("onnxruntime")
-    assert "M3, 2 seeds" in invoke("export", done, "--output", tmp_path / "selector.onnx")
-    content = (tmp_path / "selector.onnx").read_bytes()
+    exported: Path = request.getfixturevalue("exported")
+    assert "M3, 2 seeds" in (exported / "said.txt").read_text()
+    content = (exported / "selector.onnx").read_bytes()
     layer = open_model(done)
     assert check_equal(content, checkpoints, layer, "test") <= TOLERANCE
     with pytest.raises(BranchDriveError, match="differs from torch"):

@@ -6,7 +6,15 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.reference_impl.benchmark.small_release import contents, invoke, is_clean, protocol
+from tests.reference_impl.benchmark.small_release import (
+    contents,
+    invoke,
+    is_clean,
+    protocol,
+    smallest_protocol,
+    write_protocol,
+)
+from tests.sampling import THOROUGH
 
 from branchdrive import DatasetError, UsageError
 from branchdrive.contract.document import dump_json, schema_mismatches
@@ -34,11 +42,19 @@ def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
     assert results["noise"] is None  # a detached release has no raw layer
 
 
-def test_single_steps_come_to_the_same_bytes(release: Path, done: Path, small_protocol: Path) -> None:
+def test_single_steps_come_to_the_same_bytes(
+    release: Path, done: Path, small_protocol: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a training was interrupted, which goes on."""
     said = invoke("train", release, "--protocol", small_protocol, "--models", "M0", "M1")
     assert "3 of 3 models and seeds trained in " in said
     with pytest.raises(UsageError, match=r"M2, seed 11 has no checkpoint; run `branchdrive train` first"):
         invoke("lock", release)
+    interrupt_training(release, monkeypatch)
+    waiting = [path for path in contents(release) if path.startswith(".staging/") and "seed" in path]
+    assert sorted(Path(path).name for path in waiting) == [
+        "M0-seed0.safetensors", "M1-seed11.safetensors", "M1-seed23.safetensors", "M2-seed11.training",
+    ]  # fmt: skip
     assert "10 folds and the risk of the guard" in invoke("train", release)
     with pytest.raises(UsageError, match="nothing is locked"):
         invoke("predict", release)
@@ -56,9 +72,9 @@ def test_again_changes_nothing(benchmarked: Path) -> None:
     assert contents(benchmarked) == before
 
 
-def test_an_interrupted_training_goes_on(
-    release: Path, done: Path, small_protocol: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def interrupt_training(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Train, and stop after the first epoch of M2."""
+
     def interrupt(report: EpochReport) -> None:
         if (report.model, report.epoch) == ("M2", 1):
             raise KeyboardInterrupt
@@ -66,17 +82,22 @@ def test_an_interrupted_training_goes_on(
     with monkeypatch.context() as patch:
         patch.setattr("branchdrive_reference.benchmark.training._watch", lambda tasks, show: interrupt)
         with pytest.raises(KeyboardInterrupt):
-            invoke("train", release, "--protocol", small_protocol, "--no-guard")
-    waiting = [path for path in contents(release) if path.startswith(".staging/") and "seed" in path]
-    assert sorted(Path(path).name for path in waiting) == [
-        "M0-seed0.safetensors", "M1-seed11.safetensors", "M1-seed23.safetensors", "M2-seed11.training",
-    ]  # fmt: skip
+            invoke("train", release, "--no-guard")
+
+
+@THOROUGH
+def test_one_command_goes_on_from_an_interrupted_training(
+    release: Path, done: Path, small_protocol: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    invoke("train", release, "--protocol", small_protocol, "--models", "M0", "--no-guard")
+    interrupt_training(release, monkeypatch)
     invoke("benchmark", release, "--no-figures")
     assert contents(release) == contents(done)
 
 
-def test_without_a_guard_the_results_say_so(release: Path, small_protocol: Path) -> None:
-    said = invoke("benchmark", release, "--protocol", small_protocol, "--no-guard", "--no-figures")
+def test_without_a_guard_the_results_say_so(release: Path, tmp_path: Path) -> None:
+    protocol_file = write_protocol(tmp_path / "protocol.json", smallest_protocol())
+    said = invoke("benchmark", release, "--protocol", protocol_file, "--no-guard", "--no-figures")
     assert " m\nNot judged: No risk was fitted." in said
     assert "Noise of outcomes\nUnknown; the ranking lock holds none" in said
     assert not (release / "benchmark" / "figures").exists()

@@ -101,7 +101,7 @@ HOSTILE: dict[str, tuple[Mapping[str, Edit], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("edits", "told"), sampled(HOSTILE.values(), every=3), ids=HOSTILE)
+@pytest.mark.parametrize(("edits", "told"), sampled(HOSTILE.values(), every=5), ids=HOSTILE)
 def test_a_group_that_cannot_be_drawn_is_one_line(tmp_path: Path, edits: Mapping[str, Edit], told: str) -> None:
     samples.written(tmp_path / "d", edits)
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p", "--group", "g0")

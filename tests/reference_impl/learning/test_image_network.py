@@ -10,6 +10,7 @@ import torch
 from tests.model_release import CANDIDATES as KEYS
 from tests.model_release import make_frames, write_release
 from tests.reference_impl.learning.small_models import DECLARED, VISUAL, small
+from tests.sampling import sampled
 from tests.small_images import add_images, shown_number
 from torch import Tensor
 
@@ -143,16 +144,16 @@ def telling(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return add_images(root, partitions)
 
 
-@pytest.mark.parametrize("name", ["M4", "M6"])
-def test_what_only_images_tell_is_learned(telling: Path, tmp_path: Path, name: str) -> None:
-    configuration = small(name, batch_groups=6, max_epochs=80, patience=80, learning_rate=0.01)
+@pytest.mark.parametrize(("name", "num_epochs"), sampled([("M4", 30), ("M6", 80)], every=2))
+def test_what_only_images_tell_is_learned(telling: Path, tmp_path: Path, name: str, num_epochs: int) -> None:
+    configuration = small(name, batch_groups=6, max_epochs=num_epochs, patience=80, learning_rate=0.01)
     checkpoint = train_model(telling, tmp_path, configuration, seed=11)
     found, layer = predict([checkpoint], telling, "val")[0], open_model(telling)
     wanted = layer.targets("val").scalars[:, 0, 2]
     assert np.corrcoef(found.scalars[:, :, 2].mean(1), wanted)[0, 1] > 0.7
 
 
-@pytest.mark.parametrize("name", VISUAL)
+@pytest.mark.parametrize("name", sampled(VISUAL, every=3))
 def test_training_goes_on_to_the_same_weights(visual_release: Path, tmp_path: Path, name: str) -> None:
     configuration = small(name, max_epochs=3)
 

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 from tests.reference_impl.learning.small_models import SMALL, small
+from tests.sampling import THOROUGH
 
 from branchdrive import UsageError
 from branchdrive_reference.learning.pool import Task, _Watcher, train_models
 from branchdrive_reference.learning.training import EpochReport
 
 
+@THOROUGH  # `train --jobs 2` in test_hostile_folder.py of the benchmark comes to the same weights
 def test_processes_change_no_bit(release: Path, tmp_path: Path) -> None:
     tasks = [Task(SMALL["M1"], 11), Task(SMALL["M3"], 11), Task(SMALL["M3"], 23)]
     seen: list[EpochReport] = []

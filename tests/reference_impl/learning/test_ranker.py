@@ -11,6 +11,7 @@ import pytest
 import torch
 from tests.reference_impl.learning.small_models import SEEDS, SMALL, make_release, small
 from tests.repo.checkout import ROOT
+from tests.sampling import THOROUGH
 
 from branchdrive import UsageError, open_model
 from branchdrive.driving.target import Targets
@@ -102,6 +103,7 @@ def test_one_observation_more_gives_what_the_whole_window_gives(
     assert (np.diff(found.utilities[found.order]) <= 0).all()
 
 
+@pytest.mark.parametrize("seeing", ["M5", pytest.param("M4", marks=THOROUGH)], indirect=True)
 def test_the_page_asks_the_exported_selector_as_the_ranker_is_asked(
     visual_release: Path, seeing: list[Checkpoint], scale: Scale, tmp_path: Path
 ) -> None:

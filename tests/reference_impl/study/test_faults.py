@@ -96,7 +96,7 @@ FAULTS: dict[str, tuple[Mapping[str, Edit], int, int]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("edits", "good", "without_nominal"), sampled(FAULTS.values(), every=3), ids=FAULTS)
+@pytest.mark.parametrize(("edits", "good", "without_nominal"), sampled(FAULTS.values(), every=5), ids=FAULTS)
 def test_a_fault_is_skipped_and_counted(
     tmp_path: Path, edits: Mapping[str, Edit], good: int, without_nominal: int
 ) -> None:

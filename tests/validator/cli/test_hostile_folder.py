@@ -9,11 +9,16 @@ from typing import Any
 
 from tests.hostile_folder import infest, marks, run_command
 
+from branchdrive import validate
+
 
 def report_of(root: Path | str, cwd: Path) -> dict[str, Any]:
     done = run_command("branchdrive-validate", root, "--jobs", 1, "--format", "json", cwd=cwd, path="")
     assert done.stderr == ""
-    document: dict[str, Any] = json.loads(done.stdout)
+    return without_path(json.loads(done.stdout))
+
+
+def without_path(document: dict[str, Any]) -> dict[str, Any]:
     del document["dataset"]["path"]
     return document
 
@@ -21,8 +26,7 @@ def report_of(root: Path | str, cwd: Path) -> dict[str, Any]:
 def test_validate_runs_nothing_of_a_folder(valid_root: Path, tmp_path: Path) -> None:
     marks_dir, dataset = tmp_path / "marks", shutil.copytree(valid_root, tmp_path / "dataset")
     packages = infest(dataset, marks_dir)
-    (tmp_path / "clean").mkdir()
-    outside = report_of(dataset, tmp_path / "clean")
+    outside = without_path(json.loads(json.dumps(validate(dataset).to_json())))
     assert outside["verdict"] == "invalid"
     assert {finding["rule"] for finding in outside["findings"]} == {"BD-LAY-004", "BD-LAY-009"}
     assert [report_of(".", dataset), report_of("..", packages)] == [outside] * 2

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.sampling import sampled
 from tests.validator.engine.datasets import write
 
 SCRIPT = Path(sys.executable).with_name("branchdrive-validate")
@@ -20,18 +21,29 @@ def incomplete(tmp_path: Path) -> str:
     return f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(root))} --select BD-LAY"
 
 
-def test_closed_and_full_streams_leave_the_exit_code(incomplete: str, valid_root: Path) -> None:
+@pytest.fixture
+def commands(incomplete: str, valid_root: Path) -> dict[str, str]:
+    """That one, one with worker processes, and one on what is not there."""
     with_workers = f"{shlex.quote(str(SCRIPT))} {shlex.quote(str(valid_root))} --select BD-LAY"
     nowhere = f"{shlex.quote(str(SCRIPT))} /nonexistent-dataset"
-    expected = {
-        f"{incomplete} >&-": 3, f"{incomplete} 2>&-": 3, f"{with_workers} >&- 2>&-": 3, f"{incomplete} >/dev/full": 4,
-        f"{incomplete} 2>/dev/full": 3, f"{nowhere} 2>&-": 2, f"{nowhere} 2>/dev/full": 2, f"{nowhere} >&-": 2,
-    }  # fmt: skip
-    done = {
-        line: subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False) for line in expected
-    }
-    assert {line: run.returncode for line, run in done.items()} == expected
-    assert not any("Traceback" in run.stderr for run in done.values())
+    return {"incomplete": incomplete, "with workers": with_workers, "nowhere": nowhere}
+
+
+@pytest.mark.parametrize(
+    ("command", "streams", "code"),
+    sampled([
+        ("incomplete", ">&-", 3), ("incomplete", "2>&-", 3), ("with workers", ">&- 2>&-", 3), ("nowhere", ">&-", 2),
+        ("incomplete", ">/dev/full", 4), ("incomplete", "2>/dev/full", 3), ("nowhere", "2>&-", 2),
+        ("nowhere", "2>/dev/full", 2),
+    ], every=2),
+)  # fmt: skip
+def test_closed_and_full_streams_leave_the_exit_code(
+    commands: dict[str, str], command: str, streams: str, code: int
+) -> None:
+    line = f"{commands[command]} {streams}"
+    run = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert run.returncode == code
+    assert "Traceback" not in run.stderr
 
 
 def test_a_device_and_a_link_are_not_written_over(incomplete: str, tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ from branchdrive.formats.manifest import check_against_manifest
 DEADLINE_S = 300.0
 
 
-def command(root: Path) -> list[str]:
-    return [sys.executable, str(ROOT / "docs/examples/minimal_collector.py"), str(root), "--groups", "2", "--jobs", "2"]
+def command(root: Path, jobs: int = 1) -> list[str]:
+    collector = str(ROOT / "docs/examples/minimal_collector.py")
+    return [sys.executable, collector, str(root), "--groups", "2", "--jobs", str(jobs)]
 
 
 def num_finished(root: Path) -> int:
@@ -27,7 +28,7 @@ def num_finished(root: Path) -> int:
 def test_killed_in_the_middle_it_resumes_to_the_same_content(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     subprocess.run(command(whole), check=True, capture_output=True)
-    child = subprocess.Popen(command(killed), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    child = subprocess.Popen(command(killed, jobs=2), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     deadline_s = time.monotonic() + DEADLINE_S
     while num_finished(killed) < 5 and time.monotonic() < deadline_s:
         time.sleep(0.02)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy._core._multiarray_umath as umath
 import pytest
 from tests.processors import SETTINGS, Setting, blas_kernels, can_run
+from tests.sampling import sampled
 from tests.validator.benchmark.lattice import tied
 from tests.validator.benchmark.samples import noise, risk_fit
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
@@ -57,6 +58,16 @@ def restricted() -> list[Setting]:
     return [setting for setting in SETTINGS if setting.variables and can_run(setting)]
 
 
+def baseline() -> list[Setting]:
+    """The most restricted of them."""
+    return restricted()[-1:]
+
+
+def others() -> list[Setting]:
+    """The others of them."""
+    return restricted()[:-1]
+
+
 def kernels() -> list[Setting]:
     """Every kernel that this processor can run and no restricted setting has."""
     covered = {setting.variables["OPENBLAS_CORETYPE"] for setting in restricted()}
@@ -76,7 +87,7 @@ def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return BenchmarkDraft().write(tmp_path_factory.mktemp("processors") / "dataset")
 
 
-@pytest.mark.parametrize("settings", [restricted, pytest.param(kernels, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("settings", sampled([baseline, others, kernels], every=3))
 def test_a_release_is_valid_and_results_are_the_same_under_every_kernel_and_setting(
     release: Path, settings: Callable[[], list[Setting]]
 ) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests import synthetic
+from tests.sampling import sampled
 from tests.validator.engine.datasets import DEPARTURES, FOLDER, cells, edited, with_column, write, write_with
 
 from branchdrive.contract.document import schema_mismatches
@@ -88,7 +89,7 @@ def _with_manifest(root: Path, content: bytes) -> Path:
     return root
 
 
-@pytest.fixture(scope="module", params=SITUATIONS)
+@pytest.fixture(scope="module", params=sampled(SITUATIONS, every=2))
 def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Report:
     situation: Callable[[Path], Report] = SITUATIONS[request.param]
     return situation(tmp_path_factory.mktemp("situation") / "dataset")

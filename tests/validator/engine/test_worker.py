@@ -169,9 +169,10 @@ def test_reports_do_not_depend_on_the_executor(tmp_path: Path) -> None:
         assert report_bytes(root, isolated(jobs)) == report_bytes(root, in_process)
 
 
-def test_reports_do_not_depend_on_the_process(tmp_path: Path) -> None:
-    # The same situations, all of them in one other process.
-    roots = [situation(tmp_path / name) for name, situation in SITUATIONS.items()]
+@pytest.mark.parametrize("every", sampled([3, 1], every=2))
+def test_reports_do_not_depend_on_the_process(tmp_path: Path, every: int) -> None:
+    # The same situations, one of so many of them, in one other process.
+    roots = [SITUATIONS[name](tmp_path / name) for name in list(SITUATIONS)[::every]]
     ((_, there),) = isolated(1)(validate_all, [roots])
     assert there == validate_all(roots)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.content_cache import kept
+from tests.sampling import sampled
 from tests.validator.leakage.classifiers import Regression, Undecided
 from tests.validator.leakage.replays import changed, replay_inputs
 
@@ -187,12 +188,12 @@ def test_bit_identical_replays_pass_exactly() -> None:
 
 @pytest.mark.parametrize(
     ("source", "place", "variable", "span"),
-    [
+    sampled([
         ("ego", (13, 3), "speed_mps", [-10, -10]),
         ("ego", (2, 0), "x_m", [-65, -65]),
         ("discrepancy", (7,), "vehicle_gap_m", None),
-    ],
-)
+    ], every=2),
+)  # fmt: skip
 def test_an_offset_of_the_minimum_detectable_effect_is_found_and_named(
     clean: dict[str, Any],
     parts: dict[str, Any],

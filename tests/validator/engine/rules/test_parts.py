@@ -26,7 +26,7 @@ def outcome(report: Any) -> tuple[Any, ...]:
     return report.verdict, rules, findings, report.population
 
 
-@pytest.mark.parametrize("mutant", sampled(FIRST.values(), every=6), ids=FIRST)
+@pytest.mark.parametrize("mutant", sampled(FIRST.values(), every=12), ids=FIRST)
 def test_parts_add_up_to_the_whole(mutant: Mutant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     draft = new_draft(mutant.base)
     mutant.edit(draft)
