@@ -20,9 +20,11 @@ from branchdrive.contract.resources import PROJECT_URL
 HEAVY = ("torch", "pymunk", "cvxpy", "scipy", "cv2", "numba")
 
 PROBE = """
-import json, sys
+import contextlib, io, json, sys
 import branchdrive
 import branchdrive.cli.main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    branchdrive.cli.main.run(["--help"], sys.stdout, sys.stderr)  # it loads every command
 from branchdrive.contract.resources import load_resource, schema_dir
 public = list(branchdrive.__all__)
 print(json.dumps({
@@ -61,7 +63,7 @@ def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def probe(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What a fresh interpreter sees after importing the installed package and its command."""
+    """What a fresh interpreter sees after importing the installed package, and after the help of its command."""
     environment = {**os.environ, "PYTHONPATH": str(site)}
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     result: dict[str, Any] = json.loads(run(sys.executable, "-c", PROBE, env=environment, cwd=elsewhere))

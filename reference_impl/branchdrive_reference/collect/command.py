@@ -17,9 +17,6 @@ from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.interrupt import deferred_interrupt, heeded_termination
-from branchdrive_reference.collect.fault import FAULT_RATES
-from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS
-from branchdrive_reference.simulation.branch_kind import BRANCH_SHARES
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport
@@ -52,6 +49,10 @@ def strength(text: str) -> float:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
+    from branchdrive_reference.collect.fault import FAULT_RATES
+    from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS
+    from branchdrive_reference.simulation.branch_kind import BRANCH_SHARES
+
     presets = ", ".join(f"{name} ({preset.num_groups:,} groups)" for name, preset in PRESETS.items())
     fault_presets, branch_presets = " or ".join(FAULT_PRESETS), " or ".join(BRANCH_PRESETS)
     parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
@@ -107,6 +108,10 @@ class _Choice:
 
 
 def _choose(args: argparse.Namespace) -> _Choice:
+    from branchdrive_reference.collect.fault import FAULT_RATES
+    from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS
+    from branchdrive_reference.simulation.branch_kind import BRANCH_SHARES
+
     preset = PRESETS.get(args.preset)
     num_groups = args.groups or (preset and preset.num_groups)
     if not num_groups:

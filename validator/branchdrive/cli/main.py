@@ -197,7 +197,7 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
         if name == wanted:
             with extra(of=f"`{name}`"):
                 command = _load(module_name)
-            command.add_arguments(subparsers.add_parser(name, description=command.SUMMARY))
+                command.add_arguments(subparsers.add_parser(name, description=command.SUMMARY))
         else:
             subparsers.add_parser(name, add_help=False)
     args = parser.parse_args(argv)
