@@ -207,9 +207,10 @@ class Folder:
 
     @cached_property
     def shards(self) -> list[str]:
-        """Folders of shards, the listed ones whose files are gone included."""
-        names = [*self.kinds, *self.manifest.digests]
-        return sorted({match[0] for name in names if (match := SHARD.match(name)) and len(name) > len(match[0])})
+        """Folders of shards, empty ones and the listed ones whose files are gone included."""
+        listed = [name for name in self.manifest.digests if (match := SHARD.match(name)) and name != match[0]]
+        folders = [name for name, kind in self.kinds.items() if kind == "folder"]
+        return sorted({match[0] for name in (*folders, *listed) if (match := SHARD.match(name))})
 
 
 def lay_001(folder: Folder) -> list[Location]:

@@ -61,7 +61,7 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
                 if rule != "BD-TAB-001" or path in folder.sound:  # another digest is blamed already
                     reading.found[rule] += [{"file": path, **location} for location in locations]
             whole &= not set(failures) & {"BD-TAB-001", "BD-TAB-002", "BD-LAY-007"}
-        reading.is_whole &= whole or shard not in folder.kinds
+        reading.is_whole &= whole or folder.kinds.get(shard) != "folder"
         if whole:
             for table in paths:
                 connection.execute(f"insert into {table} by name select '{shard}' as shard, * from read_{table}")

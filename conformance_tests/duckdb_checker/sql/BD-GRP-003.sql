@@ -3,6 +3,6 @@ select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table"
         case when c.seed is distinct from n.seed then 'seed' end,
         case when c.repetition is distinct from n.repetition then 'repetition' end
     ) as "column"
-from chosen_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
-where "column" is not null and c.group_id in (select group_id from examined_nominal)
+from examined_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
+where "column" is not null
 qualify row_number() over (partition by c.group_id order by c.rollout_id) = 1

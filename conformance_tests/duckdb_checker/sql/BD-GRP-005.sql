@@ -6,6 +6,6 @@ select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table"
         case when c.ego_width_m is distinct from n.ego_width_m then 'ego_width_m' end,
         case when c.ego_height_m is distinct from n.ego_height_m then 'ego_height_m' end
     ) as "column"
-from chosen_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
-where "column" is not null and c.group_id in (select group_id from examined_nominal)
+from examined_pair p join rollouts c using (run) join rollouts n on n.run = p.nominal_run
+where "column" is not null
 qualify row_number() over (partition by c.group_id order by c.rollout_id) = 1

@@ -71,7 +71,9 @@ where c.tick between a.t_b - 75 and a.t_b + 50;
 -- Vehicles where their tracks begin, of all attempts.
 create or replace temp table body_of_vehicle as
 select width_m from (
-    select width_m, actor_class, tick - lag(tick) over (partition by run, actor_id order by tick) as since
-    from actors join rollouts using (run)
-    where tick between branch_tick - 75 and branch_tick + 50)
-where actor_class = 'vehicle' and since is distinct from 5;
+    select c.width_m, c.actor_class, o.before, lag(c.tick) over (partition by c.run, c.actor_id order by c.tick) as last
+    from actors c join rollouts r using (run)
+    left join (select run, tick, lag(tick) over (partition by run order by tick) as before from observations) o
+        on o.run = c.run and o.tick = c.tick
+    where c.tick between r.branch_tick - 75 and r.branch_tick + 50)
+where actor_class = 'vehicle' and (last is null or last is distinct from before);

@@ -53,3 +53,6 @@ select group_id from branch_group where group_id not in (select group_id from ch
 
 create or replace temp table examined_nominal as
 select * from chosen_nominal semi join examined_group using (group_id);
+
+create or replace temp table examined_pair as
+select * from chosen_pair where nominal_run in (select run from examined_nominal);

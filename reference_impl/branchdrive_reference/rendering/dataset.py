@@ -114,7 +114,7 @@ def render_dataset(
 
 def is_rendering(root: Path) -> bool:
     """Whether a run was interrupted at `root`, or is going on."""
-    return (root / STAGING_DIR / RENDER_DIR / FRAMES).exists()
+    return (root / STAGING_DIR / RENDER_DIR).exists()
 
 
 def _manifest(root: Path) -> Manifest:
@@ -163,7 +163,8 @@ class _Rendering:
             there, wanted = plan_text(found), plan_text(self._plan.document())
             raise UsageError(
                 f"{str(self._root / area)!r} holds what an interrupted run has rendered of {there}; asked for is "
-                f"{wanted}; give the options of that run to go on with it, or delete the folder to start over"
+                f"{wanted}; give the options of that run, under its versions, to go on with it, or delete the "
+                "folder to start over"
             )
 
     def _is_done(self, descriptor: Descriptor) -> bool:

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 from tests import synthetic
-from tests.sampling import sampled
 from tests.validator.engine.datasets import DEPARTURES, FOLDER, cells, edited, with_column, write, write_with
 
 from branchdrive.contract.document import schema_mismatches
@@ -89,7 +88,7 @@ def _with_manifest(root: Path, content: bytes) -> Path:
     return root
 
 
-@pytest.fixture(scope="module", params=sampled(SITUATIONS, every=2))
+@pytest.fixture(scope="module", params=SITUATIONS)
 def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Report:
     situation: Callable[[Path], Report] = SITUATIONS[request.param]
     return situation(tmp_path_factory.mktemp("situation") / "dataset")

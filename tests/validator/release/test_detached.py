@@ -87,6 +87,17 @@ def test_with_a_damaged_raw_layer_it_is_not_valid(detached: Path, dataset: Path)
     assert "BD-REL-001" in out
 
 
+def test_rules_on_rows_are_claimed_by_the_dataset_that_has_them(detached: Path, raw: Path, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(detached, tmp_path / "other"))
+    document = json.loads((root / "branchdrive.json").read_bytes())
+    document["streams"].remove("actor_risk_evidence")
+    (root / "branchdrive.json").write_text(json.dumps(document))
+    seal_dataset(root)
+    rules = {rule["id"]: rule for rule in json.loads(call_validate(root, "--raw", raw, "--format", "json")[1])["rules"]}
+    alone = {rule["id"]: rule for rule in json.loads(call_validate(root, "--format", "json")[1])["rules"]}
+    assert (rules["BD-EVD-002"]["status"], alone["BD-EVD-002"]["status"]) == ("pass", "not-claimed")
+
+
 def test_a_dataset_with_its_raw_layer_takes_no_other(built: Path, raw: Path) -> None:
     code, out, err = call_validate(built, "--raw", raw)
     assert (code, out) == (2, "")

@@ -145,7 +145,7 @@ def test_the_work_of_an_interrupted_command_is_kept_from_others(dataset: Path) -
         (area / "part").write_text("")
         raise KeyboardInterrupt
     left = contents(dataset)
-    advice = r"an interrupted `branchdrive render` has left its work in \.staging/render; run it again to finish it"
+    advice = r"`branchdrive render` was interrupted and left its work in \.staging/render; run it again to finish it"
     with pytest.raises(UsageError, match=advice):
         build(dataset)
     with pytest.raises(UsageError, match=advice), lock_area(dataset):

@@ -81,6 +81,7 @@ def examine(
     selection = result.selection = select_candidates(view, result.complies)
     num_groups = len(view.group_ids)
     touched = np.any(broken[selection.chosen] & (selection.chosen >= 0), axis=1)
+    touched |= np.array([group_id in split_groups for group_id in view.group_ids], bool)
     for rule_id in in_scope["group"]:
         tally = claimed[rule_id]
         bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)

@@ -140,8 +140,9 @@ def audit_shard(task: ShardTask) -> ShardResult:
     """Read, hash, decode and judge one shard; whatever the files hold becomes part of the result."""
     result = ShardResult(task.folder)
     tables: dict[str, pa.Table] = {}
-    # A table lies right in the shard's folder; whatever lies deeper is hashed, never read in its place.
-    table_of = {f"{task.folder}/{table.file_name}": name for name, table in TABLES.items()}
+    # A claimed table lies right in the shard's folder; what lies deeper or is not claimed is hashed, never read.
+    claimed = tuple(TABLES) if task.descriptor is None else task.descriptor.tables
+    table_of = {f"{task.folder}/{TABLES[name].file_name}": name for name in claimed}
     for path in task.files:
         name = table_of.get(path)
         if name is None:

@@ -14,6 +14,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.media import MediaMode
@@ -124,7 +125,7 @@ def validate(
         survey = source if source.root == survey.root else replace(survey, shards=source.shards)
         derived = judge_derived(layers, reading, source, selected, executor)
     survey = survey.with_digests(derived.digests, derived.unreadable)
-    tallies = _merge(survey, results, selected, derived.tallies)
+    tallies = _merge(survey, source.descriptor, results, selected, derived.tallies)
     outcomes = apply_waivers(tallies, waivers, today or date.today())
     funnel = Funnel()
     for result in results:
@@ -171,10 +172,15 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
 
 
 def _merge(
-    survey: Survey, results: Sequence[ShardResult], selected: frozenset[str], derived: Mapping[str, Tally]
+    survey: Survey,
+    of_raw: Descriptor | None,
+    results: Sequence[ShardResult],
+    selected: frozenset[str],
+    derived: Mapping[str, Tally],
 ) -> dict[str, Tally]:
-    """One tally per rule of the catalogue over the whole dataset."""
+    """One tally per rule of the catalogue over the whole dataset, whose shards `of_raw` describes."""
     tallies: dict[str, Tally] = {}
+    described = of_raw if results else survey.descriptor
     left_out = next((shard.left_out for shard in results if shard.left_out), None)
     for rule_id in CATALOGUE:
         tally = tallies[rule_id] = Tally(rule_id)
@@ -196,8 +202,8 @@ def _merge(
                 tally.add(shard.tallies[rule_id])
             if survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
-            else:
-                tally.is_claimed = tally.info.is_about(survey.descriptor.streams)
+            elif described is not None:
+                tally.is_claimed = tally.info.is_about(described.streams)
     return tallies
 
 

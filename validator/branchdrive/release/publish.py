@@ -43,7 +43,7 @@ _BUILD_DIR = "build"
 """Folder in the staging area of who derives layers from a dataset."""
 RENDER_DIR = "render"
 """Folder in the staging area of who derives media from a dataset."""
-_WAITING = {_BUILD_DIR: "an interrupted `branchdrive build`", RENDER_DIR: "an interrupted `branchdrive render`"}
+_WAITING = {_BUILD_DIR: "a build or a benchmark", RENDER_DIR: "`branchdrive render`"}
 
 _NEW = "new"
 _BENCHMARK = "benchmark-"
@@ -68,7 +68,9 @@ def lock_area(target: Path) -> Iterator[Path]:
         try:
             yield area
         finally:
-            delete(area / _BUILD_DIR)
+            delete(area / _BUILD_DIR / _NEW)
+            with suppress(OSError):  # parts that a build goes on from
+                (area / _BUILD_DIR).rmdir()
             _leave(area)
 
 
@@ -129,7 +131,7 @@ def _sole_writer(target: Path, area: Path, folder: str) -> Iterator[None]:
         others = [name for name in others if not name.startswith(_BENCHMARK)]
         if waiting := next((name for name in others if name in _WAITING), None):
             raise UsageError(
-                f"{target}: {_WAITING[waiting]} has left its work in {STAGING_DIR}/{waiting}; "
+                f"{target}: {_WAITING[waiting]} was interrupted and left its work in {STAGING_DIR}/{waiting}; "
                 "run it again to finish it, or delete that folder"
             )
         if others:
