@@ -30,6 +30,12 @@ def test_cases_conform_to_their_schema() -> None:
         assert path == cases_dir() / f"{document['name']}.json"
 
 
+def test_links_lead_to_the_same_place_wherever_a_case_is_written(cases: list[Case]) -> None:
+    targets = [step["target"] for case in cases for step in case.recipe if step["op"] == "link"]
+    away = {target for target in targets if target.startswith("/")}
+    assert away == {"/etc", "/etc/hostname", "/etc/passwd", "/nowhere"}
+
+
 def test_cases_are_those_of_the_registry(cases: list[Case]) -> None:
     assert sorted(case.name for case in cases) == sorted(case_names())
 

@@ -248,24 +248,24 @@ def names_of_equal_letters_in_two_shards(d: Draft) -> None:
 # BD-LAY-006
 
 
-def _link(root: Path, path: str, target: Path) -> None:
+def _link(root: Path, path: str, target: str) -> None:
     (root / path).unlink(missing_ok=True)
     (root / path).symlink_to(target)
 
 
 @mutant("BD-LAY-006", at={"file": CONTROLS})
 def link_in_place_of_a_table(d: Draft) -> None:
-    d.after_seal(lambda root: _link(root, CONTROLS, root / SHARD_0 / "controls.parquet"))
+    d.after_seal(lambda root: _link(root, CONTROLS, "../shard-00000/controls.parquet"))
 
 
 @mutant("BD-LAY-006", base="media", at={"file": f"{SHARD_0}/passwd"})
 def link_out_of_the_root(d: Draft) -> None:
-    d.after_seal(lambda root: _link(root, f"{SHARD_0}/passwd", Path("/etc/passwd")))
+    d.after_seal(lambda root: _link(root, f"{SHARD_0}/passwd", "/etc/passwd"))
 
 
 @mutant("BD-LAY-006", at={"file": "raw/shard-00002"})
 def link_to_a_folder(d: Draft) -> None:
-    d.after_seal(lambda root: _link(root, "raw/shard-00002", root / SHARD_0))
+    d.after_seal(lambda root: _link(root, "raw/shard-00002", "shard-00000"))
 
 
 @mutant("BD-LAY-006", at={"file": f"{SHARD_0}/evidence.parquet"})
