@@ -10,7 +10,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
 from branchdrive.raw.reader import open_dataset
-from branchdrive_reference.rendering.dataset import is_rendering
+from branchdrive.release.publish import is_rendering
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import MEDIA_STREAMS, cameras_of
 

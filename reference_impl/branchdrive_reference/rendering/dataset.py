@@ -46,7 +46,7 @@ from branchdrive_reference.rendering.group import joined_pieces, piece_paths
 from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, plan_text, with_media
 from branchdrive_reference.rendering.work import Task, render_groups
 
-__all__ = ["RenderReport", "is_rendering", "render_dataset"]
+__all__ = ["RenderReport", "render_dataset"]
 
 _PLAN_FILE, _READY_FILE = "plan.json", "ready.txt"
 
@@ -110,11 +110,6 @@ def render_dataset(
         _copy(root, output)
         root = output
     return _Rendering(root, plan, jobs, watch).run()
-
-
-def is_rendering(root: Path) -> bool:
-    """Whether a run was interrupted at `root`, or is going on."""
-    return (root / STAGING_DIR / RENDER_DIR).exists()
 
 
 def _manifest(root: Path) -> Manifest:

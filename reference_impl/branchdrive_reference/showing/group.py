@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from branchdrive.contract.columns import STREAMS
-from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.errors import UsageError
 from branchdrive.raw.reader import Dataset
-from branchdrive.release.publish import RENDER_DIR
+from branchdrive.release.publish import is_rendering
 from branchdrive_reference.drawing.elements import elements_around
 from branchdrive_reference.drawing.scene import read_scene
 from branchdrive_reference.showing.sheet import Sheet
@@ -26,10 +25,9 @@ def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
     """
     descriptor = dataset.descriptor
     if not any(STREAMS[name].cameras for name in descriptor.streams):
-        is_cut = (dataset.root / STAGING_DIR / RENDER_DIR).exists()
-        advice = (
-            "a `branchdrive render` was interrupted: run it again" if is_cut else "add them with `branchdrive render`"
-        )
+        advice = "add them with `branchdrive render`"
+        if is_rendering(dataset.root):
+            advice = "a `branchdrive render` was interrupted: run it again"
         raise UsageError(f"{str(dataset.root)!r} has no media; {advice}")
     group = dataset.group(group_id)
     scene = read_scene(group, descriptor)

@@ -101,13 +101,13 @@ HOSTILE: dict[str, tuple[Mapping[str, Edit], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("edits", "told"), sampled(HOSTILE.values(), every=5), ids=HOSTILE)
-def test_a_group_that_cannot_be_drawn_is_one_line(tmp_path: Path, edits: Mapping[str, Edit], told: str) -> None:
+@pytest.mark.parametrize(("edits", "reason"), sampled(HOSTILE.values(), every=5), ids=HOSTILE)
+def test_a_group_that_cannot_be_drawn_is_one_line(tmp_path: Path, edits: Mapping[str, Edit], reason: str) -> None:
     samples.written(tmp_path / "d", edits)
     code, out, err = draw(tmp_path / "d", "--output", tmp_path / "p", "--group", "g0")
     assert (code, out) == (2, "")
     assert err.startswith("branchdrive: group 'g0' cannot be drawn: ")
-    assert told in err
+    assert reason in err
     assert err[:-1].isprintable() and len(err) < 400
     assert not (tmp_path / "p").exists()
 

@@ -22,7 +22,8 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.durable import move
 from branchdrive.formats.manifest import build_manifest, write_manifest
-from branchdrive_reference.rendering.dataset import RenderReport, is_rendering, render_dataset
+from branchdrive.release.publish import is_rendering
+from branchdrive_reference.rendering.dataset import RenderReport, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
 

@@ -35,7 +35,7 @@ from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifes
 from branchdrive.formats.untrusted import read_file
 
 __all__ = [
-    "RENDER_DIR", "benchmark_area", "has_card", "lock_area", "make_private", "publish", "publish_layer",
+    "RENDER_DIR", "benchmark_area", "has_card", "is_rendering", "lock_area", "make_private", "publish", "publish_layer",
     "published_identity", "staging",
 ]  # fmt: skip
 
@@ -142,6 +142,11 @@ def _sole_writer(target: Path, area: Path, folder: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def is_rendering(target: Path) -> bool:
+    """Whether a rendering was interrupted at `target`, or is going on."""
+    return (target / STAGING_DIR / RENDER_DIR).exists()
 
 
 def published_identity(target: Path) -> str:
