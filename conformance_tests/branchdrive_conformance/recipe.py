@@ -117,12 +117,26 @@ def _path(root: Path, path: str) -> Path:
 
 
 def read_table(content: bytes) -> pa.Table:
-    """Table of a Parquet file of a base dataset, types as they are stored.
+    """Table of a Parquet file of a base dataset, types as they are stored, names of items of lists included.
 
     Raises:
         pyarrow.ArrowException: The bytes are no Parquet file.
     """
-    return pq.ParquetFile(pa.BufferReader(content)).read()
+    file = pq.ParquetFile(pa.BufferReader(content))
+    table = file.read()
+    written = (file.metadata.metadata or {}).get(b"ARROW:schema")
+    if written is None:
+        return table
+    schema = pa.ipc.read_schema(pa.BufferReader(base64.b64decode(written)))
+    kinds = [
+        other.type if pa.types.is_list(field.type) and pa.types.is_list(other.type) else field.type
+        for field, other in zip(table.schema, schema, strict=True)
+    ]
+    return table.cast(
+        pa.schema(
+            [field.with_type(kind) for field, kind in zip(table.schema, kinds, strict=True)], table.schema.metadata
+        )
+    )
 
 
 def rows_of(ranges: Iterable[Sequence[int]], num_rows: int) -> np.ndarray:

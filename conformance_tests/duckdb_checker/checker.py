@@ -5,9 +5,9 @@ A statement gives one row for each finding; its columns are the keys of the repo
 Files without the identity of a rule prepare tables that several rules read.
 """
 
-import hashlib
 import re
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any
 import documents
 import duckdb
 import layout
+import media
 import tables
 import values
 from contract import BOUNDS, LIMITS, RAW_TABLES, RULES, VERSION
@@ -23,7 +24,6 @@ from layout import Folder, Location
 
 SQL = Path(__file__).parent / "sql"
 NO_SUBJECT = "no subject"
-MAX_OVERLAP = 2  # images of a file hold at most this many times its bytes
 UNREADABLE = "files or documents that it needs cannot be read"
 EXIT_CODES = {"valid": 0, "invalid": 1, "partial": 3}
 
@@ -35,7 +35,7 @@ def claims() -> list[str]:
     """Identities of the rules that this checker judges, in the order of the catalogue."""
     judged = {path.stem for path in SQL.glob("BD-*.sql")} | {*values.VIOLATIONS, *LAYOUT_RULES}
     judged |= {f"BD-DOC-{number:03}" for number in range(1, 6)} | {f"BD-TAB-{number:03}" for number in range(1, 7)}
-    judged |= {"BD-LAY-009", "BD-ENC-001", "BD-FRM-002"}
+    judged |= {"BD-LAY-009", "BD-ENC-001", "BD-FRM-002", "BD-FRM-013"}
     return [rule["id"] for rule in RULES if rule["id"] in judged]
 
 
@@ -86,11 +86,12 @@ class Judgement:
         if self.descriptor:
             self._bind()
             self._prepare_rows()
+            self._judge_media()
             self._judge_structure()
             self._judge_attempts()
             self._judge_groups()
         else:
-            self.outcomes["BD-FRM-002"] = outcome(*self._media())
+            self._judge_media()
         for rule in RULES:
             if not self.is_whole and rule["grain"] in ("row", "rollout", "group") and not self.failed(rule["id"]):
                 self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
@@ -108,7 +109,8 @@ class Judgement:
             if self.failed("BD-LAY-001") and "BD-LAY-001" in rule.get("requires", ()):
                 self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
             else:
-                self.outcomes[rule["id"]] = outcome(LAYOUT_RULES[rule["id"]](self.folder))
+                found = LAYOUT_RULES[rule["id"]](self.folder)
+                self.outcomes[rule["id"]] = outcome(found, layout.num_examined(rule["id"], self.folder))
 
     def _judge_documents(self) -> None:
         self._judge_descriptor()
@@ -129,14 +131,16 @@ class Judgement:
             if self.failed(rule):
                 return
         self.descriptor = value
-        encoding = documents.enc_001(value)
-        self.outcomes["BD-ENC-001"] = outcome(encoding or [], examined=int(encoding is not None))
+        if documents.has_own_encoding(value):
+            self.outcomes["BD-ENC-001"] = Outcome("skipped", "an encoding of the dataset's own cannot be recomputed")
+        else:
+            encoding = documents.enc_001(value)
+            self.outcomes["BD-ENC-001"] = outcome(encoding or [], examined=int(encoding is not None))
 
     def _bind(self) -> None:
         """Parameters of the statements: declared bounds, and what the descriptor says."""
         noise = self.descriptor["collection"].get("replay_noise", 0)
-        if not isinstance(noise, dict):
-            noise = {"kind": "injected" if noise else "exact"}
+        noise = noise if isinstance(noise, dict) else {"kind": "injected" if noise else "exact"}
         tolerances = self.descriptor.get("tolerances", {})
         self.parameters = {
             **BOUNDS,
@@ -146,8 +150,11 @@ class Judgement:
             "unrecorded": self.descriptor.get("unrecorded", []),
             "cameras": documents.claimed_cameras(self.descriptor),
             "has_evidence": "actor_risk_evidence" in self.descriptor["streams"],
+            "is_log": (self.descriptor.get("driver") or {}).get("kind") == "log",
+            "has_map": "map" in self.descriptor["streams"],
             "noise": noise["kind"],
             "scenario_types": self.descriptor["collection"].get("scenario_types", []),
+            "wheelbase_m": (self.descriptor.get("vehicle") or {}).get("wheelbase_m"),
             "single_axis": (self.descriptor.get("vehicle") or {}).get("actuation") == "single_axis",
         }
 
@@ -173,7 +180,7 @@ class Judgement:
             if any(self.failed(required) for required in rule.get("requires", ())):
                 self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
             else:
-                self.outcomes[rule["id"]] = outcome(reading.found[rule["id"]], reading.examined)
+                self.outcomes[rule["id"]] = outcome(reading.found[rule["id"]], reading.examined[rule["id"]])
         self.tables = [table for table in RAW_TABLES if table in claimed]
         self.is_whole = reading.is_whole
 
@@ -203,8 +210,6 @@ class Judgement:
                 if rule["id"] in values.VIOLATIONS:
                     sql = values.statement(rule["id"], self.tables)
                     self._judge_rule(rule, sql)
-                elif rule["id"] == "BD-FRM-002":
-                    self.outcomes[rule["id"]] = outcome(*self._media())
                 elif rule["id"] in claims():
                     self._judge_rule(rule, _script(rule["id"]))
         rules = [rule["id"] for rule in RULES if rule["grain"] not in ("file", "document")]
@@ -237,32 +242,23 @@ class Judgement:
 
     def _judge_attempts(self) -> None:
         """Qualification rules on rollouts; their failures decide who complies."""
-        self._prepare("attempts")
-        if self.parameters["has_evidence"]:
-            self._prepare("evidence")
-        if "map" in self.descriptor["streams"]:
-            self._prepare("walls")
-            self._prepare("surfaces")
+        with_evidence = ["evidence"] * self.parameters["has_evidence"]
+        with_map = ["walls", "surfaces"] * self.parameters["has_map"]
+        for name in ("attempts", "motion", *with_evidence, "results", "histories", *with_map):
+            self._prepare(name)
         for rule in RULES:
             is_judged = rule["id"] in claims() and self._is_about(rule)
             if rule["kind"] == "qualification" and rule["grain"] == "rollout" and is_judged:
-                self._count_attempts(rule)
                 self._judge_rule(rule, _script(rule["id"]))
-                failing = [[rule["id"], place["rollout_id"]] for place in self.outcomes[rule["id"]].locations]
+                judged = self.outcomes[rule["id"]]
+                self.connection.execute("insert into judged values (?, ?)", [rule["id"], judged.examined])
+                failing = [[rule["id"], place["rollout_id"]] for place in judged.locations]
                 if failing:
                     self.connection.executemany("insert into failed values (?, ?)", failing)
 
-    def _count_attempts(self, rule: dict[str, Any]) -> None:
-        """Notes how many attempts a rule examines, without those that fail a rule that it requires."""
-        required = ", ".join(f"'{name}'" for name in rule.get("requires", ["none"]))
-        self._execute(
-            f"insert into judged select '{rule['id']}', count(*) from (from {_subjects(_script(rule['id']))}) "
-            f"where rollout_id not in (select rollout_id from failed where rule in ({required}))"
-        )
-
     def _judge_groups(self) -> None:
         """Rules on groups and on the dataset, after the choice of candidates."""
-        for name in ("choice", "replays", "response", "calibration"):
+        for name in ("choice", "replays", "response", "calibration", "prevalence"):
             self._prepare(name)
         for rule in RULES:
             if rule["id"] not in self.outcomes and self._is_about(rule) and (SQL / f"{rule['id']}.sql").exists():
@@ -278,14 +274,6 @@ class Judgement:
         if sql is None:
             self.outcomes[rule["id"]] = outcome([], examined=0)
             return
-        examined = sum(self._count(subject) for subject in _subjects(sql).split(" + "))
-        if not examined:
-            self.outcomes[rule["id"]] = Outcome("skipped", NO_SUBJECT)
-            return
-        cursor = self._execute(sql)
-        names = [name for name, *_ in cursor.description]
-        rows = [zip(names, row, strict=True) for row in cursor.fetchall()]
-        places = [_place(dict(row)) for row in rows]
         required = {
             place["rollout_id"]
             for name in rule.get("requires", ())
@@ -293,45 +281,45 @@ class Judgement:
             for place in self.outcomes[name].locations
             if "rollout_id" in place
         }
+        examined = sum(self._count(subject, required) for subject in _subjects(sql).split(" + "))
+        if not examined:
+            self.outcomes[rule["id"]] = Outcome("skipped", NO_SUBJECT)
+            return
+        cursor = self._execute(sql)
+        names = [name for name, *_ in cursor.description]
+        rows = [zip(names, row, strict=True) for row in cursor.fetchall()]
+        places = [_place(dict(row)) for row in rows]
         found = [place for place in places if place.get("rollout_id") not in required]
         self.outcomes[rule["id"]] = outcome(found, examined)
 
-    def _count(self, subjects: str) -> int:
-        """Rows of a table, or of a table under a condition."""
+    def _count(self, subjects: str, left_out: Collection[str] = ()) -> int:
+        """Rows of a table, or of a table under a condition, without those of attempts that are left out."""
+        if left_out:
+            rows = self._execute(f"select rollout_id from {subjects}").fetchall()
+            return sum(rollout_id not in left_out for (rollout_id,) in rows)
         if subjects not in self.counts:
             ((self.counts[subjects],),) = self._execute(f"select count(*) from {subjects}").fetchall()
         return self.counts[subjects]
 
-    def _media(self) -> tuple[list[Location], int]:
-        """BD-FRM-002: media bytes are where the index says."""
-        rows = self._execute(
-            "select shard || '/' || file, rollout_id, tick, camera, offset_bytes, size_bytes, checksum from frames "
-            "where file is not null"
-        ).fetchall()
-        by_file: dict[str, list[tuple[Any, ...]]] = {}
-        for path, *image in rows:
-            if layout.safe(path):
-                by_file.setdefault(path, []).append(tuple(image))
-        found: list[Location] = []
-        for path, images in by_file.items():
-            if path not in self.folder.kinds and path not in self.folder.manifest.digests:
-                found.append({"file": path})
-            data = self.folder.read(path, LIMITS["max_media_bytes"]) if path in self.folder.sound else None
-            if data is None:
-                continue
-            whole = [image for image in images if None not in image]
-            ends = {(offset, min(offset + size, len(data))) for *_, offset, size, _ in whole}
-            if sum(max(end - start, 0) for start, end in ends) > MAX_OVERLAP * len(data):
-                found.append({"file": path})
-                continue
-            for rollout_id, tick, camera, offset, size, checksum in whole:
-                image = data[offset : offset + size]
-                head = data[max(offset - 512, 0) : max(offset, 0)]
-                is_stray = path.endswith(".tar") and not layout.is_member(head, size)
-                if is_stray or len(image) < size or hashlib.sha256(image).hexdigest()[:16] != checksum:
-                    row = {"rollout_id": rollout_id, "tick": tick, "camera": camera}
-                    found.append({"file": path, "table": "frames", **row})
-        return found, self._count("frames")
+    def _judge_media(self) -> None:
+        """Rules on files of images: BD-FRM-002, BD-FRM-013, and limits of the index."""
+        whole = " and ".join(f"{name} is not null" for name in media.COLUMNS.split(", "))
+        rows = [
+            media.Row(*row) for row in self._execute(f"select {media.COLUMNS} from frames where {whole}").fetchall()
+        ]
+        cameras = {camera["name"]: camera for camera in self.descriptor.get("cameras", [])}
+        shards = {row.shard for row in rows} | (set(self.folder.shards) if self.is_whole else set())
+        found = media.judge(self.folder, rows, cameras, shards)
+        beyond = {layout.shard_of(str(place["file"])) for place in found.limits}
+        if beyond:
+            self.outcomes["BD-LAY-007"] = outcome([*self.outcomes["BD-LAY-007"].locations, *found.limits])
+            for rule in RULES:
+                if "BD-LAY-007" in rule.get("requires", ()) and not self.failed(rule["id"]):
+                    self.outcomes[rule["id"]] = Outcome("skipped", UNREADABLE)
+        num_rows = dict(self._execute("select shard, count(*) from frames group by shard").fetchall())
+        examined = sum(number for shard, number in num_rows.items() if shard not in beyond)
+        self.outcomes["BD-FRM-002"] = outcome(found.places, examined)
+        self.outcomes["BD-FRM-013"] = outcome(found.archives, found.num_archives)
 
     def report(self) -> dict[str, Any]:
         """The report, in the form of `report.schema.json` as far as this checker judges."""

@@ -169,10 +169,16 @@ def encode(policy: dict[str, Any]) -> list[float] | None:
     ]
 
 
-def enc_001(descriptor: dict[str, Any]) -> list[Location] | None:
-    """Declared action encoding matches its recomputation from the bank; None where nothing can be recomputed."""
+def has_own_encoding(descriptor: dict[str, Any]) -> bool:
+    """Whether an action encoding is declared that this version does not define."""
     encoding = descriptor.get("action_encoding")
-    if encoding is None or encoding["name"] != "bd29":
+    return encoding is not None and encoding["name"] != "bd29"
+
+
+def enc_001(descriptor: dict[str, Any]) -> list[Location] | None:
+    """Declared action encoding matches its recomputation from the bank; None where none is declared."""
+    encoding = descriptor.get("action_encoding")
+    if encoding is None:
         return None
     rows = [encode(policy) for policy in descriptor["action_bank"]["policies"]]
     if any(row is None for row in rows):

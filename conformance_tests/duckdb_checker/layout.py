@@ -26,7 +26,6 @@ WORKING_FOLDER = ".staging"
 _WORKING_SUFFIXES = (".tmp", ".part", ".partial")
 _PICKLE_SUFFIXES = (".pkl", ".pickle", ".joblib", ".pt", ".pth")
 _CODE_HEADS = ("8002", "8003", "8004", "8005", "7f454c46", "4d5a9000", "cffaedfe", "cefaedfe", "cafebabe", "23212f")
-UNHIDEABLE = {DESCRIPTOR, MANIFEST, "LICENCE.txt", WORKING_FOLDER, *LAYERS[:5]}
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)", re.DOTALL)
 _HEAD = re.compile(r"# (layer [a-z]+|dataset) ([0-9a-f]{64})")
 _UNSAFE_CATEGORIES = {"Cc", "Cf", "Cs", "Zl", "Zp"}
@@ -42,6 +41,14 @@ def safe(path: str) -> bool:
         and not set(path) & {"\\", ":"}
         and not any(unicodedata.category(char) in _UNSAFE_CATEGORIES for char in path)
     )
+
+
+def folded(path: str) -> str:
+    """A path as systems know it that tell neither case nor forms of letters apart."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold())
+
+
+UNHIDEABLE = {folded(name) for name in (DESCRIPTOR, MANIFEST, "LICENCE.txt", WORKING_FOLDER, *LAYERS[:5])}
 
 
 def readable(path: str) -> bool:
@@ -159,16 +166,21 @@ class Folder:
             line.removesuffix("/").replace("[", "[[]") for line in lines if line.strip() and not line.startswith("#")
         ]
 
+    @cached_property
+    def _listed(self) -> set[str]:
+        """Files that the manifest lists and the names of the root that they lie under, folded."""
+        paths = [folded(path) for path in self.manifest.digests]
+        return {name for path in paths for name in (path, path.split("/")[0])}
+
     def is_companion(self, path: str) -> bool:
         """Whether an entry is no part of the dataset."""
-        listed = self.manifest.digests
-        if path in listed or any(name.startswith(path + "/") for name in listed):
+        if folded(path) in self._listed:
             return False
         if path.rsplit("/", 1)[-1] in COMPANIONS_ANYWHERE:
             return True
         if "/" in path:
             return False
-        hidden = path not in UNHIDEABLE and any(fnmatch.fnmatchcase(path, pattern) for pattern in self.patterns)
+        hidden = folded(path) not in UNHIDEABLE and any(fnmatch.fnmatchcase(path, pattern) for pattern in self.patterns)
         return path in COMPANIONS or hidden
 
     @cached_property
@@ -188,6 +200,13 @@ class Folder:
                     yield from self._walk(path)
             else:
                 yield path, "file" if stat.S_ISREG(mode) else "other"
+
+    @property
+    def num_repeated_bytes(self) -> int:
+        """Bytes of files that have several names, counted for every name but the first."""
+        entries = [(self.root / path).lstat() for path, kind in self.kinds.items() if kind == "file"]
+        once = {(entry.st_dev, entry.st_ino): entry.st_size for entry in entries}
+        return sum(entry.st_size for entry in entries) - sum(once.values())
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -211,6 +230,16 @@ class Folder:
         listed = [name for name in self.manifest.digests if (match := SHARD.match(name)) and name != match[0]]
         folders = [name for name, kind in self.kinds.items() if kind == "folder"]
         return sorted({match[0] for name in (*folders, *listed) if (match := SHARD.match(name))})
+
+
+def num_examined(rule: str, folder: Folder) -> int:
+    """How many files a rule examines, of those that may have nothing to examine."""
+    of_some = {
+        "BD-LAY-002": len(folder.digests),
+        "BD-LAY-003": len(folder.manifest.digests),
+        "BD-LAY-010": int(os.path.lexists(folder.root / IGNORE)),
+    }
+    return of_some.get(rule, 1)
 
 
 def lay_001(folder: Folder) -> list[Location]:
@@ -241,7 +270,7 @@ def lay_005(folder: Folder) -> list[Location]:
     found = [{"file": path} for path in folder.kinds if not safe(path)] + [{"file": MANIFEST}] * folder.manifest.unsafe
     seen = set()
     for path in sorted(folder.kinds):
-        name = unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold())
+        name = folded(path)
         found += [{"file": path}] * (name in seen)
         seen.add(name)
     return found
@@ -263,6 +292,8 @@ def lay_007(folder: Folder) -> list[Location]:
         if (safe(path) and not readable(path)) or size > limit:
             found.append({"file": path})
     if sum(kind == "file" for kind in folder.kinds.values()) > LIMITS["max_files"]:
+        found.append({"file": ""})
+    if folder.num_repeated_bytes > LIMITS["max_repeated_bytes"]:
         found.append({"file": ""})
     return found
 
@@ -334,14 +365,3 @@ def lay_009(folder: Folder, descriptor: dict[str, Any]) -> list[Location]:
 def lay_010(folder: Folder) -> list[Location]:
     """The ignore file is bounded."""
     return [{"file": IGNORE} for _ in folder.ignore_faults]
-
-
-def is_member(header: bytes, size: int) -> bool:
-    """Whether a block is the header of a regular file of a tar archive with that size."""
-    if len(header) != 512 or header[257:262] != b"ustar" or header[156:157] not in (b"0", b"\0"):
-        return False
-    try:
-        stated, checksum = (int(header[at : at + 12].split(b"\0")[0][:width], 8) for at, width in ((124, 12), (148, 8)))
-    except ValueError:
-        return False
-    return stated == size and sum(header[:148] + b" " * 8 + header[156:]) == checksum

@@ -3,6 +3,7 @@
 import base64
 import contextlib
 import json
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,10 +17,10 @@ TRAITS = ("unit", "frame", "shape", "track")
 
 @dataclass
 class Reading:
-    """Locations that break the rules on tables, how many files were read, and whether a shard was left out."""
+    """Locations that break the rules on tables, how many files each examined, and whether a shard was left out."""
 
     found: dict[str, list[Location]] = field(default_factory=dict)
-    examined: int = 0
+    examined: Counter[str] = field(default_factory=Counter)
     is_whole: bool = True
 
 
@@ -41,6 +42,7 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
     judged = [number for number in range(1, 7) if is_claim or number != 4]
     reading = Reading({f"BD-TAB-{number:03}": [] for number in judged} | {"BD-LAY-007": []})
     shards = folder.shards
+    reading.examined["BD-TAB-006"] = len(shards)
     if is_claim and not shards:
         reading.found["BD-TAB-004"].append({"file": "raw"})
     for shard in shards:
@@ -48,6 +50,7 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
         known = {*folder.kinds, *folder.manifest.digests}
         if is_claim:
             reading.found["BD-TAB-004"] += [{"file": path} for path in paths.values() if path not in known]
+            reading.examined["BD-TAB-004"] += sum(path in folder.kinds or path not in known for path in paths.values())
         else:
             paths = {table: path for table, path in paths.items() if path in known}
         whole = True
@@ -55,11 +58,13 @@ def read(connection: duckdb.DuckDBPyConnection, folder: Folder, tables: list[str
             if folder.kinds.get(path) != "file":
                 whole = False
                 continue
-            reading.examined += 1
             failures = _read_table(connection, table, str(folder.root / path))
             for rule, locations in failures.items():
                 if rule != "BD-TAB-001" or path in folder.sound:  # another digest is blamed already
                     reading.found[rule] += [{"file": path, **location} for location in locations]
+            decodes = not failures.keys() & {"BD-TAB-001", "BD-LAY-007"}
+            reading.examined["BD-TAB-001"] += "BD-TAB-001" not in failures or path in folder.sound
+            reading.examined.update(dict.fromkeys(("BD-TAB-002", "BD-TAB-003", "BD-TAB-005"), int(decodes)))
             whole &= not set(failures) & {"BD-TAB-001", "BD-TAB-002", "BD-LAY-007"}
         reading.is_whole &= whole or folder.kinds.get(shard) != "folder"
         if whole:

@@ -130,12 +130,13 @@ VIOLATIONS: dict[str, Callable[[str, Column], str | None]] = {
 
 def statement(rule: str, tables: list[str]) -> str | None:
     """The statement of a rule over the claimed tables; None where it is about none of their columns."""
-    selects = []
+    selects, judged = [], []
     for table in tables:
         columns = TABLES[table]["columns"]
         violations = {column["name"]: VIOLATIONS[rule](table, column) for column in columns}
         violations = {name: condition for name, condition in violations.items() if condition}
         if violations:
+            judged.append(table)
             marks = ", ".join(f"case when {test} then '{name}' end" for name, test in violations.items())
             key = TABLES[table]["key"]
             keys = ", ".join(name if name in key else f"null as {name}" for name in PLACES)
@@ -146,4 +147,4 @@ def statement(rule: str, tables: list[str]) -> str | None:
     if not selects:
         return None
     union = " union all ".join(f"({select})" for select in selects)
-    return f'-- subjects: {" + ".join(tables)}\nselect * from ({union}) where "column" is not null'
+    return f'-- subjects: {" + ".join(judged)}\nselect * from ({union}) where "column" is not null'

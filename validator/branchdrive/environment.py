@@ -7,22 +7,26 @@ A lack is the environment's fault: one line that says what to do, and never a fi
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.abc import MetaPathFinder
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, distribution, requires, version
 from importlib.util import find_spec
 from typing import NamedTuple
+from urllib.parse import unquote, urlsplit
 
 from branchdrive.errors import PlatformError
 
 __all__ = [
-    "Requirement", "check_environment", "check_libraries", "extra", "import_fault", "leave_out_pandas", "requirements",
+    "MODULES", "Requirement", "check_environment", "check_libraries", "extra", "import_fault", "install_command",
+    "leave_out_pandas", "requirements",
 ]  # fmt: skip
 
 _DISTRIBUTION = "branchdrive"
@@ -31,6 +35,12 @@ _VERSION = re.compile(
     r"(?P<epoch>[1-9]\d*!)?(?:0!)?(?P<release>\d+(?:\.\d+)*)[-_.]?(?P<early>a|b|c|rc|alpha|beta|pre|dev)?"
 )
 """Epoch, release numbers, and what makes a version an early one of its release."""
+
+MODULES = {
+    "commonroad-vehicle-models": "vehiclemodels", "opencv-python-headless": "cv2", "pillow": "PIL",
+    "scikit-learn": "sklearn",
+}  # fmt: skip
+"""Module of a distribution whose name tells nothing about it."""
 
 
 class Requirement(NamedTuple):
@@ -175,11 +185,35 @@ def import_fault(error: ImportError, of: str, *extras: str, otherwise: str = "")
         place = f" (found at {error.path})" if error.path else ""
         return PlatformError(f"{of} cannot be loaded: {error}{place}; reinstall the package that this belongs to")
     wanted = extras or tuple(dict.fromkeys(one.extra for one in matching if one.extra))[:1]
-    install = f"branchdrive[{','.join(wanted)}]" if wanted else f"{package}>={matching[0].bound}"
+    install = install_command(*wanted) if wanted else f"pip install '{matching[0].name}>={matching[0].bound}'"
     return PlatformError(
-        f"{of} needs the package {package!r}: pip install '{install}'" + (f", or {otherwise}" if otherwise else "")
+        f"{of} needs the package {matching[0].name!r}: {install}" + (f", or {otherwise}" if otherwise else "")
     )
 
 
-def _same_name(distribution: str, package: str) -> bool:
-    return distribution.lower().replace("-", "_") == package.lower()
+def install_command(*extras: str) -> str:
+    """The command that installs extras from where this distribution came from: an index, a folder, an archive.
+
+    Installers record the place (the direct URL of PEP 610); one that came from an index has its name alone.
+    """
+    wanted = f"[{','.join(extras)}]" if extras else ""
+    url = _origin()
+    if url.startswith("file:") and not url.endswith((".whl", ".gz", ".zip")):
+        return f"pip install {shlex.quote(unquote(urlsplit(url).path) + wanted)}"
+    return f"pip install {shlex.quote(_DISTRIBUTION + wanted + (f' @ {url}' if url else ''))}"
+
+
+@cache
+def _origin() -> str:
+    """URL that the distribution was installed from; empty where it came from an index or is not installed."""
+    try:
+        recorded = distribution(_DISTRIBUTION).read_text("direct_url.json")
+    except PackageNotFoundError:
+        return ""
+    place = json.loads(recorded) if recorded else {}
+    vcs = place.get("vcs_info")
+    return f"{vcs['vcs']}+{place['url']}@{vcs['commit_id']}" if vcs else str(place.get("url", ""))
+
+
+def _same_name(name: str, package: str) -> bool:
+    return MODULES.get(name, name.lower().replace("-", "_")).lower() == package.lower()

@@ -17,6 +17,7 @@ __all__ = [
     "LimitError",
     "PlatformError",
     "ToolError",
+    "UnknownNameError",
     "UsageError",
 ]
 
@@ -27,6 +28,12 @@ class BranchDriveError(Exception):
 
 class UsageError(BranchDriveError):
     """A call or a command line that cannot be carried out as given."""
+
+
+class UnknownNameError(UsageError, KeyError):
+    """A name that a mapping of the library does not have; the message names those that it has."""
+
+    __str__ = Exception.__str__  # that of `KeyError` puts the message in quotes
 
 
 class DatasetError(BranchDriveError):

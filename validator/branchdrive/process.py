@@ -22,7 +22,9 @@ from typing import Any
 
 from branchdrive.errors import PlatformError
 
-__all__ = ["ARRAY_WORK", "ONE_THREAD", "child_environment", "exit_after", "python_command", "spawn_context"]
+__all__ = [
+    "ARRAY_WORK", "ONE_THREAD", "bare_command", "child_environment", "exit_after", "python_command", "spawn_context",
+]  # fmt: skip
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 
@@ -64,6 +66,11 @@ _starting = threading.RLock()
 def python_command(*arguments: str) -> list[str]:
     """Command line of this interpreter with `arguments`; see `child_environment`."""
     return [sys.executable, "-P", *arguments]
+
+
+def bare_command(script: str, *arguments: str) -> list[str]:
+    """Command line of this interpreter for a script that needs the standard library alone, whatever is set or near."""
+    return [sys.executable, "-I", "-S", script, *arguments]
 
 
 def child_environment() -> dict[str, str]:

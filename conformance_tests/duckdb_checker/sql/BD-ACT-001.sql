@@ -1,4 +1,4 @@
--- subjects: attempt
+-- subjects: (from attempt semi join (from track where tick > begin_tick) using (run))
 select rollout_id, group_id, 'actors' as "table", first("column" order by tick) as "column", min(tick) as tick,
     first(actor_id order by tick, actor_id) as actor_id
 from (

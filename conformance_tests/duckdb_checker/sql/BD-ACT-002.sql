@@ -1,4 +1,4 @@
--- subjects: attempt
+-- subjects: (from attempt semi join track using (run))
 with beginning as (
     select t.* from track t
     semi join (select run, begin_tick as tick from track) as begins using (run, tick)

@@ -1,4 +1,4 @@
--- subjects: attempt where 'floor' in (steer_rule, throttle_rule, brake_rule)
+-- subjects: attempt where role = 'intervention' and run in (select run from command where active and rule = 'floor')
 select rollout_id, group_id, 'controls' as "table", min_by('intended_' || actuator, tick) as "column", min(tick) as tick
-from command where active and rule = 'floor' and intended <> greatest(expert, value)
+from command where active and role = 'intervention' and rule = 'floor' and intended <> greatest(expert, value)
 group by rollout_id, group_id

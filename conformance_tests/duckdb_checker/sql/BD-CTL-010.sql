@@ -1,4 +1,4 @@
--- subjects: attempt where role = 'intervention'
+-- subjects: attempt where role = 'intervention' and run in (select run from control where active)
 select c.rollout_id, c.group_id, 'controls' as "table", min(c.tick) as tick
 from control c
 left join controls n on n.run = c.nominal_run and n.tick = c.tick

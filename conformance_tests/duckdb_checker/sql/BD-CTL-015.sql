@@ -1,4 +1,4 @@
--- subjects: attempt where $single_axis
+-- subjects: attempt where $single_axis and run in (select run from control)
 select rollout_id, group_id, 'controls' as "table", min_by("column", tick) as "column", min(tick) as tick
 from (
     select rollout_id, group_id, tick, case

@@ -1,4 +1,4 @@
--- subjects: attempt
+-- subjects: attempt where run in (select run from evidence semi join observations using (run, tick))
 with bounds as (
     select e.*, a.group_id,
         min(r.gap) filter (is_near and actor_class in ('vehicle', 'cycle')) as vehicle,

@@ -1,4 +1,4 @@
--- subjects: examined_nominal
+-- subjects: compared_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.route_id is distinct from n.route_id then 'route_id' end,
         case when c.route_x_m is distinct from n.route_x_m then 'route_x_m' end,

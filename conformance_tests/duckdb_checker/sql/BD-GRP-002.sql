@@ -1,4 +1,4 @@
--- subjects: examined_nominal
+-- subjects: compared_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.town is distinct from n.town then 'town' end
     ) as "column"

@@ -1,4 +1,4 @@
--- subjects: examined_nominal
+-- subjects: compared_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.branch_tick is distinct from n.branch_tick then 'branch_tick' end,
         case when c.branch_frame is distinct from n.branch_frame then 'branch_frame' end,

@@ -1,4 +1,4 @@
--- subjects: examined_nominal
+-- subjects: compared_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.scenario_type is distinct from n.scenario_type then 'scenario_type' end,
         case when c.environment is distinct from n.environment then 'environment' end,

@@ -1,4 +1,4 @@
--- subjects: examined_nominal
+-- subjects: compared_nominal
 select c.group_id as group_id, c.rollout_id as rollout_id, 'rollouts' as "table", coalesce(
         case when c.simulator_version is distinct from n.simulator_version then 'simulator_version' end,
         case when c.collector_version is distinct from n.collector_version then 'collector_version' end

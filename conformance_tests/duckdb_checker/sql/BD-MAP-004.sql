@@ -1,4 +1,4 @@
--- subjects: map
+-- subjects: (select town from map group by town having count(distinct shard) > 1)
 with element as (
     select shard, town, row(element_id, kind, lane_id, x_m, y_m, z_m, width_m, speed_limit_mps, marking)::varchar as text
     from map

@@ -1,4 +1,4 @@
--- subjects: surveyed
+-- subjects: surveyed where run in (select run from evidence semi join observations using (run, tick))
 with judged as (
     select e.rollout_id, a.group_id, e.tick, e.lane_id,
         coalesce(bool_or(kind = 'lane' and does_hold), false) as must, coalesce(bool_or(kind = 'lane' and may_hold and h.lane_id = e.lane_id), false) as may

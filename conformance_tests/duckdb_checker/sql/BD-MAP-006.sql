@@ -1,4 +1,4 @@
--- subjects: surveyed
+-- subjects: surveyed where run in (select run from evidence semi join observations using (run, tick))
 with judged as (
     select e.rollout_id, a.group_id, e.tick, e.on_road,
         coalesce(bool_or(does_hold), false) as must, coalesce(bool_or(may_hold), false) as may

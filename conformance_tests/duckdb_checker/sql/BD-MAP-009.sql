@@ -1,4 +1,4 @@
--- subjects: attempt
+-- subjects: attempt where run in (select run from evidence) and (shard, town) not in (select (shard, town) from map where kind = 'signal')
 select e.rollout_id, a.group_id, 'evidence' as "table", 'traffic_light' as "column", min(e.tick) as tick
 from evidence e join attempt a using (run)
 where e.traffic_light_available

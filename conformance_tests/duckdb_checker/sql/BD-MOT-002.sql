@@ -1,5 +1,4 @@
--- subjects: attempt
-select rollout_id, group_id, 'observations' as "table", 'yaw_rad' as "column", min(tick) as tick
-from step
-where abs(wrap(yaw_rad::double - yaw_0 - (w_0::double + yaw_rate_radps) * 0.25 / 2)) > $turn_rad
-group by all
+-- subjects: (from attempt semi join (from compared where rule = 'BD-MOT-002') using (run))
+select rollout_id, group_id, 'observations' as "table", first("column") as "column", min(tick) as tick
+from broken join attempt using (run) where rule = 'BD-MOT-002'
+group by rollout_id, group_id

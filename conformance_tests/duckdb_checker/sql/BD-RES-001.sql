@@ -1,4 +1,4 @@
--- subjects: attempt
+-- subjects: collisions where is_counted and (touches or whole and is_shown)
 with tallied as (
     select run, rollout_id, group_id,
         result_num_vehicle_collisions + result_num_pedestrian_collisions + result_num_static_collisions = 0 as clean,

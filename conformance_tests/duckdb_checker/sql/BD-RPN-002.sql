@@ -1,4 +1,4 @@
--- subjects: replay where $noise <> 'exact'
+-- subjects: replay where run in (select run from replayed) and ($noise = 'injected' or $noise = 'natural' and shard in (select shard from replayed group by shard having count(distinct run) > 1))
 with copies as (
     select shard, run, rollout_id, group_id, not bool_or(differs) as is_copy from replayed group by all
 ), counted as (

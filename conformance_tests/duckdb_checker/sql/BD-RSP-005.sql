@@ -1,4 +1,4 @@
--- subjects: branch_group
+-- subjects: (from driven_group where (select count(*) from driven_group) > 1)
 with drive as (
     select r.group_id, md5(list(row(tick, x_m, y_m, yaw_rad, speed_mps) order by tick)::varchar) as digest
     from rollouts r join observations o using (run)

@@ -1,4 +1,4 @@
--- subjects: attempt where t_b is not null
+-- subjects: attempt where run in (select run from observation where tick - t_b between -80 and 50)
 with near as (
     select o.id, o.x_m, o.y_m, g.*,
         least(greatest(((o.x_m - a_x) * e_x + (o.y_m - a_y) * e_y) / (e_x * e_x + e_y * e_y), 0), 1) as share

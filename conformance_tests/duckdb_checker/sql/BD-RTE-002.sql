@@ -1,4 +1,4 @@
--- subjects: attempt where t_b is not null
+-- subjects: attempt where run in (select run from observation where tick - t_b between -80 and 50)
 with target as (
     select id, run, 1 as number, x_m, y_m, yaw_rad::double as yaw, route_progress_m as progress,
         target_point_1_x_m::double as tx, target_point_1_y_m::double as ty

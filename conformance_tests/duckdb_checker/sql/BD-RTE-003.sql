@@ -1,11 +1,11 @@
--- subjects: attempt where role = 'nominal' and t_b is not null
+-- subjects: attempt where role = 'nominal' and run in (select run from observation where tick - t_b between -80 and 50)
 with driven as (
-    select o.*, o.tick < c.first_tick as is_free
-    from observation o join attempt a using (run) join contact c using (run)
+    select o.*
+    from observation o join attempt a using (run)
     where a.role = 'nominal' and o.tick between o.t_b - 80 and o.t_b + 50
 ), away as (
     select rollout_id, group_id, 'route_offset_m' as "column", min(tick) as tick
-    from driven where is_free and abs(route_offset_m) > $route_distance_m
+    from driven where abs(route_offset_m) > $route_distance_m
     group by rollout_id, group_id
 ), against as (
     select rollout_id, group_id, 'route_heading_error_rad' as "column", min(tick) as tick

@@ -1,4 +1,4 @@
--- subjects: attempt
+-- subjects: attempt where run in (select run from evidence)
 select rollout_id, group_id, 'actors' as "table", min(tick) as tick
 from (
     select e.rollout_id, a.group_id, e.tick, e.num_actors, count(c.actor_id) as recorded

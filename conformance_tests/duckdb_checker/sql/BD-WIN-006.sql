@@ -1,4 +1,4 @@
--- subjects: attempt where t_b is not null
+-- subjects: attempt where run in (select run from observation where tick - t_b between -75 and 50 and (tick - t_b) % 5 = 0)
 select a.rollout_id, a.group_id, 'frames' as "table", min(due) as tick
 from (
     select *, unnest(range(t_b - 75, t_b + 51, 5)) as due, camera

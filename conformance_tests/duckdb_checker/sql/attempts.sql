@@ -9,39 +9,38 @@ select c.*, a.group_id, a.role, a.t_b, a.nominal_run
 from controls c join attempt a using (run);
 
 create or replace temp table command as
-select run, c.rollout_id, c.group_id, tick, active, 'steer' as actuator, steer_rule as rule,
+select run, c.rollout_id, c.group_id, c.role, tick, active, 'steer' as actuator, steer_rule as rule,
     steer_value as value, expert_steer as expert, nominal_steer as nominal, intended_steer as intended,
     applied_steer as applied
 from control c join attempt using (run)
 union all
-select run, c.rollout_id, c.group_id, tick, active, 'throttle', throttle_rule,
+select run, c.rollout_id, c.group_id, c.role, tick, active, 'throttle', throttle_rule,
     throttle_value, expert_throttle, nominal_throttle, intended_throttle, applied_throttle
 from control c join attempt using (run)
 union all
-select run, c.rollout_id, c.group_id, tick, active, 'brake', brake_rule,
+select run, c.rollout_id, c.group_id, c.role, tick, active, 'brake', brake_rule,
     brake_value, expert_brake, nominal_brake, intended_brake, applied_brake
 from control c join attempt using (run);
 
 create or replace temp table observation as
 select row_number() over () as id, o.*, a.group_id, a.t_b from observations o join attempt a using (run);
 
--- The first observation with a contact; where no evidence is claimed, the first one of all
--- unless every kind of collision is monitored and none is counted.
-create or replace temp table contact as
-select run, case
-    when $has_evidence then coalesce(min(e.tick) filter (e.collision), 2147483647)
-    when bool_and(coalesce(result_num_vehicle_collisions + result_num_pedestrian_collisions
-        + result_num_static_collisions = 0, false)) then 2147483647
-    else 0 end as first_tick
-from attempt a left join evidence e using (run)
-group by all;
+-- Observations that no contact keeps from being judged, and how many of an attempt may break a relation all the same.
+create or replace temp table free as
+select o.run, o.tick, coalesce(o.tick - c.tick > 5 * $rest_observations, true) as is_free
+from observation o
+asof left join (select run, tick from evidence where collision) c on c.run = o.run and o.tick >= c.tick;
 
--- Neighbouring observations before the first contact.
+create or replace temp table forgiven as
+select run, case when $has_evidence or coalesce(result_num_vehicle_collisions + result_num_pedestrian_collisions
+    + result_num_static_collisions = 0, false) then 0 else $rest_observations end as most
+from attempt;
+
+-- Neighbouring observations.
 create or replace temp table step as
 select n.*, p.x_m as x_0, p.y_m as y_0, p.yaw_rad as yaw_0, p.speed_mps as v_0, p.yaw_rate_radps as w_0
 from observation n
-join observation p on p.run = n.run and p.tick = n.tick - 5
-join contact c on c.run = n.run and n.tick < c.first_tick;
+join observation p on p.run = n.run and p.tick = n.tick - 5;
 
 -- Polylines, each once, and their segments with the arc length before them.
 create or replace temp table route as

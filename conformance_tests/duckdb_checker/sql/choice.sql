@@ -24,10 +24,10 @@ qualify row_number() over (
 create or replace temp table group_variant as
 select group_id, protocol_variant
 from variant_choice
-group by group_id, protocol_variant having bool_or(role = 'nominal')
+group by group_id, protocol_variant
 qualify row_number() over (
     partition by group_id
-    order by count(*) filter (stands) desc, count(*) desc, encode(protocol_variant)) = 1;
+    order by bool_or(role = 'nominal') desc, count(*) filter (stands) desc, count(*) desc, encode(protocol_variant)) = 1;
 
 create or replace temp table chosen_nominal as
 select * from variant_nominal semi join group_variant using (group_id, protocol_variant);
@@ -56,3 +56,7 @@ select * from chosen_nominal semi join examined_group using (group_id);
 
 create or replace temp table examined_pair as
 select * from chosen_pair where nominal_run in (select run from examined_nominal);
+
+-- Those of them with a chosen intervention to compare with.
+create or replace temp table compared_nominal as
+select * from examined_nominal where run in (select nominal_run from chosen_pair);

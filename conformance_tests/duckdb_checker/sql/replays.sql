@@ -20,15 +20,3 @@ from (
     from replay r join evidence e using (run)
     join evidence n on n.run = r.nominal_run and n.tick = e.tick
 );
-
--- Interventions whose rows before the branch are compared with those of their nominal.
-create or replace temp table intervened as
-select a.run, a.rollout_id, a.group_id, a.nominal_run, a.t_b
-from attempt a join rollouts n on n.run = a.nominal_run and n.status = 'complete'
-where a.role = 'intervention' and a.t_b is not null
-    and a.rollout_id not in (select rollout_id from failed where rule = 'BD-GRP-006');
-
--- Rows of a table with their values as texts, in the order of the columns: texts tell -0.0 from 0.0 and 1 from its neighbours.
-create or replace macro told(name) as table
-with texts as (select run as of_run, tick as at_tick, columns(* exclude (shard, run, rollout_id))::varchar from query_table(name))
-select of_run, at_tick, list_value(*columns(* exclude (of_run, at_tick))) as texts from texts;

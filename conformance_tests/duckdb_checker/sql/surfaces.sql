@@ -42,3 +42,14 @@ select *, case when kind = 'road_area' then case when inside then distance else 
     margin >= -0.05 as may_hold,
     margin > 0.05 and (kind = 'road_area' or not at_end) as does_hold
 from closest;
+
+-- Observations with a speed limit beside those of the lanes that hold them.
+create or replace temp table limited as
+select run, o.rollout_id, a.group_id, o.tick, bool_or(may_hold and h.speed_limit_mps is not null) as is_compared,
+    bool_or(does_hold and h.speed_limit_mps is not null) as must,
+    bool_or(may_hold and (h.speed_limit_mps is null or abs(h.speed_limit_mps::double - o.speed_limit_mps) <= 0.01)) as may
+from observations o join surveyed a using (run)
+join place p on p.shard = a.shard and p.town = a.town and p.x = o.x_m and p.y = o.y_m
+join held h on h.place = p.place and h.kind = 'lane'
+where o.speed_limit_mps is not null
+group by run, o.rollout_id, a.group_id, o.tick;

@@ -49,6 +49,7 @@ from branchdrive.formats.table_file import read_layer_table
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
 from branchdrive.tables.arrow import from_arrow
 from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risks
+from branchdrive_reference.benchmark.foreign import mean_predictions
 from branchdrive_reference.benchmark.lock import read_lock
 from branchdrive_reference.benchmark.noise import noise_of
 from branchdrive_reference.benchmark.release import Release, baseline_contexts, benchmark_data, published_predictions
@@ -126,7 +127,7 @@ def evaluate_foreign(
     """Evaluate predictions of others; nothing is published, and no test-set access is recorded.
 
     Published predictions stand beside them where they were evaluated under this protocol before: no
-    outcome is compared with them by the way.
+    outcome is compared with them by the way. Else the mean of the training outcomes, M0, stands beside them.
 
     Raises:
         DatasetError: Published predictions cannot be read.
@@ -140,6 +141,8 @@ def evaluate_foreign(
         predictions = published_predictions(release, protocol, data).joined(found)
         changed, risk, noise = _changed(release, lock), risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
         further = further_risks_of(ranking_lock)
+    elif protocol.partitions.fit in data.parts:
+        predictions = mean_predictions(data, protocol).joined(found)
     published = () if lock is None or unevaluated is not None else unlocked_models(lock, predictions)
     unlocked = sorted({*found.models, *published})
     notes = _warnings(release, ledger, data, protocol, unlocked, changed)

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from branchdrive.benchmark.data import BenchmarkData
+from branchdrive.benchmark.metric.outcome import Predictions
 from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
 from branchdrive.benchmark.prediction_rows import TABLES
 from branchdrive.benchmark.prediction_set import PredictionSet
@@ -38,7 +39,10 @@ from branchdrive.tables.frame import Values
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["read_predictions"]
+__all__ = ["mean_predictions", "read_predictions"]
+
+_MEAN = "M0"
+"""The model of every protocol that learns no weights: the mean over all training rows."""
 
 _SCALARS = tuple(target.name for target in TARGETS)
 _TEXT, _SEED = ("group_id", "action_key"), "seed"
@@ -63,6 +67,23 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
         if wrong.location.get("model", name) == name:  # no other model has rows here
             raise DatasetError(f"{path}: {mismatch_text(wrong)}")
     return PredictionSet.from_frames(frames, data)
+
+
+def mean_predictions(data: BenchmarkData, protocol: BenchmarkProtocol) -> PredictionSet:
+    """What M0 predicts for the reported partition: the simplest baseline, which takes no training and no lock.
+
+    One outcome for every candidate of every group, the mean over all training rows; a target over its available values.
+    """
+    outcomes, report = data.part(protocol.partitions.fit).outcomes, protocol.partitions.report
+    counts = np.maximum(outcomes.available.sum(axis=(0, 1)), 1)
+    scalars = np.where(outcomes.available, outcomes.scalars, 0.0).sum(axis=(0, 1)) / counts
+    paths = outcomes.paths[outcomes.complete]
+    path = paths.mean(axis=0) if len(paths) else np.zeros(outcomes.paths.shape[2:])
+    shape = (len(data.part(report).groups), len(data.candidates))
+    predicted = Predictions.of(
+        np.broadcast_to(scalars, (*shape, *scalars.shape)), np.broadcast_to(path, (*shape, *path.shape))
+    )
+    return PredictionSet({_MEAN: {0: {report: predicted}}})
 
 
 def _frames(table: pa.Table, name: str) -> dict[str, dict[str, Values]]:

@@ -31,8 +31,12 @@ def _print_results(console: Console, results: Mapping[str, Any], tables: str | N
     if (sentence := inconclusive_sentence(results)) is not None:
         console.print(Text(sentence, style="yellow"))
         console.print()
+    for warning in results["warnings"]:
+        console.print(Text(f"Warning: {printable(warning)}", style="yellow"))
+    if results["warnings"]:
+        console.print()
     for section in headline_sections(results):
-        print_section(console, section, results["warnings"])
+        print_section(console, section)
         console.print()
     said = "These are the headlines; --format markdown prints all tables"
     console.print(Text(f"{said}." if tables is None else f"{said}, which are in {printable(tables)}.", style="dim"))

@@ -274,6 +274,7 @@ def _collected(report: CollectionReport) -> list[str]:
         f"groups    {len(report.groups):,} collected, {report.num_found:,} found finished",
         *(f"          {remark}" for remark in report.remarks("unbranched_because", "refused_because", "note")),
         *([f"          {num_stopped:,} stopped early by injected faults"] if num_stopped else []),
+        f"routes    {report.routes_text}",
         f"rollouts  {simulated:,} simulated, {reused:,} found finished",
         *([speed] if report.num_ticks else []),
     ]

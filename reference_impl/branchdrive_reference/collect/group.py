@@ -117,7 +117,8 @@ def collect_group(
         between()
         nominals.append(collection.nominal(attempt))
     nominal = next((made for made in nominals if made.record["status"] == "complete"), nominals[-1])
-    if not review_nominal(nominal, descriptor, collection.report, unfound=_UNFOUND[plan.kind]):
+    town_map = writer.town_map(nominal.record["town"])
+    if not review_nominal(nominal, descriptor, collection.report, unfound=_UNFOUND[plan.kind], town_map=town_map):
         return collection.report
     collection.report.stopped_because = script.stopped_because
     for attempt in script.replays:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.environment import install_command
 from branchdrive.errors import ToolError
 from branchdrive_reference.guard.regression import Regression, polished
 
@@ -26,7 +27,7 @@ try:
     cvxpy: Any = importlib.import_module("cvxpy")
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"`branchdrive_reference.guard` needs the package {error.name!r}: pip install 'branchdrive[guard]'",
+        f"`branchdrive_reference.guard` needs the package {error.name!r}: {install_command('guard')}",
         name=error.name,
     ) from error
 

@@ -22,6 +22,7 @@ import numpy as np
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.text import listed
 from branchdrive.contract.timing import HISTORY_OFFSETS
+from branchdrive.environment import install_command
 from branchdrive.errors import UsageError
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.media_folder import FRAMES
@@ -34,7 +35,7 @@ try:
     from torch.utils.data import IterableDataset, get_worker_info
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"`branchdrive_reference.learning` needs the package {error.name!r}: pip install 'branchdrive[models]'",
+        f"`branchdrive_reference.learning` needs the package {error.name!r}: {install_command('models')}",
         name=error.name,
     ) from error
 

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from branchdrive.driving.feature import InputContract
+from branchdrive.environment import install_command
 from branchdrive.errors import UsageError
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.image_inputs import image_arrays
@@ -36,7 +37,7 @@ try:
     from torch.utils.data import Dataset
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"`branchdrive_reference.learning` needs the package {error.name!r}: pip install 'branchdrive[models]'",
+        f"`branchdrive_reference.learning` needs the package {error.name!r}: {install_command('models')}",
         name=error.name,
     ) from error
 

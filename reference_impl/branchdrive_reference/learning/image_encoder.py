@@ -177,8 +177,8 @@ def _resnet18() -> tuple[nn.Module, str]:
 def _means(picture: Picture, size: tuple[int, int], levels: int) -> Picture:
     """Means over ``rows x columns`` cells ``[rows, columns, channels]``, times `levels`, rounded half up.
 
-    Overlaps of pixels and cells are whole numbers in units of ``1 / (rows * columns)`` pixel, and so are all sums: each
-    is exact whatever its order.
+    Cells are equal, and a pixel counts in each by the part of its area that lies there. Overlaps of pixels and cells
+    are whole numbers in units of ``1 / (rows * columns)`` pixel, and so are all sums: each is exact whatever its order.
     """
     (height, width, channels), (rows, columns) = picture.shape, size
     exact = np.float32 if 255 * height * width < 2**24 else np.float64

@@ -6,14 +6,15 @@ and encoded once, whatever is trained on it.
 ===============  =======================================================  ==================
 encoding         what it gives                                            shape, type
 ===============  =======================================================  ==================
-``rgb_patches``  the picture at 48 x 24 pixels, cut into 8 x 6 patches    ``[48, 72]`` uint8
+``rgb_patches``  the picture at 48 x 24 cells, cut into 8 x 6 patches     ``[48, 72]`` uint8
 ``bev_patches``  four binary channels at 64 x 64 cells of 2 m, as shares  ``[64, 256]`` uint8
                  of a cell from 0 to 16, cut into 8 x 8 patches
 ``resnet18``     features of a frozen ResNet-18 before its classes        ``[512]`` float32
 ===============  =======================================================  ==================
 
-The first two are integers that follow from the pixels without an error of rounding, so that every machine has the
-same. Patches run row by row, and so do the numbers of a patch, channels last.
+The first two are means over equal cells, in which a pixel on a border counts by the part of its area that lies in the
+cell; sums are whole numbers, and means are rounded half up, so that every machine has the same. Patches run row by row,
+and so do the numbers of a patch, channels last.
 
 Source: paper, "Research Questions and Experimental Protocol" (frozen ResNet-18); patches are those of vision
 transformers (Dosovitskiy et al., ICLR 2021), their sizes this project's choice (docs/decisions/0025-image-encoder.md).

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.text import printable
+from branchdrive.environment import install_command
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import replace_file
 from branchdrive.formats.untrusted import read_file
@@ -26,7 +27,7 @@ try:
     from torch import Tensor
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"`branchdrive_reference.learning` needs the package {error.name!r}: pip install 'branchdrive[models]'",
+        f"`branchdrive_reference.learning` needs the package {error.name!r}: {install_command('models')}",
         name=error.name,
     ) from error
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass
+from branchdrive.contract.semantic_bev import ROUTE_WIDTH_M, SemanticChannel, SemanticClass
+from branchdrive_reference.rendering.marking import Pieces
 from branchdrive_reference.rendering.opencv import SUBPIXEL_BITS, Image, cv2, fixed_point
 from branchdrive_reference.rendering.patch import Patch, governing_signal
 from branchdrive_reference.rendering.snapshot import Snapshot
@@ -30,7 +31,6 @@ _LIGHTS = {
     "green": SemanticClass.GREEN_LIGHT,
 }
 
-_ROUTE_WIDTH_M = 2.0
 _STOP_RADIUS_M = 1.0
 """Radius of the disc at a signal or stop sign."""
 
@@ -102,10 +102,20 @@ class SemanticView:
                 cv2.polylines(classes, [outline], False, int(kind), _STOP_LINE_PX, cv2.LINE_8, SUBPIXEL_BITS)
 
     def _draw_route(self, image: Image, snapshot: Snapshot, to_pixels: Array) -> None:
-        outline = fixed_point(_placed(snapshot.route_m, to_pixels))
-        channel, thickness = SemanticChannel.REMAINING_ROUTE, round(_ROUTE_WIDTH_M * self.camera.px_per_m)
+        """A piece for each segment on the view, and a disc at each of its ends that joins it to the next."""
+        camera, channel = self.camera, int(SemanticChannel.REMAINING_ROUTE)
+        route = snapshot.route_m
+        half_m = ROUTE_WIDTH_M / 2 - _HALF_PX / camera.px_per_m
+        corners = _placed(Pieces(route[:-1], route[1:], np.full(len(route) - 1, 2 * half_m)).corners(), to_pixels)
+        size = camera.width_px, camera.height_px
+        shown = ((corners.max(axis=1) >= 0) & (corners.min(axis=1) <= size)).all(axis=1)
+        is_end = np.append(shown, False) | np.append(False, shown)
         plane = np.zeros_like(image)
-        cv2.polylines(plane, [outline], False, int(channel), thickness, cv2.LINE_8, SUBPIXEL_BITS)
+        for outline in fixed_point(corners[shown]):
+            cv2.fillConvexPoly(plane, outline, channel, cv2.LINE_8, SUBPIXEL_BITS)
+        radius = round(half_m * camera.px_per_m * (1 << SUBPIXEL_BITS))
+        for place in fixed_point(_placed(route[is_end], to_pixels)).tolist():
+            cv2.circle(plane, place, radius, channel, cv2.FILLED, cv2.LINE_8, SUBPIXEL_BITS)
         cv2.bitwise_or(image, plane, image)
 
     def _draw_bodies(self, classes: Image, image: Image, snapshot: Snapshot, to_pixels: Array) -> None:

@@ -29,8 +29,7 @@ class RolloutLog:
         bodies: `BODY` rows of every observation ``[observations, bodies]``.
         vehicle: `VEHICLE` rows ``[observations]``.
         plan: `PLAN` rows ``[observations]``: the decision of the observation's tick.
-        touched: Whether the ego touched anything since the previous observation ``[observations]``.
-        collided: Whether the ego ever touched a body, up to the last observation ``[bodies]``.
+        touching: Bodies that the ego touched since the previous observation ``[observations, bodies]``.
         light: `Light` of the signal that governs the ego, `NO_LIGHT` where none does ``[observations]``.
         num_red_lights_run: Stop lines that the ego crossed at a red light.
         num_stop_signs_run: Stop lines that the ego crossed without having stopped at their stop sign.
@@ -43,8 +42,7 @@ class RolloutLog:
     bodies: NDArray[np.void]
     vehicle: NDArray[np.void]
     plan: NDArray[np.void]
-    touched: NDArray[np.bool_]
-    collided: NDArray[np.bool_]
+    touching: NDArray[np.bool_]
     light: NDArray[np.int64]
     num_red_lights_run: int
     num_stop_signs_run: int
@@ -53,6 +51,16 @@ class RolloutLog:
     def num_ticks(self) -> int:
         """Ticks that were executed."""
         return len(self.applied)
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Whether the ego touched anything since the previous observation ``[observations]``."""
+        return np.asarray(self.touching.any(axis=1))
+
+    @property
+    def collided(self) -> NDArray[np.bool_]:
+        """Whether the ego ever touched a body, up to the last observation ``[bodies]``."""
+        return np.asarray(self.touching.any(axis=0))
 
     def __repr__(self) -> str:
         frames, bodies = self.bodies.shape
@@ -71,8 +79,7 @@ class Logger:
         self._bodies = np.zeros((frames, num_bodies), BODY)
         self._vehicle = np.zeros(frames, VEHICLE)
         self._plan = np.zeros(frames, PLAN)
-        self._touched = np.zeros(frames, np.bool_)
-        self._collided = np.zeros(num_bodies, np.bool_)
+        self._touched = np.zeros((frames, num_bodies), np.bool_)
         self._light = np.full(frames, NO_LIGHT, np.int64)
         self._touching = np.zeros(num_bodies, np.bool_)
         self._infractions = LineMonitor()
@@ -94,8 +101,7 @@ class Logger:
             world.noise.disturb_observation(self._bodies[frame], tick)
             self._vehicle[frame] = world.vehicle[0]
             self._plan[frame] = plan
-            self._touched[frame] = self._touching.any()
-            self._collided |= self._touching
+            self._touched[frame] = self._touching
             self._light[frame] = governing_light(world)
             self._touching[:] = False
         return command
@@ -118,7 +124,6 @@ class Logger:
             self._vehicle[:frames],
             self._plan[:frames],
             self._touched[:frames],
-            self._collided,
             self._light[:frames],
             self._infractions.num_red_lights_run,
             self._infractions.num_stop_signs_run,

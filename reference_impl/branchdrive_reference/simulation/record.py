@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.collector.contact import num_contacts
 from branchdrive.collector.route import route_columns
 from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
@@ -180,7 +181,7 @@ def _evidence(run: Run, tables: RouteTracks, observations: Columns, actors: Colu
 def _fields(run: Run, tables: RouteTracks, observations: Columns, evidence: Columns) -> dict[str, Any]:
     """Identity of the context, the ego, and the route result."""
     spec, line = run.spec, tables.route.polyline
-    kinds = run.log.bodies["kind"][0][run.log.collided]
+    kinds = np.repeat(run.log.bodies["kind"][0], num_contacts(run.log.touching))
     driven = float(observations["route_progress_m"].max()) / tables.route.goal_m
     on_road = evidence["on_road"]
     return {

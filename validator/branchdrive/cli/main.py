@@ -211,6 +211,7 @@ def run_script(prog: str, module_name: str, argv: Sequence[str], stdout: TextIO,
     def action() -> int:
         command = _load(module_name)
         parser = _Parser(prog, description=command.SUMMARY)
+        parser.add_argument("--version", action="version", version=f"{prog} {version('branchdrive')}")
         command.add_arguments(parser)
         args = parser.parse_args(argv)
         check_environment()

@@ -21,6 +21,9 @@ __all__ = ["pilot_markdown", "render_pilot"]
 
 _STYLE = {"problem": "bold red", "not examined": "yellow", "advice": "yellow", "in part": "", "fine": "green"}
 
+_SHOWN = {"in part": "fine as far as examined"}
+"""Results in other words than those of programs."""
+
 
 def render_pilot(report: PilotReport, stdout: TextIO, *, is_file: bool = False) -> str:
     """The report as text; sections first, then what to do."""
@@ -37,7 +40,7 @@ def pilot_markdown(report: PilotReport) -> str:
             lines.append(f"   *Do:* {_said(concern.remedy)}")
         lines.append("")
     for section in report.sections:
-        lines += [f"## {section.title}: {section.result}", ""]
+        lines += [f"## {section.title}: {_result(section)}", ""]
         for text in (*section.facts, *(f"Not examined: {reason}." for reason in _reasons(section))):
             lines += [_said(text), ""]
         for table in section.tables:
@@ -66,7 +69,7 @@ def _print(console: Console, report: PilotReport) -> None:
 
 
 def _print_topic(console: Console, section: Section) -> None:
-    console.print(Text.assemble((section.title, "bold underline"), ": ", (section.result, _STYLE[section.result])))
+    console.print(Text.assemble((section.title, "bold underline"), ": ", (_result(section), _STYLE[section.result])))
     for fact in section.facts:
         console.print(Text(printable(fact)))
     for table in section.tables:
@@ -89,6 +92,10 @@ def _to_do(report: PilotReport) -> Grid:
         grid.add_row(f"{number}.", Text.assemble((head, style), printable(concern.what)))
         grid.add_row("", Text(f"Do: {printable(concern.remedy)}", style="dim"))
     return grid
+
+
+def _result(section: Section) -> str:
+    return _SHOWN.get(section.result, section.result)
 
 
 def _kind(concern: Concern) -> str:
@@ -120,7 +127,7 @@ def _overview(report: PilotReport) -> Table:
     for section in report.sections:
         num_problems = sum(concern.is_problem for concern in section.concerns)
         counts = num_problems, len(section.concerns) - num_problems, len(section.not_examined)
-        rows.append([section.title, section.result, *(f"{count}" if count else "" for count in counts)])
+        rows.append([section.title, _result(section), *(f"{count}" if count else "" for count in counts)])
     heads = [
         Column.name("Section"), Column("Result", is_text=True), Column("Problems"), Column("Advice"),
         Column("Not examined"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -9,11 +10,12 @@ from io import StringIO
 from typing import TYPE_CHECKING, TextIO, get_args
 
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
-from branchdrive.cli.formats.outcome import headline, refusals
-from branchdrive.cli.funnel import funnel_table
+from branchdrive.cli.formats.outcome import also_in, folded, headline, refusals, violations
+from branchdrive.cli.funnel import funnel_table, lost_groups_table
 from branchdrive.cli.population import (
     print_accesses,
     print_filtering,
@@ -23,7 +25,8 @@ from branchdrive.cli.population import (
 )
 from branchdrive.cli.response import print_response
 from branchdrive.contract.layout import FILTERING_FILE
-from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
+from branchdrive.contract.resources import rule_page
+from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 __all__ = ["render", "render_build", "render_report", "render_rule", "render_rules"]
 
 FINDINGS_SHOWN = 5
+GROUPS_SHOWN = 10
 _STYLE: dict[str, str] = {
     "valid": "bold green", "valid-with-waivers": "bold yellow", "partial": "bold yellow", "invalid": "bold red",
     "error": "bold magenta", "pass": "green", "fail": "red", "skipped": "yellow", "not-claimed": "dim",
@@ -135,6 +139,7 @@ def _print_head(console: Console, report: Report) -> None:
 def _print_findings(console: Console, report: Report) -> None:
     for title, belongs in _SECTIONS.items():
         failed = [tally for tally in report.tallies if tally.num_findings and belongs(tally.info)]
+        failed.sort(key=lambda tally: cause_order(tally.rule_id))
         if failed:
             console.print()
             console.print(Text(title, style="bold"))
@@ -146,17 +151,17 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
     info = tally.info
     waived = " (waived)" if is_waived(tally) else ""
     style = "red" if info.decides and not waived else "yellow"
-    subjects = "violation" if tally.num_findings == 1 else "violations"
-    count = f"{tally.num_findings:,} {subjects} in {counted(tally.examined, info.grain)}"
-    console.print(Padding(Text.assemble((info.id, style), f"  {info.title}{waived}: {count}"), (0, 0, 0, 2)))
-    for finding in tally.findings[:FINDINGS_SHOWN]:
-        more = f"  ({finding.count} places)" if finding.count > 1 else ""
+    line = f"  {info.title}{waived}: {violations(tally)}"
+    console.print(Padding(Text.assemble((info.id, style), line), (0, 0, 0, 2)))
+    parts = folded(tally.findings)
+    for part in parts[:FINDINGS_SHOWN]:
+        finding = part[0]
+        more = (f"  ({finding.count} places)" if finding.count > 1 else "") + also_in(part)
         console.print(Padding(Text(location_text(finding.location) + more, style="cyan"), (0, 0, 0, 6)))
         console.print(Padding(Text(f"expected {finding.expected}; found {finding.found}"), (0, 0, 0, 8)))
-    if len(tally.findings) > FINDINGS_SHOWN:
-        # Rules on rows count rows, of which a finding may hold several; the others count findings.
-        listed = tally.findings[:FINDINGS_SHOWN]
-        left = tally.num_findings - tally.places(listed)
+    # Rules on rows count rows, of which a finding may hold several; the others count findings.
+    left = tally.num_findings - sum(map(tally.places, parts[:FINDINGS_SHOWN]))
+    if left > 0 and tally.findings:
         more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
@@ -168,6 +173,9 @@ def _print_funnel(console: Console, report: Report) -> None:
         console.print(Text("Funnel: not judged", style="yellow"))
         return
     print_section(console, funnel_table(report.funnel))
+    if lost := lost_groups_table(report, GROUPS_SHOWN):
+        console.print()
+        print_section(console, lost)
 
 
 def _print_waivers(console: Console, report: Report) -> None:
@@ -200,6 +208,7 @@ def _print_rules(console: Console, report: Report) -> None:
             quiet.setdefault(f"{tally.status}: {tally.reason}", []).append(tally.rule_id)
     for reason, rule_ids in quiet.items():
         listed = ", ".join(rule_ids[:6]) + (f" and {len(rule_ids) - 6} more" if len(rule_ids) > 6 else "")
+        listed = counted(len(rule_ids), "rule") if reason.startswith("not-claimed") else listed
         console.print(Padding(Text(f"{reason} - {listed}", style="dim"), (0, 0, 0, 2)))
 
 
@@ -241,7 +250,14 @@ def _print_rule(console: Console, info: RuleInfo) -> None:
         "clause": info.clause,
         "only if claimed": ", ".join(info.streams),
         "after": ", ".join(f"{r} ({CATALOGUE[r].title})" for r in info.requires),
-        "remedy": info.remedy,
-        "page": info.url,
+        "page": info.url or "",
     }
     print_facts(console, [fact for fact in facts.items() if fact[1]])
+    console.print()
+    console.print(Markdown(_page_text(rule_page(info.id))))
+
+
+def _page_text(page: str) -> str:
+    """What a page says below its table of facts, without targets of links, which are files of the repository."""
+    sections = page[page.index("## ") : page.index("<!-- end")]
+    return re.sub(r"\[([^\[\]]+)\]\([^)]+\)", r"\1", sections)

@@ -5,11 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from branchdrive.collector.pool import Execute, Planned, execute_groups, num_workers
 from branchdrive.collector.report import CollectionReport, GroupReport
+from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline, route_clusters
 from branchdrive.errors import UsageError
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.writer.writer import DatasetWriter
 
 __all__ = ["check_begun", "run_campaign"]
@@ -83,4 +89,19 @@ def run_campaign(
             watch(num_found + len(reports), num_ticks)
     identity = writer.finalize()
     workers = num_workers(len(missing), jobs=jobs)
-    return CollectionReport(tuple(reports), num_found, workers, time.perf_counter() - begin_s, identity)
+    seconds = time.perf_counter() - begin_s
+    return CollectionReport(tuple(reports), num_found, workers, seconds, identity, *_routes(writer.root))
+
+
+def _routes(root: Path) -> tuple[int, int]:
+    """Branched groups of a finished dataset, and the clusters of their routes."""
+    towns: list[str] = []
+    lines = []
+    for table in open_dataset(root).table(ROLLOUTS):
+        branched = table.filter(table.column("branch_tick").is_valid())
+        firsts = np.unique(branched.column("group_id").to_numpy(), return_index=True)[1]
+        rows = branched.select(["town", "route_x_m", "route_y_m"]).take(firsts).to_pylist()
+        towns += [row["town"] for row in rows]
+        lines += [resample_polyline(row["route_x_m"], row["route_y_m"]) for row in rows]
+    points = np.array(lines).reshape(len(lines), CLUSTER_POINTS, 2)
+    return len(towns), len(set(route_clusters(towns, points).tolist()))

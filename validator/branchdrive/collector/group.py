@@ -142,7 +142,8 @@ class _Group:
         bank, report = self.descriptor.action_bank, self.report
         nominal = self._rollout("nominal", bank.nominal, None)
         unfound = "the trigger found no manoeuvre of the expert with its windows in the rollout"
-        if not review_nominal(nominal, self.descriptor, report, unfound=unfound):
+        town_map = self.writer.town_map(nominal.record["town"])
+        if not review_nominal(nominal, self.descriptor, report, unfound=unfound, town_map=town_map):
             return report
         wanted = [("intervention", policy, 0) for policy in bank.interventions]
         wanted += [("nominal_replay", bank.nominal, number) for number in range(self.collector.num_replays)]

@@ -76,5 +76,6 @@ def _summary(root: Path, report: CollectionReport) -> str:
     lines.append(f"time      {report.seconds:.1f} s, {report.num_ticks:,} ticks")
     remarks = report.remarks("unbranched_because", "refused_because", "stopped_because", "note")
     lines += [f"          {remark}" for remark in remarks]
+    lines.append(f"routes    {report.routes_text}")
     lines.append(f"next      {shlex.join(['branchdrive-validate', str(root)])}")
     return "\n".join([*lines, ""])

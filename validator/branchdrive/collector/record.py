@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.collector.contact import num_contacts
 from branchdrive.collector.drive import Drive
 from branchdrive.collector.route import route_columns
 from branchdrive.collector.town import Element, under
@@ -211,7 +212,9 @@ def _evidence(run: Drive, observations: Columns, actors: Columns, contacts: list
 def _fields(run: Drive, observations: Columns, contacts: list[dict[int, str]]) -> Columns:
     scene, off_road = run.scene, [ego.on_road is False for ego in _saved(run)]
     length_m = float(np.hypot(np.diff(scene.route_x_m), np.diff(scene.route_y_m)).sum())
-    begun = [kind for before, now in pairwise([{}, *contacts]) for i, kind in now.items() if i not in before]
+    met = {actor_id: kind for touched in contacts for actor_id, kind in touched.items()}
+    touching = np.array([[actor_id in touched for actor_id in met] for touched in contacts], bool)
+    hit = dict(zip(met, num_contacts(touching.reshape(len(contacts), len(met))).tolist(), strict=True))
     driven = 1.0 if run.completion == "completed" else float(observations["route_progress_m"].max()) / length_m
     return {
         **{field.name: getattr(scene, field.name) for field in fields(scene)},
@@ -223,7 +226,10 @@ def _fields(run: Drive, observations: Columns, contacts: list[dict[int, str]]) -
         "result_completion": run.completion,
         "result_termination": run.termination,
         "result_route_fraction": min(driven, 1.0),
-        **{f"result_num_{kind}_collisions": begun.count(kind) for kind in ("vehicle", "pedestrian", "static")},
+        **{
+            f"result_num_{kind}_collisions": sum(count for actor_id, count in hit.items() if met[actor_id] == kind)
+            for kind in ("vehicle", "pedestrian", "static")
+        },
         "result_num_off_road_infractions": sum(
             is_off and not was_off for was_off, is_off in pairwise([False, *off_road])
         ),

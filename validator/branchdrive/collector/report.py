@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from branchdrive.contract.text import counted
+
 __all__ = ["CollectionReport", "GroupReport"]
+
+MIN_ROUTE_CLUSTERS = 5
+"""Clusters of routes, a group each, from which a split always gives every partition one (README, "Try it")."""
 
 _MAX_LISTED = 10
 
@@ -52,6 +57,8 @@ class CollectionReport:
         num_workers: Processes that executed groups; 1 is the collector's own.
         seconds: Wall time, writing included.
         identity: Identity of the finished dataset.
+        num_branched: Branched groups of the dataset.
+        num_route_clusters: Clusters of their routes.
     """
 
     groups: tuple[GroupReport, ...]
@@ -59,6 +66,8 @@ class CollectionReport:
     num_workers: int
     seconds: float
     identity: str
+    num_branched: int = 0
+    num_route_clusters: int = 0
 
     @property
     def num_ticks(self) -> int:
@@ -69,6 +78,17 @@ class CollectionReport:
     def ticks_per_s(self) -> float:
         """Executed ticks per second of wall time."""
         return self.num_ticks / self.seconds
+
+    @property
+    def routes_text(self) -> str:
+        """How many clusters the routes make, and how many a release takes."""
+        there = f"{counted(self.num_route_clusters, 'route cluster')} in {counted(self.num_branched, 'branched group')}"
+        if self.num_route_clusters < MIN_ROUTE_CLUSTERS:
+            return (
+                f"{there}; a release parts whole clusters into train, val and test and takes at least "
+                f"{MIN_ROUTE_CLUSTERS}: let seeds choose among more routes"
+            )
+        return f"{there}; a release takes at least {MIN_ROUTE_CLUSTERS}, a benchmark that concludes something about 40"
 
     def remarks(self, *reasons: str) -> list[str]:
         """What groups lack and why, a line each: at most ten of each reason, and how many more there are.

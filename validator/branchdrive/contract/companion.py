@@ -10,7 +10,15 @@ from collections.abc import Collection
 from fnmatch import translate
 
 from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.layout import CARD_FILE, DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR
+from branchdrive.contract.layout import (
+    CARD_FILE,
+    DESCRIPTOR_FILE,
+    LICENCE_FILE,
+    MANIFEST_FILE,
+    RAW_DIR,
+    STAGING_DIR,
+    folded,
+)
 from branchdrive.contract.limits import spec_limits
 
 __all__ = ["IGNORE_FILE", "Companions", "ignored_names"]
@@ -22,8 +30,8 @@ _IN_ROOT = frozenset(
     {".cache", ".git", ".gitattributes", ".gitignore", ".huggingface", CARD_FILE, IGNORE_FILE}
 )  # fmt: skip
 _ANYWHERE = frozenset({".DS_Store", "Thumbs.db"})
-_OWN = frozenset({DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR, *LAYERS})
-"""Names in the root that an ignore file cannot take from the dataset."""
+_OWN = frozenset(map(folded, (DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR, *LAYERS)))
+"""Names in the root that an ignore file cannot take from the dataset, nor names that some systems take for them."""
 
 
 class Companions:
@@ -35,16 +43,17 @@ class Companions:
     """
 
     def __init__(self, listed: Collection[str] = (), patterns: Collection[str] = ()) -> None:
-        self._listed = frozenset(path for listed_path in listed for path in (listed_path, listed_path.split("/")[0]))
+        self._listed = frozenset(path for whole in map(folded, listed) for path in (whole, whole.split("/")[0]))
         self._ignored = re.compile("|".join(map(_expression, patterns))) if patterns else None
 
     def __contains__(self, path: str) -> bool:
-        if path in self._listed:
+        same = folded(path)
+        if same in self._listed:
             return False
         name = path.rsplit("/", 1)[-1]
         if name in _ANYWHERE:
             return True
-        if "/" in path or name in _OWN:
+        if "/" in path or same in _OWN:
             return False
         return name in _IN_ROOT or bool(self._ignored and self._ignored.match(name))
 

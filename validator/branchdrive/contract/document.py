@@ -165,7 +165,8 @@ def _demand(error: Any) -> str:
             missing = [name for name in error.validator_value if name not in error.instance]
             return _shortened(f"properties {missing}", 200)
         case "additionalProperties" | "unevaluatedProperties":
-            return _shortened(f"no undeclared property; {error.message}", 200)
+            declared = ", ".join(sorted(error.schema.get("properties", {})))
+            return _shortened(f"no undeclared property; {error.message}; declared are {declared or 'none'}", 200)
         case "anyOf" | "oneOf" | "contains" | "if" | "not" if "description" in error.schema:
             return _shortened(str(error.schema["description"]), 200)
         case _:

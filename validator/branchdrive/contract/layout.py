@@ -36,6 +36,7 @@ __all__ = [
     "STAGING_DIR",
     "TABLES_FILE",
     "WRITER_LOCK",
+    "folded",
     "is_safe_path",
     "layer_of",
     "shard_index",
@@ -174,6 +175,15 @@ def unsafe_reason(path: str, limits: Limits | None = None) -> str | None:
     if any(part.endswith((" ", ".")) for part in parts):
         return "has a part that ends in a blank or a dot, which some systems drop"
     return None
+
+
+def folded(path: str) -> str:
+    """The path in the form in which some systems compare names: paths that are equal in it are one file there.
+
+    >>> folded("RAW/Shard-00000") == folded("raw/shard-00000")
+    True
+    """
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold())
 
 
 def is_safe_path(path: str, limits: Limits | None = None) -> bool:

@@ -21,6 +21,7 @@ class Limits:
     """Upper bounds; sizes in bytes, `limits.json` says what each one bounds."""
 
     max_files: int
+    max_repeated_bytes: int
     max_depth: int
     max_path_bytes: int
     max_document_bytes: int
@@ -36,6 +37,8 @@ class Limits:
     max_image_pixels: int
     max_image_scans: int
     max_image_parts: int
+    max_range_rows: int
+    max_shard_pixels: int
     max_media_bytes: int
     max_shard_rollouts: int
     max_route_vertices: int
@@ -64,8 +67,10 @@ class Bounds:
     same_centre_m: float
     contact_observations: float
     contact_reach_m: float
-    gap_observations: float
+    rest_observations: float
     gap_margin_m: float
+    road_user_mps2: float
+    edge_m: float
     trigger_delay_ticks: float
     signal: float
     route_fraction: float
@@ -75,7 +80,14 @@ class Bounds:
     bev_px: float
     bev_share: float
     bev_route_m: float
+    bev_light_m: float
+    bev_junction_m: float
+    deviated_m: float
     moved_m: float
+    filled_m: float
+    copy_m: float
+    history_m: float
+    history_mps: float
     driving_mps: float
     body_m: float
     pedestrian_m: float

@@ -5,14 +5,17 @@ Source: spec/07-rules.md#findings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Check", "Location", "Mask", "Mismatch", "PreconditionError"]
+__all__ = ["MAX_KEPT", "Check", "Location", "Mask", "Mismatch", "Mismatches", "PreconditionError"]
+
+MAX_KEPT = 100
+"""Mismatches of a rule that are kept; counts stay exact."""
 
 Location: TypeAlias = dict[str, str | int]
 """Parts of a place: file, pointer, table, column, key of a row, group_id, rollout_id, tick, actor_id, camera.
@@ -48,6 +51,28 @@ class Mismatch:
         return Mismatch({**location, **self.location}, self.expected, self.found, self.count)
 
 
+@dataclass
+class Mismatches:
+    """Mismatches of which there may be millions: how many there are, and the first of them.
+
+    Attributes:
+        num: How many.
+        first: At most `MAX_KEPT` of them.
+    """
+
+    num: int = 0
+    first: list[Mismatch] = field(default_factory=list)
+
+    def add(self, mismatch: Mismatch) -> None:
+        """Note one more."""
+        self.note([0], lambda _: mismatch)
+
+    def note(self, places: Sequence[int], describe: Callable[[int], Mismatch]) -> None:
+        """Note one more at each of some places; those that are kept are described."""
+        self.first += [describe(place) for place in places[: max(MAX_KEPT - self.num, 0)]]
+        self.num += len(places)
+
+
 @dataclass(frozen=True)
 class Check:
     """What a rule examined, or a part of it, and which of its subjects mismatch.
@@ -69,6 +94,14 @@ class Check:
         """Check of files, documents or rows with one mismatch for every subject that has one."""
         found = tuple(mismatches)
         return cls(max(examined, len(found)), np.arange(len(found)), found.__getitem__)
+
+    @classmethod
+    def of_many(cls, examined: int, mismatches: Iterable[Mismatches]) -> Check:
+        """Check of files or rows of which each may have many mismatches."""
+        found = list(mismatches)
+        first = [mismatch for of_one in found for mismatch in of_one.first]
+        num = sum(of_one.num for of_one in found)
+        return cls(max(examined, num), np.arange(num), first.__getitem__)
 
     @classmethod
     def of_rows(
@@ -98,9 +131,13 @@ class Check:
 
     @classmethod
     def of_any(cls, first: Check, *others: Check) -> Check:
-        """Check of the same subjects by several; a subject's mismatch is that of the first check that has one."""
+        """Check of attempts or groups by several: who any of them looked at is examined.
+
+        A subject's mismatch is that of the first check that has one.
+        """
         homes = {int(i): check for check in (*others[::-1], first) for i in check.bad}
-        return cls(first.examined, np.array(sorted(homes), np.intp), lambda i: homes[i].mismatch(i))
+        examined = np.logical_or.reduce([check.mask for check in (first, *others)])
+        return cls(examined, np.array(sorted(homes), np.intp), lambda i: homes[i].mismatch(i))
 
     @property
     def mask(self) -> Mask:

@@ -1,21 +1,22 @@
-"""The normative files of `schemas/`, found in an installed wheel or in a checkout."""
+"""Files that travel with the package, found in an installed wheel or in a checkout: `schemas/`, pages of rules.
+
+And where the repository's files are on the web, as far as the distribution says so.
+"""
 
 from __future__ import annotations
 
 import json
 from functools import cache
+from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 from typing import Any
 
 from branchdrive.errors import BranchDriveError
 
-__all__ = ["PROJECT_URL", "SPEC_VERSION", "load_resource", "schema_dir"]
+__all__ = ["SPEC_VERSION", "load_resource", "project_url", "rule_page", "schema_dir"]
 
 SPEC_VERSION = "0.1"
 """Version of the dataset specification that this library implements."""
-
-PROJECT_URL = "https://branchdrive.org"
-"""Where the files of the repository are found under their paths; `[project.urls]` of pyproject.toml says the same."""
 
 _PACKAGE_DIR = Path(__file__).resolve().parents[1]
 
@@ -45,3 +46,31 @@ def schema_dir() -> Path:
 def load_resource(name: str) -> Any:
     """Parsed JSON of the normative file `name`, shared by all callers: treat it as read-only."""
     return json.loads((schema_dir() / name).read_text(encoding="utf-8"))
+
+
+@cache
+def project_url() -> str:
+    """Where the files of the repository are found under their paths: `Homepage` of the distribution's metadata.
+
+    Empty where they name none; links are then left out.
+    """
+    try:
+        declared = metadata("branchdrive").get_all("Project-URL") or []
+    except PackageNotFoundError:
+        return ""
+    return next((line.split(", ", 1)[1].rstrip("/") for line in declared if line.startswith("Homepage, ")), "")
+
+
+def rule_page(rule_id: str) -> str:
+    """The page of a rule, Markdown: what it demands and why, an example, what to do.
+
+    Raises:
+        BranchDriveError: The installation lacks the page.
+    """
+    installed = _PACKAGE_DIR / "_rules"
+    checkout = _PACKAGE_DIR.parents[1] / "docs" / "rules"
+    for folder in (installed, checkout):
+        page = folder / f"{rule_id}.md"
+        if page.is_file():
+            return page.read_text(encoding="utf-8")
+    raise BranchDriveError(f"no page of {rule_id} in {installed} or {checkout}; reinstall `branchdrive`")

@@ -26,10 +26,13 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, TypeVar
 
 from branchdrive.contract.mismatch import Check
-from branchdrive.contract.resources import PROJECT_URL, load_resource
+from branchdrive.contract.resources import load_resource, project_url
 from branchdrive.errors import BranchDriveError
 
-__all__ = ["AREAS", "CATALOGUE", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "Scope", "Stage", "rule", "rules_of"]
+__all__ = [
+    "AREAS", "CATALOGUE", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "Scope", "Stage", "cause_order", "rule",
+    "rules_of",
+]  # fmt: skip
 
 Kind = Literal["structure", "claim", "qualification", "diagnostic"]
 Grain = Literal["dataset", "file", "document", "row", "rollout", "group"]
@@ -82,9 +85,14 @@ class RuleInfo:
         return not self.streams or not set(self.streams).isdisjoint(streams)
 
     @property
-    def url(self) -> str:
-        """Where the page of the rule is."""
-        return f"{PROJECT_URL}/docs/rules/{self.id}.md"
+    def url(self) -> str | None:
+        """Where the page of the rule is on the web; ``None`` where the distribution names no place."""
+        return f"{base}/docs/rules/{self.id}.md" if (base := project_url()) else None
+
+    @property
+    def explained(self) -> str:
+        """Where the rule is explained: its page, or the command that prints it."""
+        return self.url or f"`branchdrive rules {self.id}` explains it"
 
 
 def _rule(declared: Mapping[str, Any]) -> RuleInfo:
@@ -129,3 +137,17 @@ def rules_of(*scopes: Scope) -> tuple[str, ...]:
 
 AREAS: Mapping[str, str] = MappingProxyType(load_resource("rules.json")["areas"])
 """What the three letters of a rule id stand for."""
+
+_CAUSES = (
+    "LAY", "DOC", "ENC", "TAB", "VAL", "NUL", "KEY", "STA", "TIC", "RSP", "MOT", "BOX", "ACT", "MAP", "RTE", "CTL",
+    "TRG", "RPN", "GRP",
+)  # fmt: skip
+"""Areas whose defects explain others, the first causes first: a wrong unit of speed fails what is computed from it."""
+
+_PLACE = {rule_id: place for place, rule_id in enumerate(CATALOGUE)}
+
+
+def cause_order(rule_id: str) -> tuple[int, int]:
+    """Sort key of rules that fails together: causes before their consequences, else as in the catalogue."""
+    area = rule_id[3:6]
+    return (_CAUSES.index(area) if area in _CAUSES else len(_CAUSES), _PLACE[rule_id])

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "BEV_CAMERA", "BEV_SIDE_PX", "CHANNEL_MEANING", "CLASS_MEANING", "PX_PER_M", "SEMANTIC_STREAM", "SemanticChannel",
-    "SemanticClass", "channels_of", "classes_of",
+    "BEV_CAMERA", "BEV_SIDE_PX", "CHANNEL_MEANING", "CLASS_MEANING", "PX_PER_M", "ROUTE_WIDTH_M", "SEMANTIC_STREAM",
+    "SemanticChannel", "SemanticClass", "channels_of", "classes_of",
 ]  # fmt: skip
 
 SEMANTIC_STREAM = "semantic_bev"
@@ -28,6 +28,9 @@ BEV_SIDE_PX = 256
 
 PX_PER_M = 2.0
 """Scale of a view; its middle is the centre of the ego's box."""
+
+ROUTE_WIDTH_M = 2.0
+"""Width of the band that shows the remaining route."""
 
 _CLASS_BITS = 0b1111
 
@@ -77,7 +80,9 @@ CHANNEL_MEANING: Mapping[SemanticChannel, str] = MappingProxyType(
         SemanticChannel.EGO: "the ego's box",
         SemanticChannel.OTHER_VEHICLE: "the box of another motor vehicle or cycle",
         SemanticChannel.DRIVABLE_AREA: "lanes, shoulders, parking strips and road areas",
-        SemanticChannel.REMAINING_ROUTE: "the route from the ego on to its end",
+        SemanticChannel.REMAINING_ROUTE: (
+            f"a band of {ROUTE_WIDTH_M:g} m, with the route from the ego on to its end in the middle"
+        ),
     }
 )
 """Meaning of every channel."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 
-__all__ = ["NONE", "count_text", "counted", "listed", "one_line", "percent", "printable", "quote"]
+__all__ = ["NONE", "count_text", "counted", "listed", "nearest", "one_line", "percent", "printable", "quote"]
 
 NONE = "-"
 """Stands where a value is not defined."""
@@ -49,6 +50,14 @@ def count_text(count: int | None) -> str:
 def listed(names: Iterable[object]) -> str:
     """Names in back-ticks, with commas."""
     return ", ".join(f"`{printable(str(name))}`" for name in names)
+
+
+def nearest(name: str, names: Collection[str]) -> str:
+    """Names to answer one with that is none of `names`: those that begin with it, or are like it, else all of them."""
+    folded = {each.casefold(): each for each in names}
+    begun = [each for each in folded if name and each.startswith(name.casefold())]
+    close = [folded[each] for each in begun[:3] or get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
+    return f"did you mean {' or '.join(map(quote, close))}?" if close else f"there are {listed(names) or 'none'}"
 
 
 def counted(count: int, noun: str) -> str:

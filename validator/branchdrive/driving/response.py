@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "BEFORE_BRANCH", "MIN_EFFECT_M", "MIN_EFFECT_MPS", "NO_RESPONSE", "Responses", "first_response", "lateral_effect_m",
+    "BEFORE_BRANCH", "MIN_EFFECT_M", "MIN_EFFECT_MPS", "NO_RESPONSE", "Responses", "Sights", "first_response",
+    "lateral_effect_m",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -33,6 +34,10 @@ MIN_BRAKING = 0.2
 MIN_EFFECT_M = 0.1
 MIN_EFFECT_MPS = 0.1
 """Effects below these have no sign; replays of one rollout differ by about as much where a simulator has noise."""
+
+CLEAR_COMMAND = 0.08
+CLEAR_EFFECT_M = 0.3
+"""Steering and lateral effect from which a single intervention has a side: twice and three times those of many."""
 
 MIN_EFFECT_MPS2 = 2.0
 """Change of an acceleration that no noise of replays explains in nine of ten interventions."""
@@ -59,7 +64,11 @@ class Responses:
             `BEFORE_BRANCH`, or `NO_RESPONSE`.
         moves: Whether the nominal vehicle moves between ``t_b`` and ``t_b + 50``.
         accel_mps2: Longitudinal acceleration minus the nominal's, at ``t_b`` and at ``t_b + 5`` ``[interventions, 2]``.
-        future: Its poses and speeds from ``t_b`` to ``t_b + 50``, as 63 bits of their digest.
+        future: Its poses and speeds from ``t_b + 5`` to ``t_b + 50``, to three decimals, as 63 bits of a digest.
+        nominal_future: The same of the nominal.
+        expert: What the expert commanded while it was overridden, of its steering and of its throttle and brake:
+            whether that changed from ``t_b - 1`` to ``t_b + 50``, was one command in the window, was the nominal's, and
+            was what the vehicle got ``[interventions, 2, 4]``.
     """
 
     group: Index
@@ -72,12 +81,17 @@ class Responses:
     moves: NDArray[np.bool_]
     accel_mps2: Array
     future: Index
+    nominal_future: Index
+    expert: NDArray[np.bool_]
 
     @classmethod
     def none(cls) -> Responses:
         """No intervention."""
         index, value = np.zeros(0, np.int64), np.zeros(0)
-        return cls(index, index, value, value, value, value, index, np.zeros(0, bool), np.zeros((0, 2)), index)
+        accel, expert = np.zeros((0, 2)), np.zeros((0, 2, 4), bool)
+        return cls(
+            index, index, value, value, value, value, index, np.zeros(0, bool), accel, index, index, expert,
+        )  # fmt: skip
 
     def others(self, first: int, second: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Where the commands of two policies differ, and where they have one future that is not the nominal's.
@@ -108,6 +122,44 @@ class Responses:
         return self.moves & (np.maximum(np.abs(self.steer), np.abs(self.drive)) >= MIN_COMMAND)
 
     @property
+    def is_overridden(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Interventions that steer, and those that drive, otherwise than the nominal, and so that it shows.
+
+        Those whose expert never changes its command are left out: nobody steers a train.
+        """
+        steers = (np.abs(self.steer) >= MIN_COMMAND) & (np.abs(self.lateral_m) >= MIN_EFFECT_M)
+        drives = (np.abs(self.drive) >= MIN_COMMAND) & (np.abs(self.speed_mps) >= MIN_EFFECT_MPS)
+        steering, pedals = self.expert[:, :, 0].T
+        return np.asarray(self.moves & steers & steering), np.asarray(self.moves & drives & pedals)
+
+    def copies(self, nominal: int) -> list[tuple[int, frozenset[int]]]:
+        """Groups in which candidates that steer or brake otherwise have one future, each with their policies.
+
+        Throttle alone may change nothing at a top speed.
+
+        Args:
+            nominal: Index of the nominal policy, which is a candidate too.
+        """
+        known, first = np.unique(self.group, return_index=True)
+        count = len(known)
+        group, moves = np.append(self.group, known), np.append(self.moves, self.moves[first])
+        policy = np.append(self.policy, np.full(count, nominal))
+        future = np.append(self.future, self.nominal_future[first])
+        steer, drive = (np.append(values, np.zeros(count)) for values in (self.steer, self.drive))
+        order = np.lexsort((future, group))
+        begins = np.ones(len(order), bool)
+        begins[1:] = (np.diff(group[order]) != 0) | (np.diff(future[order]) != 0)
+        start, stop = np.flatnonzero(begins), np.flatnonzero(np.append(begins[1:], True)) + 1
+        found = []
+        for i in np.flatnonzero((stop - start > 1) & moves[order][start]).tolist():
+            same = order[start[i] : stop[i]]
+            least = drive[same].min()
+            brakes = np.ptp(drive[same]) >= MIN_BRAKING and least <= -MIN_BRAKING
+            if brakes or np.ptp(steer[same]) >= MIN_COMMAND:
+                found.append((int(group[same[0]]), frozenset(policy[same].tolist())))
+        return found
+
+    @property
     def is_anticipated(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Interventions whose acceleration has changed clearly after the branch, and those at the branch already."""
         at_branch, later = self.accel_mps2.T
@@ -115,21 +167,50 @@ class Responses:
         return counts, counts & (np.sign(later) * at_branch >= np.abs(later) / 2)
 
     @property
-    def is_ignored(self) -> NDArray[np.bool_]:
-        """Interventions that steer or brake, of a vehicle that moves, and have the future of their nominal."""
-        acts = (np.abs(self.steer) >= MIN_COMMAND) | (self.drive <= -MIN_BRAKING)
-        is_ignored: NDArray[np.bool_] = self.moves & acts & (self.first == NO_RESPONSE)
-        return is_ignored
-
-    @property
     def steering(self) -> Array:
         """Agreement of steering and lateral effect: 1, -1, or 0 where either is small or the drive differs too."""
         return _agreement(-self.steer, self.drive, self.lateral_m, MIN_EFFECT_M)
 
     @property
+    def shows_steering(self) -> NDArray[np.bool_]:
+        """Interventions that alone steer otherwise than the nominal, clearly, and end clearly beside it."""
+        steers = (np.abs(self.steer) >= CLEAR_COMMAND) & (np.abs(self.lateral_m) >= CLEAR_EFFECT_M)
+        return np.asarray(steers & (self.steering != 0))
+
+    @property
     def driving(self) -> Array:
         """Agreement of throttle minus brake and speed effect: 1, -1, or 0 where either is small or it steers too."""
         return _agreement(self.drive, self.steer, self.speed_mps, MIN_EFFECT_MPS)
+
+
+@dataclass(frozen=True)
+class Sights:
+    """Images of one camera against those of the nominal, each field ``[interventions]``.
+
+    Attributes:
+        response_m: How far the vehicle is from its nominal at its first response.
+        is_hidden: Whether the image of that observation is the nominal's, byte for byte.
+        shown_m: How far it is at the first observation whose image is another, NaN where there is none.
+    """
+
+    response_m: Array
+    is_hidden: NDArray[np.bool_]
+    shown_m: Array
+
+    @classmethod
+    def of_all(cls, parts: Iterable[Sights]) -> Sights:
+        """The interventions of several shards."""
+        every = [cls(np.zeros(0), np.zeros(0, bool), np.zeros(0)), *parts]
+        return cls(*(np.concatenate([getattr(part, field.name) for part in every]) for field in fields(cls)))
+
+    @property
+    def resolved_m(self) -> float:
+        """What the camera can show: a quarter of its first other images shows less; infinity where it has none.
+
+        A camera hides small ways more often than large ones: of those of at least this, fewer than three in four.
+        """
+        shown_m = np.sort(self.shown_m[np.isfinite(self.shown_m)])
+        return float(shown_m[len(shown_m) // 4]) if len(shown_m) else np.inf
 
 
 def _agreement(command: Array, other: Array, effect: Array, min_effect: float) -> Array:

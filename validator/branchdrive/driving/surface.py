@@ -124,6 +124,20 @@ class Strips:
         Yields:
             Point, strip, excess in metres, and whether the nearest point of the centre line is one of its ends.
         """
+        for point, segment in self._pairs(town, x_m, y_m):
+            if labels is not None:
+                same = np.flatnonzero(labels[0][self._strip[segment]] == labels[1][point])
+                point, segment = point[same], segment[same]
+            yield (point, self._strip[segment], *self._excess(segment, x_m[point], y_m[point]))
+
+    def along(self, town: Index, x_m: Array, y_m: Array) -> Iterator[tuple[Index, Index, Array, Mask, Array]]:
+        """The same as `near` with the heading of the strip there, in radians."""
+        for point, segment in self._pairs(town, x_m, y_m):
+            heading_rad = np.arctan2(self._step_y[segment], self._step_x[segment])
+            yield (point, self._strip[segment], *self._excess(segment, x_m[point], y_m[point]), heading_rad)
+
+    def _pairs(self, town: Index, x_m: Array, y_m: Array) -> Iterator[tuple[Index, Index]]:
+        """Points and the segments near them, in blocks."""
         if not len(self._cells) or not len(town):
             return
         key = _key(town, _cell(x_m), _cell(y_m))
@@ -134,11 +148,7 @@ class Strips:
         for first, stop in zip(firsts, np.append(firsts[1:], len(key)), strict=True):
             owner, entry = _ranges(counts[first:stop])
             point = owner + first
-            segment = self._segments[self._firsts[place[point]] + entry]
-            if labels is not None:
-                same = np.flatnonzero(labels[0][self._strip[segment]] == labels[1][point])
-                point, segment = point[same], segment[same]
-            yield (point, self._strip[segment], *self._excess(segment, x_m[point], y_m[point]))
+            yield point, self._segments[self._firsts[place[point]] + entry]
 
     def _excess(self, segment: Index, x_m: Array, y_m: Array) -> tuple[Array, Mask]:
         distance_m, share = self._foot(segment, x_m, y_m)

@@ -54,8 +54,8 @@ class Derived:
 
 
 def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
-    """The task that reads the derived layers; ``None`` without a spool, or where the dataset claims none."""
-    if spool is None or survey.descriptor is None or not survey.descriptor.derived_layers:
+    """The task that reads the derived layers; ``None`` without a spool, or where there are none that may be read."""
+    if spool is None or survey.excess or survey.descriptor is None or not survey.descriptor.derived_layers:
         return None
     names = tuple(entry.path for entry in survey.files)
     return LayerFilesTask(

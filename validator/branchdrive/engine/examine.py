@@ -59,7 +59,8 @@ def examine(
 
     for rule_id in in_scope["rows"]:
         bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place)
-        if (failed := _any((_rollouts(view, check) for check in bad), view.num_rollouts)).any():
+        failed = _any((_rollouts(view, check) for check in bad), view.num_rollouts)
+        if failed.any() and _excludes(rule_id):
             result.failed[rule_id] = failed
     for rule_id, ids, refused in (
         ("BD-KEY-001", view.rollout_ids, repeated_rollouts),

@@ -10,8 +10,9 @@ from branchdrive.contract.descriptor import Tolerances
 from branchdrive.contract.media import MEDIA_MODES, MediaMode
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.contract.text import counted, quote
+from branchdrive.contract.text import counted, listed, quote
 from branchdrive.engine.finding import Finding
+from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import EXIT_CODES, Verdict
@@ -31,7 +32,9 @@ class DatasetFacts:
     `raw_path` is ``None`` unless the raw layer lies elsewhere. `identity` and `descriptor_digest` are computed from the
     digests of this run, and `content_identity` from what the data say, with the digest of each layer in `content`;
     ``None`` where digests were not computed. `tolerances` are those that the descriptor declares or leaves at their
-    defaults, by name; empty without a usable descriptor. `num_beside` counts names in the folder that are no part of
+    defaults, by name, `replay_noise` is the declared kind, `unrecorded` are the columns that it lists, and
+    `unclaimed_streams` those that it leaves out; empty without a usable descriptor. `num_missing_attempts` counts those
+    that lack among the numbers of the others. `num_beside` counts names in the folder that are no part of
     the dataset.
     """
 
@@ -42,6 +45,10 @@ class DatasetFacts:
     identity: str | None
     descriptor_digest: str | None
     tolerances: dict[str, float]
+    replay_noise: str | None
+    unrecorded: list[str]
+    unclaimed_streams: list[str]
+    num_missing_attempts: int
     content_identity: str | None
     content: dict[str, str]
     num_shards: int
@@ -122,6 +129,11 @@ class Report:
         return None if self.funnel is None else self.funnel.qualified
 
     @property
+    def groups(self) -> tuple[GroupResult, ...] | None:
+        """How far each group of the raw layer gets, and why no further; ``None`` where the funnel is not judged."""
+        return None if self.funnel is None else tuple(map(GroupResult.of, self.funnel.outcomes))
+
+    @property
     def conditions(self) -> tuple[str, ...]:
         """What the verdict depends on beside the data, one line each."""
         defaults = Tolerances().model_dump()
@@ -134,6 +146,7 @@ class Report:
             for name, value in self.dataset.tolerances.items()
             if value != defaults[name]
         ]
+        lines += self._weaknesses
         if deselected:
             lines.append(f"{counted(len(deselected), 'rule')} deselected, of them {_deciding(deselected)} that decide")
         if not self.options.hashed:
@@ -148,6 +161,20 @@ class Report:
         if self.options.is_strict:
             lines.append("diagnostics and recommendations required to hold")
         return tuple(line for line in lines if line)
+
+    @property
+    def _weaknesses(self) -> list[str]:
+        """What the dataset itself leaves out of what rules could judge, one line each."""
+        facts, lines = self.dataset, []
+        if facts.replay_noise not in (None, "exact"):
+            lines.append(f"replay noise declared as {facts.replay_noise}")
+        if facts.unrecorded:
+            lines.append(f"{counted(len(facts.unrecorded), 'column')} not recorded: {listed(facts.unrecorded)}")
+        if facts.unclaimed_streams:
+            lines.append(f"streams not claimed: {listed(facts.unclaimed_streams)}")
+        if facts.num_missing_attempts:
+            lines.append(f"{counted(facts.num_missing_attempts, 'attempt')} missing among the numbers of the others")
+        return lines
 
     @property
     def exit_code(self) -> int:
@@ -192,6 +219,7 @@ class Report:
             ],
             "findings": [finding.to_json() for finding in self.findings],
             "funnel": None if self.funnel is None else {"basis": FUNNEL_BASIS, **self.funnel.to_json()},
+            "groups": None if self.groups is None else [group.to_json() for group in self.groups],
             "response": None if self.response is None else self.response.to_json(),
             "population": self.population,
             "population_basis": None if self.population is None else POPULATION_BASIS,

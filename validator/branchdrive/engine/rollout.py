@@ -17,6 +17,7 @@ from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine.examine import examine
 from branchdrive.engine.finding import Finding
 from branchdrive.errors import BranchDriveError
+from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 
@@ -47,7 +48,9 @@ def check_rollout_structure(
     return _findings(_view([(record, tables)], descriptor), frozenset(rules_of("rows")) - _NEEDS_NOMINAL)
 
 
-def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout | None = None) -> list[Finding]:
+def check_rollout(
+    rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout | None = None, town_map: pa.Table | None = None
+) -> list[Finding]:
     """All findings on one attempt that bear on qualifying, and recommendations; empty if it complies with every rule.
 
     A finding with `is_recommendation` costs neither the group nor the dataset: go on with the rollout.
@@ -59,6 +62,7 @@ def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout 
         descriptor: Descriptor of its dataset.
         nominal: The nominal rollout it was executed against. Without it, comparisons with the
             nominal (commands, route, seed, branch and so on) are left out.
+        town_map: Rows of the table ``map`` of its town; without them comparisons with the map are left out.
     """
     attempts = [(rollout.record, rollout.tables)]
     selected = frozenset(rules_of("rows", "rollout"))
@@ -67,7 +71,7 @@ def check_rollout(rollout: Rollout, descriptor: Descriptor, *, nominal: Rollout 
         attempts.append((nominal.record, nominal.tables))
     elif rollout.record["role"] != "nominal":
         selected -= _NEEDS_NOMINAL
-    view = _view(attempts, descriptor)
+    view = _view(attempts, descriptor, town_map)
     own = rollout.rollout_id
     findings = [f for f in _findings(view, selected) if f.location.get("rollout_id", own) == own]
     if is_compared and rollout.record["role"] == "intervention" and len(view.group_ids) == 1:
@@ -82,14 +86,19 @@ def _context_findings(view: ShardView) -> list[Finding]:
     return [Finding.of(rule_id, check.mismatch(0)) for rule_id, check in checks if len(check.bad)]
 
 
-def _view(attempts: Sequence[tuple[Mapping[str, Any], Mapping[str, pa.Table]]], descriptor: Descriptor) -> ShardView:
+def _view(
+    attempts: Sequence[tuple[Mapping[str, Any], Mapping[str, pa.Table]]],
+    descriptor: Descriptor,
+    town_map: pa.Table | None = None,
+) -> ShardView:
     records = pa.Table.from_pylist([dict(record) for record, _ in attempts], schema=table_schema("rollouts"))
     streams = {
         name: pa.concat_tables([tables[name] for _, tables in attempts])
         for name in descriptor.tables
         if name in attempts[0][1]
     }
-    return ShardView({"rollouts": records, **streams}, descriptor)
+    maps = {} if town_map is None else {MAP: town_map}
+    return ShardView({ROLLOUTS: records, **streams, **maps}, descriptor)
 
 
 def _findings(view: ShardView, selected: frozenset[str]) -> list[Finding]:

@@ -6,16 +6,19 @@ from branchdrive.card import rules as card_rules
 from branchdrive.files import rules as file_rules
 from branchdrive.layers import rules as layer_rules
 from branchdrive.leakage import rules as leakage_rules
+from branchdrive.leakage import structural_rules
 from branchdrive.model import near_duplicate_rules
 from branchdrive.model import rules as model_rules
 from branchdrive.quality import fidelity_rules, split_rules
 from branchdrive.quality import rules as quality_rules
 from branchdrive.raw.rules import (
     controls,
+    coverage,
     evidence,
     extents,
     groups,
     images,
+    infractions,
     keys,
     maps,
     media,
@@ -33,7 +36,8 @@ from branchdrive.raw.rules import (
 
 RULE_MODULES = (
     file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    replays, media, images, maps, route, motion, tracks, extents, results, layer_rules, canonical_rules, quality_rules,
-    split_rules, fidelity_rules, model_rules, near_duplicate_rules, leakage_rules, benchmark_rules, card_rules,
+    replays, media, images, maps, route, motion, tracks, coverage, extents, results, infractions,
+    layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules, near_duplicate_rules,
+    leakage_rules, structural_rules, benchmark_rules, card_rules,
 )  # fmt: skip
 """Modules of rules, in order of the layers."""

@@ -44,14 +44,21 @@ from branchdrive.raw.calibration import calibration
 from branchdrive.raw.content import attempt_content
 from branchdrive.raw.extent import vehicle_widths
 from branchdrive.raw.funnel import Funnel
+from branchdrive.raw.image_eye import Look
 from branchdrive.raw.images import Images
-from branchdrive.raw.media import Looks, read_media
-from branchdrive.raw.response import observed_extremes, responses, tracks
-from branchdrive.raw.semantic_bodies import SemanticBodies
+from branchdrive.raw.lane_use import lane_use
+from branchdrive.raw.media import read_media
+from branchdrive.raw.outline import outlines
+from branchdrive.raw.prevalence import broken_relations, num_in_contact, num_missing_attempts
+from branchdrive.raw.response import executed, observed_extremes, responses_of, tracks
+from branchdrive.raw.semantic_bodies import SemanticActors, SemanticPeople, SemanticVehicles
 from branchdrive.raw.semantic_frame import SemanticFrames
 from branchdrive.raw.semantic_ground import SemanticGround
+from branchdrive.raw.semantic_signs import SemanticSigns
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.sight import sights
 from branchdrive.raw.town_map import map_digests
+from branchdrive.raw.track_ends import track_ends
 from branchdrive.tables.frame import Frame
 from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
@@ -187,17 +194,23 @@ def _read_media(
     result.unreadable |= reading.unreadable
     result.over_limit |= reading.over_limit
     result.stored_code |= reading.stored_code
-    result.num_images = 0 if frames is None else frames.num_rows
-    result.media_mismatches = reading.mismatches
+    result.num_images = reading.num_images
+    result.media_mismatches, result.archive_mismatches = reading.mismatches, reading.archives
     return reading.images
 
 
-def _looks(view: ShardView | None) -> Looks:
-    """What semantic maps are compared with; nothing where the shard has none."""
+def _looks(view: ShardView | None) -> dict[str, Look]:
+    """What parts of semantic maps are compared with; nothing where the shard has none."""
     if view is None or "frames" not in view or SEMANTIC_STREAM not in view.descriptor.streams:
-        return Looks()
+        return {}
     frames = SemanticFrames(view)
-    return Looks(SemanticBodies(frames), SemanticGround(frames))
+    actors = SemanticActors(frames)
+    return {
+        "vehicles": SemanticVehicles(actors),
+        "people": SemanticPeople(actors),
+        "ground": SemanticGround(frames),
+        "signs": SemanticSigns(frames),
+    }
 
 
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
@@ -266,9 +279,20 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
         for rule_id, tally in tallies.items()
         if tally.info.scope == "rollout"
     }
-    result.responses, result.tracks = responses(view, examination.selection, examination.broken), tracks(view)
-    result.calibration, result.extremes = calibration(view, examination.broken), observed_extremes(view)
-    result.widths, result.maps = vehicle_widths(view), map_digests(view)
+    whole = view.complete & ~examination.broken
+    result.judged |= broken_relations(view, whole)
+    result.in_contact = num_in_contact(view, whole)
+    result.num_missing_attempts = num_missing_attempts(view)
+    interventions = executed(view, examination.selection, examination.broken)
+    result.responses, result.tracks = responses_of(view, interventions), tracks(view)
+    result.sights = sights(view, interventions, result.responses)
+    result.outlines = outlines(view, interventions)
+    result.calibration = {
+        name: values[whole & np.isfinite(values)] for name, values in view.cached(calibration).items()
+    }
+    result.extremes = observed_extremes(view)
+    result.track_ends = track_ends(view, examination.broken)
+    result.widths, result.maps, result.lanes = vehicle_widths(view), map_digests(view), lane_use(view)
     result.scenario_types = frozenset(view.rollouts.categories("scenario_type")[1])
     if task.spool is None:
         return

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Literal
 
+from branchdrive.contract.mismatch import MAX_KEPT
 from branchdrive.contract.rule import CATALOGUE, RuleInfo
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding
 
 __all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally", "failure_text"]
 
-MAX_FINDINGS_PER_RULE = 100
+MAX_FINDINGS_PER_RULE = MAX_KEPT
 """Findings kept per rule; counts stay exact."""
 
 _MAX_LINE = 500

@@ -14,6 +14,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
@@ -33,7 +34,7 @@ from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
 from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
-from branchdrive.files.survey import Survey, take_survey
+from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.manifest import Manifest
 from branchdrive.formats.untrusted import Links, linked_folders
 from branchdrive.raw.content import raw_content
@@ -131,6 +132,7 @@ def validate(
     for result in results:
         funnel.add(result.funnel)
     is_read = not any(t.unjudged and t.rule_id in qualifying for result in results for t in result.tallies.values())
+    is_read &= not source.excess
     is_judged = source.descriptor is not None and is_whole and is_read and bool(results or source.has_raw)
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
@@ -166,6 +168,8 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     if survey.has_raw:
         raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
     source = take_survey(Path(raw), hash_files=survey.is_hashed, links=survey.links)
+    if source.excess:
+        raise UsageError(f"{str(source.root)!r} exceeds the limits on files, and was not read; validate it by itself")
     if not source.shard_folders:
         raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
     return source
@@ -195,6 +199,8 @@ def _merge(
                 tallies[rule_id] = derived[rule_id]
             elif survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
+            elif survey.excess:
+                tally.unjudged = NOT_READ
             else:
                 tally.is_claimed = False
         else:
@@ -202,6 +208,8 @@ def _merge(
                 tally.add(shard.tallies[rule_id])
             if survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
+            elif survey.excess and not results:
+                tally.unjudged = NOT_READ
             elif described is not None:
                 tally.is_claimed = tally.info.is_about(described.streams)
     return tallies
@@ -248,6 +256,10 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,
         descriptor_digest=survey.digests.get(DESCRIPTOR_FILE) if survey.is_hashed else None,
         tolerances=descriptor.tolerances.model_dump() if descriptor else {},
+        replay_noise=descriptor.collection.replay_noise.kind if descriptor else None,
+        unrecorded=list(descriptor.unrecorded) if descriptor else [],
+        unclaimed_streams=[name for name in STREAMS if name not in descriptor.streams] if descriptor else [],
+        num_missing_attempts=sum(shard.num_missing_attempts for shard in survey.shards),
         content_identity=content_identity(content, claimed),
         content=content,
         num_shards=len(survey.shards),

@@ -19,6 +19,7 @@ from typing import Any, Literal
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.contract.text import nearest
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, UsageError
@@ -76,10 +77,12 @@ def load_waivers(path: Path) -> tuple[Waiver, ...]:
     waivers = []
     for item in document["waivers"]:
         info = CATALOGUE.get(item["rule"])
-        if info is None or not info.decides:
+        if info is None:
+            raise UsageError(f"waivers {str(path)!r}: no rule {item['rule']!r}; {nearest(item['rule'], CATALOGUE)}")
+        if not info.decides:
             raise UsageError(
-                f"waivers {str(path)!r}: rule {item['rule']!r} is not a structure or claim rule; others need no "
-                "waiver, they never make a dataset invalid"
+                f"waivers {str(path)!r}: rule {item['rule']!r} is of the kind {info.kind}; it needs no waiver, since "
+                "only structure and claim rules make a dataset invalid"
             )
         try:
             expires = date.fromisoformat(item["expires"])

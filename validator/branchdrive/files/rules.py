@@ -5,7 +5,6 @@ Source: spec/03-layout.md, spec/09-security.md.
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 
 from branchdrive.contract.columns import TABLES
@@ -19,17 +18,18 @@ from branchdrive.contract.layout import (
     MANIFEST_FILE,
     RAW_DIR,
     STAGING_DIR,
+    folded,
     shard_index,
     unsafe_reason,
-)
-from branchdrive.contract.limits import spec_limits
+)  # fmt: skip
 from branchdrive.contract.machine_trace import trace_mismatches
-from branchdrive.contract.mismatch import Check, Location, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.errors import UsageError
-from branchdrive.files.survey import Entry, Survey
+from branchdrive.files.survey import NOT_READ, Survey
+from branchdrive.files.walk import Entry
 from branchdrive.formats.manifest import SAFE_PATH, Manifest
 
 TABLE_FILES = {table.file_name for table in TABLES.values()}
@@ -37,13 +37,25 @@ TABLE_FILES = {table.file_name for table in TABLES.values()}
 _DESCRIPTOR: Location = {"file": DESCRIPTOR_FILE}
 
 
+def _require_whole(survey: Survey) -> None:
+    """For rules on what is not there.
+
+    Raises:
+        PreconditionError: The files were not read, and maybe not even listed to the end.
+    """
+    if survey.excess:
+        raise PreconditionError(NOT_READ)
+
+
 @rule("BD-LAY-001")
 def manifest_is_well_formed(survey: Survey) -> Iterator[Check]:
     """`MANIFEST.sha256` is there and its text parses."""
     found = [mismatch for mismatch in survey.manifest_mismatches if mismatch.expected != SAFE_PATH]
     if survey.manifest is None and not found:
-        lacking = "MANIFEST.sha256, written last", "no manifest: writing never finished"
-        found.append(Mismatch({"file": MANIFEST_FILE}, *lacking))
+        is_begun = any(entry.path == STAGING_DIR for entry in survey.entries)
+        state = "was interrupted or goes on, as its working area says" if is_begun else "never finished"
+        expected = "MANIFEST.sha256, written last"
+        found.append(Mismatch({"file": MANIFEST_FILE}, expected, f"no manifest: writing {state}"))
     yield Check.of(1, tuple(found))
 
 
@@ -68,6 +80,7 @@ def digests_match(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-003")
 def listed_files_exist(survey: Survey) -> Iterator[Check]:
     """Every path of the manifest is there, and is not a folder; links and devices are BD-LAY-006's."""
+    _require_whole(survey)
     listed = survey.manifest.files if survey.manifest else {}
     there = {entry.path for entry in survey.entries if entry.kind != "folder"}
     found = [
@@ -81,6 +94,7 @@ def listed_files_exist(survey: Survey) -> Iterator[Check]:
 @rule("BD-LAY-004")
 def existing_files_are_listed(survey: Survey) -> Iterator[Check]:
     """Every regular file but the manifest is listed; a writer's working area counts as one file."""
+    _require_whole(survey)
     listed = survey.manifest.files if survey.manifest else {}
     files = [e.path for e in survey.files if e.path != MANIFEST_FILE and not e.path.startswith(f"{STAGING_DIR}/")]
     found = [
@@ -108,7 +122,7 @@ def paths_are_safe(survey: Survey) -> Iterator[Check]:
             found.append(Mismatch({"file": entry.path}, SAFE_PATH, f"{quote(entry.path)} {reason}"))
     known: dict[str, str] = {}
     for path in sorted(entry.path for entry in survey.entries):
-        other = known.setdefault(unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold()), path)
+        other = known.setdefault(folded(path), path)
         if other != path:
             text = f"{quote(path)}, which is {quote(other)} where case or form of letters do not count"
             found.append(Mismatch({"file": path}, "a path that is one file on every system", text))
@@ -122,6 +136,7 @@ def only_files_and_folders(survey: Survey) -> Iterator[Check]:
     kinds = {
         "link": "a symbolic link",
         "stray_link": "a symbolic link to nothing that it may lead to",
+        "known_folder": "a folder that another path leads to as well",
         "special": "a special file",
         "unreadable": "nothing that can be read",
     }
@@ -135,16 +150,14 @@ def only_files_and_folders(survey: Survey) -> Iterator[Check]:
 def ignore_file_is_bounded(survey: Survey) -> Iterator[Check]:
     """The ignore file, where there is one, is bounded text of patterns of names."""
     wanted, error = "patterns of names, one a line, within the limits", survey.ignore_error
-    yield Check.of(1, () if error is None else (Mismatch({"file": IGNORE_FILE}, wanted, error),))
+    found = () if error is None else (Mismatch({"file": IGNORE_FILE}, wanted, error),)
+    yield Check.of(int(survey.has_ignore_file), found)
 
 
 @rule("BD-LAY-007")
 def limits_hold(survey: Survey) -> Iterator[Check]:
     """File count, path length, depth, stored and decoded sizes stay under `limits.json`."""
-    limits = spec_limits()
-    found = []
-    if survey.is_cut or len(survey.files) > limits.max_files:
-        found.append(Mismatch({}, f"at most {limits.max_files} files", f"{len(survey.entries)} names or more"))
+    found = [*survey.excess]
     for entry in survey.entries:
         reason = unsafe_reason(entry.path)
         if reason is not None and ("longer" in reason or "deeper" in reason):
@@ -212,6 +225,7 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
 
     Where the descriptor is refused, its claims are not known, and every layer, table and medium has a place.
     """
+    _require_whole(survey)
     plain = [e for e in survey.entries if e.kind in ("file", "folder") and unsafe_reason(e.path) is None]
     found = [Mismatch({"file": e.path}, "a place in the layout", "none") for e in plain if not _has_place(e)]
     layers = (RAW_DIR, *LAYERS) if survey.descriptor is None else survey.descriptor.layers
@@ -295,20 +309,25 @@ def descriptor_names_no_machine(survey: Survey) -> Iterator[Check]:
 
 @rule("BD-ENC-001")
 def encoding_recomputes(survey: Survey) -> Iterator[Check]:
-    """The digest of a declared `bd29` encoding is that of the bank's matrix."""
+    """The digest of a declared `bd29` encoding is that of the bank's matrix.
+
+    Raises:
+        PreconditionError: It is an encoding of another name.
+    """
     declared = survey.descriptor.action_encoding if survey.descriptor else None
-    if survey.descriptor is None or declared is None or declared.name != ENCODING_NAME:
+    if survey.descriptor is None or declared is None:
         yield Check.of(0, ())
         return
+    if declared.name != ENCODING_NAME:
+        raise PreconditionError(f"the encoding {quote(declared.name)} is the dataset's own and cannot be recomputed")
     place: Location = {**_DESCRIPTOR, "pointer": "/action_encoding"}
     try:
         digest = encoding_digest(survey.descriptor.action_bank)
     except UsageError as error:
         yield Check.of(1, (Mismatch(place, f"a bank in the domain of `{ENCODING_NAME}`", str(error)),))
         return
-    mismatch = Mismatch(
-        {**place, "pointer": "/action_encoding/sha256"}, f"sha256 {digest}", f"sha256 {declared.sha256}"
-    )
+    place = {**place, "pointer": "/action_encoding/sha256"}
+    mismatch = Mismatch(place, f"sha256 {digest}", f"sha256 {declared.sha256}")
     yield Check.of(1, () if declared.sha256 == digest else (mismatch,))
 
 
@@ -327,9 +346,8 @@ def tables_decode(survey: Survey) -> Iterator[Check]:
 
 def _columns(survey: Survey, shards: Sequence[Mapping[str, Sequence[Mismatch]]]) -> Check:
     """Mismatches of columns by file and shard; every decoded table was examined."""
-    every = [
-        found.within({"file": path}) for files in shards for path, mismatches in files.items() for found in mismatches
-    ]
+    of_files = [(path, mismatches) for files in shards for path, mismatches in files.items()]
+    every = [found.within({"file": path}) for path, mismatches in of_files for found in mismatches]
     return Check.of(sum(len(shard.rows) for shard in survey.shards), every)
 
 
@@ -351,22 +369,19 @@ def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
 
     A table that the manifest lists and nobody finds is a missing file, not a missing claim.
     """
+    _require_whole(survey)
     if survey.descriptor is None or not (survey.descriptor.has_raw or survey.shards):
         yield Check.of(0, ())
         return
     listed = survey.manifest.files if survey.manifest else {}
-    wanted = [
-        f"{shard.folder}/{name}.parquet"
-        for shard in survey.shards
-        for name in survey.descriptor.tables
-        if name not in shard.present
-    ]
-    found = [
-        Mismatch({"file": path}, "a table of a claimed stream", "no such file") for path in wanted if path not in listed
-    ]
+    tables = survey.descriptor.tables
+    wanted = [f"{shard.folder}/{n}.parquet" for shard in survey.shards for n in tables if n not in shard.present]
+    unlisted = [path for path in wanted if path not in listed]
+    found = [Mismatch({"file": path}, "a table of a claimed stream", "no such file") for path in unlisted]
     if not survey.shards:
         found.append(Mismatch({"file": "raw"}, "at least one shard", "none"))
-    yield Check.of(max(1, len(survey.shards) * len(survey.descriptor.tables)), tuple(found))
+    num_claimed = len(survey.shards) * len(tables)
+    yield Check.of(num_claimed - len(wanted) + len(unlisted), tuple(found))
 
 
 @rule("BD-TAB-005")

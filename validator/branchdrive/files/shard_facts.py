@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.mismatch import Mismatch
-from branchdrive.driving.response import Responses
+from branchdrive.contract.mismatch import Mismatch, Mismatches
+from branchdrive.driving.response import Responses, Sights
+from branchdrive.driving.track_end import TrackEnds
 
 __all__ = ["ShardFacts", "repeated_rollouts", "split_groups"]
 
@@ -33,17 +34,25 @@ class ShardFacts:
         rows: Rows of each table.
         rollout_ids: Identities of the attempts.
         group_ids: Identities of the groups.
-        judged: Of every rule on single attempts, how many fail it and how many were examined.
+        judged: Of every rule on single attempts, how many fail it and how many were examined; of relations of motion,
+            how many break them and how many were compared, whatever contacts they have.
+        num_missing_attempts: How many attempts lack, by the numbers of the others.
+        in_contact: How many attempts have a contact, of how many with evidence.
         attempts: Digest of the content of each attempt by its identity; ``None`` where they were not computed, or rows
             have no place in them.
         responses: What its interventions do, where its rows could be judged.
+        sights: What the images of each camera show of that, by its name.
+        outlines: What each group is like, by its identity, whatever its names, its place and its direction.
         tracks: What the ego did in the attempts of each group, as digests.
         calibration: Sign, unit and clock of recorded motion: values of every quantity in its attempts.
         extremes: Smallest and largest value of every column of numbers of the observations.
+        track_ends: Where tracks of actors begin and end.
         widths: Numbers of egos and of tracks of vehicles that are too narrow, too wide, and of all, by their table.
         maps: Digest of the map of each town, where its rows could be judged.
+        lanes: Numbers of vehicles along each lane and against it, by town and lane.
         num_images: Images that were looked at.
-        media_mismatches: What is wrong with them.
+        media_mismatches: Which of them are not where the index says, by file.
+        archive_mismatches: What archives of media hold beside them, by archive.
         stored_code: Media that hold code, and of which kind.
         scenario_types: Scenario types of the attempts, where their rows could be judged.
     """
@@ -62,15 +71,22 @@ class ShardFacts:
     rollout_ids: list[str] = field(default_factory=list)
     group_ids: list[str] = field(default_factory=list)
     judged: dict[str, tuple[int, int]] = field(default_factory=dict)
+    num_missing_attempts: int = 0
+    in_contact: tuple[int, int] = (0, 0)
     attempts: dict[str, str] | None = None
     responses: Responses = field(default_factory=Responses.none)
+    sights: dict[str, Sights] = field(default_factory=dict)
+    outlines: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     tracks: dict[str, frozenset[int]] = field(default_factory=dict)
     calibration: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    track_ends: TrackEnds = field(default_factory=TrackEnds.none)
     widths: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     maps: dict[str, str] = field(default_factory=dict)
+    lanes: dict[tuple[str, str], tuple[int, int]] = field(default_factory=dict)
     num_images: int = 0
-    media_mismatches: list[Mismatch] = field(default_factory=list)
+    media_mismatches: dict[str, Mismatches] = field(default_factory=dict)
+    archive_mismatches: dict[str, Mismatches] = field(default_factory=dict)
     stored_code: dict[str, str] = field(default_factory=dict)
     scenario_types: frozenset[str] = frozenset()
 

@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -39,20 +37,14 @@ from branchdrive.contract.refusal import mismatches_of
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.formats.file_error import machine_faults
+from branchdrive.files.walk import Entry, walk
 from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
-from branchdrive.formats.untrusted import Links, linked_status, open_file, open_folder, read_file
+from branchdrive.formats.untrusted import Links, open_file, read_file
 
-__all__ = ["Entry", "Survey", "take_survey"]
+__all__ = ["NOT_READ", "Survey", "take_survey"]
 
-
-@dataclass(frozen=True)
-class Entry:
-    """One name below the root; a link that is followed is what it leads to, and a stray one may not be followed."""
-
-    path: str
-    kind: Literal["file", "folder", "link", "stray_link", "special", "unreadable"]
-    size: int
+NOT_READ = "the files exceed the limits together, and were not read"
+"""Why nothing is judged that lies in them."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +54,11 @@ class Survey:
     Attributes:
         root: The dataset folder.
         links: Folders that links may lead into.
-        entries: Every name below the root that is no companion, sorted by path; cut off at the limit on files.
-        is_cut: Whether `entries` is cut off.
+        entries: Every name below the root that is no companion, sorted by path; cut off where there are too many.
+        excess: How the files together exceed the limits; then none but the documents in the root is opened.
         num_beside: Names that are companions of the dataset; what lies in them was not looked at.
-        ignore_error: What is wrong with the ignore file.
+        has_ignore_file: Whether there is an ignore file.
+        ignore_error: What is wrong with it.
         manifest: What the manifest states; ``None`` if there is none.
         manifest_mismatches: What is wrong with the manifest's text.
         document: The descriptor's JSON; ``None`` if it does not parse.
@@ -82,8 +75,9 @@ class Survey:
     root: Path
     links: Links = None
     entries: tuple[Entry, ...] = ()
-    is_cut: bool = False
+    excess: tuple[Mismatch, ...] = ()
     num_beside: int = 0
+    has_ignore_file: bool = False
     ignore_error: str | None = None
     manifest: Manifest | None = None
     manifest_mismatches: tuple[Mismatch, ...] = ()
@@ -104,9 +98,9 @@ class Survey:
 
     @cached_property
     def shard_folders(self) -> dict[str, tuple[Entry, ...]]:
-        """Files of each raw shard folder, in order of the folders."""
+        """Files of each raw shard folder, in order of the folders; none where nothing is to be opened."""
         folders: dict[str, list[Entry]] = {}
-        for entry in self.entries:
+        for entry in () if self.excess else self.entries:
             parts = entry.path.split("/")
             is_inside = len(parts) > 2 or (len(parts) == 2 and entry.kind == "folder")
             if is_inside and parts[0] == RAW_DIR and shard_index(parts[1]) is not None:
@@ -118,7 +112,7 @@ class Survey:
     @cached_property
     def release_files(self) -> tuple[str, ...]:
         """Files of the derived layers that the descriptor claims, with card and licence beside them."""
-        if self.descriptor is None or not self.descriptor.derived_layers:
+        if self.excess or self.descriptor is None or not self.descriptor.derived_layers:
             return ()
         claimed = {path for layer in self.descriptor.derived_layers for path in LAYERS[layer].files}
         claimed |= {CARD_FILE, LICENCE_FILE}
@@ -172,72 +166,6 @@ class Survey:
         return replace(self, shards=shards, digests=digests, unreadable=unreadable)
 
 
-def _walk(root: Path, links: Links, companions: Companions, limits: Limits) -> Iterator[tuple[str, Any]]:
-    """Fields of a `Survey` that say what lies below the root."""
-    entries: list[Entry] = []
-    num_beside = 0
-    folders = [""]
-    while folders:
-        folder = folders.pop()
-        try:
-            with (
-                machine_faults(root / folder),
-                open_folder(root, folder, links) as descriptor,
-                os.scandir(descriptor) as listing,
-            ):
-                names = sorted(islice(listing, 2 * limits.max_files + 1), key=lambda entry: entry.name)
-                found = [_entry(root, f"{folder}/{name.name}" if folder else name.name, name, links) for name in names]
-        except OSError as error:
-            if not folder and isinstance(error, FileNotFoundError):
-                raise UsageError(
-                    f"{str(root)!r} went away while it was read; give the folder where it is now"
-                ) from error
-            if not folder:
-                raise
-            entries.append(Entry(folder, "unreadable", 0))
-            continue
-        for entry in found:
-            if entry.path in companions:
-                num_beside += 1
-                continue
-            entries.append(entry)
-            # One folder below the deepest allowed one, so that what lies too deep is seen.
-            if entry.kind == "folder" and entry.path.count("/") <= limits.max_depth:
-                folders.append(entry.path)
-            if len(entries) > 2 * limits.max_files:
-                yield "is_cut", True
-                folders.clear()
-                break
-    yield "entries", tuple(sorted(entries, key=lambda entry: entry.path))
-    yield "num_beside", num_beside
-
-
-def _entry(root: Path, path: str, name: os.DirEntry[str], links: Links) -> Entry:
-    try:
-        with machine_faults(root / path):
-            status = name.stat(follow_symlinks=False)
-    except OSError:
-        return Entry(path, "unreadable", 0)
-    if stat.S_ISLNK(status.st_mode):
-        return Entry(path, "link", 0) if links is None else _followed(root, path, links)
-    return Entry(path, *_kind(status))
-
-
-def _followed(root: Path, path: str, links: tuple[Path, ...]) -> Entry:
-    """What a link leads to."""
-    try:
-        with machine_faults(root / path):
-            return Entry(path, *_kind(linked_status(root, path, links)))
-    except OSError:
-        return Entry(path, "stray_link", 0)
-
-
-def _kind(status: os.stat_result) -> tuple[Literal["file", "folder", "special"], int]:
-    if stat.S_ISREG(status.st_mode):
-        return "file", status.st_size
-    return ("folder" if stat.S_ISDIR(status.st_mode) else "special"), 0
-
-
 def _digest(root: Path, path: str, links: Links) -> str:
     with open_file(root, path, links) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -286,8 +214,6 @@ def _read_manifest(root: Path, links: Links, limits: Limits) -> Iterator[tuple[s
 
 def _read_patterns(root: Path, links: Links, limits: Limits) -> tuple[tuple[str, ...], str | None]:
     """Patterns of the ignore file, and what is wrong with it."""
-    if not os.path.lexists(root / IGNORE_FILE):
-        return (), None
     try:
         return ignored_names(read_file(root, IGNORE_FILE, limits.max_ignore_bytes, links)), None
     except (DatasetError, OSError, ValueError) as error:
@@ -314,25 +240,43 @@ def take_survey(root: Path, *, hash_files: bool = True, links: Links = None, lim
             f"{str(root)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
         )
     fields = {**dict(_read_manifest(root, links, limits)), **dict(_read_descriptor(root, links, limits))}
-    patterns, ignore_error = _read_patterns(root, links, limits)
+    has_ignore_file = os.path.lexists(root / IGNORE_FILE)
+    patterns, ignore_error = _read_patterns(root, links, limits) if has_ignore_file else ((), None)
     listed = fields["manifest"].files if "manifest" in fields else ()
-    fields |= dict(_walk(root, links, Companions(listed, patterns), limits))
-    survey = Survey(root, links, ignore_error=ignore_error, is_hashed=hash_files, **fields)
-    return _hash_outside(survey) if hash_files else replace(survey, digests={})
+    tree = walk(root, links, Companions(listed, patterns), limits)
+    survey = Survey(
+        root,
+        links,
+        tree.entries,
+        tree.excess(limits),
+        tree.num_beside,
+        has_ignore_file=has_ignore_file,
+        ignore_error=ignore_error,
+        is_hashed=hash_files,
+        **fields,
+    )
+    if not hash_files:
+        return replace(survey, digests={})
+    return survey if survey.excess else _hash_outside(survey)
 
 
 def _hash_outside(survey: Survey) -> Survey:
-    """Digest what lies outside the shards and was not read yet."""
+    """Digest what lies outside the shards and was not read yet; a file of several names is read once."""
     digests, unreadable = dict(survey.digests), {}
     read_by_others = {entry.path for files in survey.shard_folders.values() for entry in files}
     read_by_others |= {MANIFEST_FILE, *digests, *survey.release_files}
     limit = spec_limits().max_media_bytes
-    for path, size in [(e.path, e.size) for e in survey.files if e.path not in read_by_others]:
-        if size > limit:
-            unreadable[path] = f"has {size} bytes; the limit is {limit}"
+    read: dict[tuple[int, int], str] = {}
+    for entry in survey.files:
+        if entry.path in read_by_others:
+            continue
+        if entry.size > limit:
+            unreadable[entry.path] = f"has {entry.size} bytes; the limit is {limit}"
             continue
         try:
-            digests[path] = _digest(survey.root, path, survey.links)
+            if entry.identity not in read:
+                read[entry.identity] = _digest(survey.root, entry.path, survey.links)
+            digests[entry.path] = read[entry.identity]
         except (DatasetError, OSError) as error:
-            unreadable[path] = str(error)
+            unreadable[entry.path] = str(error)
     return replace(survey, digests=digests, unreadable=unreadable)

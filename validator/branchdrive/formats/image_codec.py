@@ -15,7 +15,7 @@ from branchdrive.formats.image_parts import pixel_parts, png_data
 
 __all__ = ["NO_DECODER", "can_decode", "decode_image", "decoder"]
 
-NO_DECODER = "decoding images needs Pillow or OpenCV: pip install 'branchdrive[media]'"
+NO_DECODER = "decoding images needs Pillow or OpenCV, which the extra `media` brings"
 """What is said where neither library is there."""
 
 

@@ -37,6 +37,15 @@ _MARKER_BEHIND_DATA = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _PIXEL_CHUNKS = frozenset({b"IHDR", b"IDAT", b"IEND"})
 _ANIMATION = frozenset({b"acTL", b"fcTL", b"fdAT"})
 
+_EXIF = 0xE1
+"""Marker of what JPEG holds of EXIF and XMP."""
+
+_TEXT = frozenset({b"tEXt", b"zTXt", b"iTXt"})
+_EXIF_KEYWORD = re.compile(rb"(?i:exif|xmp|xml:com\.adobe\.xmp|raw profile type[^\0]*)\0")
+"""Keywords of texts of a PNG in which readers look for EXIF and XMP, beside the chunk of its own."""
+
+_NO_EXIF = "EXIF and XMP, which turn an image for some readers"
+
 
 class Flaw(NamedTuple):
     """What an image is that it may not be.
@@ -101,6 +110,8 @@ def _flaw_of_png(image: bytes) -> Flaw | None:
             return Flaw(False, whole, f"a chunk {name} at byte {start} that does not have its checksum")
         if kind == b"tRNS":
             return Flaw(True, "a PNG without transparency", f"one with a chunk {name}")
+        if kind == b"eXIf" or (kind in _TEXT and _EXIF_KEYWORD.match(image, start + 8, stop - 4)):
+            return Flaw(True, f"a PNG without {_NO_EXIF}", f"one with a chunk {name} of it at byte {start}")
         if kind in _ANIMATION:
             return Flaw(True, "a PNG of one picture", f"one with a chunk {name}, of an animation")
         is_critical = not kind[0] & 0x20
@@ -161,6 +172,8 @@ def _flaw_of_jpeg(image: bytes) -> Flaw | None:
         num_segments += 1
         if marker == _BEGIN or (marker in FRAMES and seen & FRAMES):
             return Flaw(False, whole, f"a second image inside of it, at byte {start}")
+        if marker == _EXIF:
+            return Flaw(True, f"a JPEG without {_NO_EXIF}", f"one with a segment of it at byte {start}")
         if marker == _SCAN:
             if not seen & FRAMES or not {_QUANTISATION, _HUFFMAN} <= seen:
                 return Flaw(False, whole, f"a scan without the tables that it needs, at byte {start}")

@@ -30,13 +30,15 @@ def read_layer_table(root: Path, name: str, links: Links = None) -> pa.Table:
 def join_parts(parts: Sequence[pa.Table]) -> pa.Table:
     """Rows of the files of one table, one file after the other, with one dictionary for each column of text.
 
-    Columns stand in the order of the first file.
+    Columns stand in the order of the first file, and may hold nulls where those of any file may.
     """
     import pyarrow as pa
 
     if len(parts) == 1:
         return parts[0]
-    schema = parts[0].schema
+    first = parts[0].schema
+    fields = (field.with_nullable(any(part.field(field.name).nullable for part in parts)) for field in first)
+    schema = pa.schema(fields, first.metadata)
     alike = [part.select(schema.names).cast(schema) for part in parts]
     return pa.concat_tables(alike).unify_dictionaries().combine_chunks()
 

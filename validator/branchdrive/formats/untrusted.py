@@ -57,10 +57,10 @@ def _place(root: Path, parts: list[str], links: Links) -> tuple[Path, list[str]]
     """
     if links is None:
         return root, parts
-    real = Path(os.path.realpath(root.joinpath(*parts)))
-    for base in (Path(os.path.realpath(root)), *links):
-        if real.is_relative_to(base):
-            return base, list(real.relative_to(base).parts)
+    real = os.path.realpath(os.path.join(root, *parts))  # noqa: PTH118  (a dataset has many links)
+    for base in (os.path.realpath(root), *map(str, links)):
+        if real == base or real.startswith(f"{base.rstrip('/')}/"):
+            return Path(base), [step for step in real[len(base) :].split("/") if step]
     raise PermissionError(errno.EACCES, "a link leads out of the folders that are named with `--allow` or `allow`")
 
 

@@ -201,7 +201,7 @@ def _named(index: int, columns: tuple[GateFeature, ...], streams: tuple[StreamCo
         span = None if feature.offset_ticks is None else list(feature.offset_ticks)
         return {"source": feature.source, "variable": feature.name, "offset_ticks": span}
     column = streams[index - len(columns)]
-    span = [column.offset_ticks, column.offset_ticks]
+    span = None if column.offset_ticks is None else [column.offset_ticks, column.offset_ticks]
     return {"source": f"recorded_{column.table}", "variable": column.name, "offset_ticks": span}
 
 

@@ -151,12 +151,12 @@ def sequence_classifier() -> SequenceClassifier | Unavailable:
     """The installed sequence classifier; none is chosen where there are several."""
     found = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
     if not found:
-        return Unavailable("no sequence classifier is installed: pip install 'branchdrive[models]'")
+        return Unavailable("no sequence classifier is installed; the extra `models` brings one")
     if len(found) > 1:
         names = ", ".join(f"`{point.name}`" for point in found)
         return Unavailable(f"several sequence classifiers are installed: {names}; uninstall all but one")
     try:
         classifier: SequenceClassifier = found[0].load()
     except ImportError as missing:
-        return Unavailable(f"needs the package `{missing.name or found[0].module}`: pip install 'branchdrive[models]'")
+        return Unavailable(f"needs the package `{missing.name or found[0].module}`, which the extra `models` brings")
     return classifier

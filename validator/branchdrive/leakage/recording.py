@@ -3,7 +3,8 @@
 A number stays what it is, a flag is 0 or 1, and a text is its place among the declared ones or, where any text may
 stand, a number of 48 bits of its SHA-256. The rows of a moment's actors are summed up in whole steps of ``2^-16``,
 exactly and in any order, beside their count: the order in which rows are stored carries no meaning and is not read. An
-image is the means of the cells of a grid.
+image is its size and what stands for its pixels; see `image_numbers`. Behind the columns of a table stands how many
+different numbers each has in its window: values that repeat change no number of theirs by themselves.
 
 Source: spec/13-leakage.md#streams.
 """
@@ -16,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import Column
+from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.timing import HISTORY_OFFSETS
-from branchdrive.leakage.streams import IMAGES, WINDOWS, examined_cameras, value_columns
-from branchdrive.raw.images import GRID
+from branchdrive.leakage.streams import IMAGES, WINDOWS, examined_cameras, num_different, value_columns
+from branchdrive.raw.image_numbers import NAMES
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.view import StreamView
 
-__all__ = ["has_all_images", "recorded_numbers"]
+__all__ = ["camera_numbers", "has_all_images", "recorded_numbers"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -36,9 +37,14 @@ _HASHED_BYTES = 6
 
 def recorded_numbers(view: ShardView, attempts: Index) -> Array:
     """Numbers ``[attempts, columns]`` in the order of `stream_columns`, NaN where null or not recorded."""
-    blocks = [_of_table(view, table, attempts) for table in WINDOWS if table in view]
-    blocks += [_of_camera(view, camera, attempts) for camera in examined_cameras(view.descriptor)]
-    return np.concatenate(blocks, axis=1)
+    tables = [_of_table(view, table, attempts) for table in WINDOWS if table in view]
+    return np.concatenate([*tables, camera_numbers(view, attempts)], axis=1)
+
+
+def camera_numbers(view: ShardView, attempts: Index) -> Array:
+    """Numbers of images ``[attempts, columns]`` in the order of `camera_columns`, NaN where there is no sound image."""
+    cameras = [_of_camera(view, camera, attempts) for camera in examined_cameras(view.descriptor)]
+    return np.concatenate([np.zeros((len(attempts), 0)), *cameras], axis=1)
 
 
 def has_all_images(view: ShardView) -> bool:
@@ -47,35 +53,39 @@ def has_all_images(view: ShardView) -> bool:
 
 
 def _of_camera(view: ShardView, camera: str, attempts: Index) -> Array:
-    """Means of the cells of a camera's images ``[attempts, cells * times]``, NaN where there is no sound image."""
-    shape = (len(attempts), GRID * GRID * len(HISTORY_OFFSETS))
-    if view.images is None or IMAGES not in view:
-        return np.full(shape, np.nan)
-    frames = view.stream(IMAGES)
-    own = np.flatnonzero(frames.equals("camera", camera) & (frames.rollout >= 0))
-    ticks = view.branch_tick[attempts][:, None] + np.asarray(HISTORY_OFFSETS)
-    wanted = (attempts[:, None] << 32) + ticks
-    key = (frames.rollout[own] << 32) + frames.tick[own]  # rows are in this order
-    place = np.minimum(np.searchsorted(key, wanted), max(len(own) - 1, 0))
-    cells = np.full((*wanted.shape, GRID * GRID), np.nan)
-    if len(own):
-        is_there = key[place] == wanted
-        cells[is_there] = view.images.cells[frames.position[own[place[is_there]]]]
-    return cells.transpose(0, 2, 1).reshape(shape)
+    """Sizes, numbers of pixels and number of different images of a camera ``[attempts, columns]``."""
+    found = np.full((len(attempts), len(HISTORY_OFFSETS), 2 + len(NAMES)), np.nan)
+    if view.images is not None and IMAGES in view:
+        frames = view.stream(IMAGES)
+        own = np.flatnonzero(frames.equals("camera", camera) & (frames.rollout >= 0))
+        ticks = view.branch_tick[attempts][:, None] + np.asarray(HISTORY_OFFSETS)
+        wanted = (attempts[:, None] << 32) + ticks
+        key = (frames.rollout[own] << 32) + frames.tick[own]  # rows are in this order
+        place = np.minimum(np.searchsorted(key, wanted), max(len(own) - 1, 0))
+        if len(own):
+            is_there = key[place] == wanted
+            rows = own[place[is_there]]
+            found[is_there, 0] = _numbers(frames, TABLES[IMAGES]["size_bytes"])[rows]
+            found[is_there, 1:-1] = view.images.numbers[frames.position[rows]]
+            found[is_there, -1] = _numbers(frames, TABLES[IMAGES]["checksum"])[rows]
+    of_times = found[..., :-1].transpose(0, 2, 1).reshape(len(attempts), len(HISTORY_OFFSETS) * (1 + len(NAMES)))
+    return np.concatenate([of_times, num_different(found[..., -1])[:, None]], axis=1)
 
 
 def _of_table(view: ShardView, table: str, attempts: Index) -> Array:
+    """Numbers of the columns of a table by time, and how many different ones each has ``[attempts, columns]``."""
     stream, offsets = view.stream(table), WINDOWS[table]
     if table == "actors":
         ticks = view.branch_tick[attempts][:, None] + np.asarray(offsets)
         first, stop = stream.span(np.broadcast_to(attempts[:, None], ticks.shape), ticks)
-        return np.concatenate([*_sums(stream, first, stop), (stop - first).astype(np.float64)], axis=1)
-    rows = window_rows(view, stream, attempts, offsets)
-    blocks = []
-    for column in value_columns(table):
-        numbers = _numbers(stream, column)
-        blocks.append(np.where(rows >= 0, numbers[rows], np.nan) if len(numbers) else np.full(rows.shape, np.nan))
-    return np.concatenate(blocks, axis=1)
+        blocks = [*_sums(stream, first, stop), (stop - first).astype(np.float64)]
+    else:
+        rows = window_rows(view, stream, attempts, offsets)
+        blocks = []
+        for column in value_columns(table):
+            numbers = _numbers(stream, column)
+            blocks.append(np.where(rows >= 0, numbers[rows], np.nan) if len(numbers) else np.full(rows.shape, np.nan))
+    return np.concatenate([*blocks, num_different(np.stack(blocks, axis=1))], axis=1)
 
 
 def _numbers(stream: StreamView, column: Column) -> Array:

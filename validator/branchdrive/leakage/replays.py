@@ -23,7 +23,7 @@ from branchdrive.driving.angle import cos_sin, wrap_rad
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW
 from branchdrive.driving.target import STEP_S
 from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.recording import has_all_images, recorded_numbers
+from branchdrive.leakage.recording import camera_numbers, has_all_images, recorded_numbers
 from branchdrive.leakage.streams import Streams, examined_cameras, ranked, stream_columns
 from branchdrive.quality.replay import Pairs
 from branchdrive.quality.threshold import VARIABLES
@@ -67,7 +67,8 @@ def replay_facts(
         paired: Their discrepancies, columns of the table `pairs`.
 
     Returns:
-        A row for each group; see `ReplayInputs` for the shapes of its cells.
+        A row for each group: cells of the shapes of `ReplayInputs`, whether numbers are those of all images, numbers
+        of the nominal's images in the order of `camera_columns`, and its environment.
     """
     nominal_index = view.descriptor.action_bank.nominal_index
     drives = candidates.copy()
@@ -84,17 +85,20 @@ def replay_facts(
     discrepancy[there] = values[row_of[drives[there]]]
     interventions = np.delete(drives, nominal_index, axis=1)
     numbers = recorded_numbers(view, interventions.ravel())
+    nominals = candidates[:, nominal_index]
     stream_ranks, stream_spread = ranked(numbers.reshape(*interventions.shape, numbers.shape[1]))
     return {
         "group_id": np.array(view.group_ids, object)[groups],
         "availability": _availability(view, drives),
         "discrepancy": discrepancy,
-        "ego": _ego(view, drives, candidates[:, nominal_index]),
+        "ego": _ego(view, drives, nominals),
         "controls": _controls(view, drives),
         "has_nominal_replay": there[:, nominal_index],
         "stream_ranks": stream_ranks,
         "stream_spread": stream_spread,
         "has_images": np.full(len(groups), has_all_images(view)),
+        "nominal_images": camera_numbers(view, nominals).astype(np.float32),
+        "environment": view.rollouts["environment"][nominals],
     }
 
 

@@ -2,7 +2,8 @@
 
 A column of a stream at one time is a number of every replay. Of a group's interventions their ranks are kept, and
 how far apart the numbers lie: that is all a code needs to be seen, and it holds text and flags as well as metres.
-Of an image, the numbers are the means of the cells of a grid, so that a mark in any corner moves one.
+Of an image, the numbers are its size in bytes and what `image_numbers` makes of its pixels, so that a mark in any
+corner moves one. Values that repeat are seen by how many different ones there are in the whole window.
 
 Source: this project's choice; spec/13-leakage.md#streams.
 """
@@ -18,11 +19,11 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import STREAMS, TABLES, Column
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
-from branchdrive.raw.images import GRID
+from branchdrive.raw.image_numbers import NAMES
 
 __all__ = [
-    "COUNT", "IMAGES", "WINDOWS", "StreamColumn", "Streams", "examined_cameras", "ranked", "stream_columns",
-    "value_columns",
+    "COUNT", "DIFFERENT", "IMAGES", "WINDOWS", "StreamColumn", "Streams", "camera_columns", "examined_cameras",
+    "num_different", "ranked", "stream_columns", "value_columns",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -36,10 +37,15 @@ WINDOWS: dict[str, tuple[int, ...]] = {
 """Offsets from ``t_b`` at which a table is read, by table in the order of columns."""
 
 IMAGES = "frames"
-"""Table whose columns are the cells of images, at the times of the evidence."""
+"""Table whose columns are numbers of images, at the times of the evidence."""
 
 COUNT = "number of rows"
 """What is read of the actors of a moment beside their values: how many there are."""
+
+DIFFERENT = "number of different values"
+"""What is read of a column beside its values: how many different ones a window has, a null being one."""
+
+_SIZE = "size_bytes"
 
 
 class StreamColumn(NamedTuple):
@@ -47,13 +53,13 @@ class StreamColumn(NamedTuple):
 
     Attributes:
         table: Its table.
-        name: Its name, or `COUNT`.
-        offset_ticks: Offset from ``t_b``.
+        name: Its name, or `COUNT`; with `DIFFERENT` behind it, what is counted; of an image, behind its camera.
+        offset_ticks: Offset from ``t_b``; None where it is of the whole window.
     """
 
     table: str
     name: str
-    offset_ticks: int
+    offset_ticks: int | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,18 +112,36 @@ def examined_cameras(descriptor: Descriptor) -> tuple[str, ...]:
 
 
 def stream_columns(tables: tuple[str, ...], cameras: tuple[str, ...] = ()) -> tuple[StreamColumn, ...]:
-    """Columns of the given tables: by table, by column in declared order, and by time; then those of cameras."""
+    """Columns of the given tables, then those of cameras.
+
+    Of a table they are by column in declared order and by time, then the numbers of different values.
+    """
     found: list[StreamColumn] = []
     for table, offsets in WINDOWS.items():
         if table not in tables:
             continue
-        at_moments = [column.name for column in value_columns(table)]
+        names = [column.name for column in value_columns(table)]
         if table == "actors":
-            at_moments.append(COUNT)
-        found += [StreamColumn(table, name, offset) for name in at_moments for offset in offsets]
-    cells = [f"{camera} {row}.{column}" for camera in cameras for row, column in np.ndindex(GRID, GRID)]
-    found += [StreamColumn(IMAGES, cell, offset) for cell in cells for offset in HISTORY_OFFSETS]
+            names.append(COUNT)
+        found += [StreamColumn(table, name, offset) for name in names for offset in offsets]
+        found += [StreamColumn(table, f"{name} {DIFFERENT}", None) for name in names]
+    return (*found, *camera_columns(cameras))
+
+
+def camera_columns(cameras: tuple[str, ...]) -> tuple[StreamColumn, ...]:
+    """Columns of cameras: size and numbers of images by time, then the number of different images of each."""
+    found: list[StreamColumn] = []
+    for camera in cameras:
+        names = [f"{camera} {name}" for name in (_SIZE, *NAMES)]
+        found += [StreamColumn(IMAGES, name, offset) for name in names for offset in HISTORY_OFFSETS]
+        found.append(StreamColumn(IMAGES, f"{camera} {DIFFERENT}", None))
     return tuple(found)
+
+
+def num_different(values: Array) -> Array:
+    """How many different numbers stand in the last axis; a NaN is one of them."""
+    ordered = np.sort(np.where(np.isnan(values), np.inf, values), axis=-1)
+    return np.asarray(1.0 + np.count_nonzero(ordered[..., 1:] != ordered[..., :-1], axis=-1))
 
 
 def ranked(values: Array) -> tuple[NDArray[np.int16], NDArray[np.float32]]:

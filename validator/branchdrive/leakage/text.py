@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from branchdrive.leakage.streams import IMAGES
-from branchdrive.raw.images import GRID
 
 __all__ = ["leakage_sentences"]
 
@@ -30,7 +29,7 @@ _VERDICTS = {
 
 
 _NOT_EXAMINED = (
-    "Not examined by the gate: {images}, which actor is which, spreads of recorded columns that are no features, "
+    "Not examined by the gate: {images}which actor is which, spreads of recorded columns that are no features, "
     "digits below the noise, relations between columns other than products of two commands, relations between "
     "actions, orders of actions that groups do not share, and a code in fewer than one group of thirty that hides in "
     "noise. A smaller effect, or one of another form, may be there; in one column of few groups it takes more than in "
@@ -66,12 +65,15 @@ def leakage_sentences(leakage: Mapping[str, Any] | None) -> list[str]:
 
 def _images(leakage: Mapping[str, Any]) -> list[str]:
     """What the gate saw of images, and what it did not examine."""
-    cells = [name.split("/")[1] for name in leakage["inputs"]["variables"]["streams"] if name.startswith(f"{IMAGES}/")]
-    if not cells:
-        return [_NOT_EXAMINED.format(images="camera frames")]
-    cameras = dict.fromkeys(cell.rpartition(" ")[0] for cell in cells)
-    seen = f"Images before the branch were examined by the means of {GRID} x {GRID} cells: {', '.join(cameras)}."
-    return [seen, _NOT_EXAMINED.format(images="what of a camera frame no mean of a cell shows")]
+    columns = [name for name in leakage["inputs"]["variables"]["streams"] if name.startswith(f"{IMAGES}/")]
+    if not columns:
+        return ["No images that models may read were recorded.", _NOT_EXAMINED.format(images="")]
+    cameras = dict.fromkeys(name.removeprefix(f"{IMAGES}/").partition(" ")[0] for name in columns)
+    seen = (
+        "Images before the branch were examined by their sizes, by how many differ, and by brightness and its place "
+        f"in the cells of a grid: {', '.join(cameras)}."
+    )
+    return [seen, _NOT_EXAMINED.format(images="what of an image none of these numbers shows, ")]
 
 
 def _battery(leakage: Mapping[str, Any]) -> list[str]:

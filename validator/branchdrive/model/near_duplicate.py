@@ -2,7 +2,8 @@
 
 With ``h_g`` the standardised state and control history of group ``g`` as one vector::
 
-    threshold = 1 % quantile (linear) over training groups of the distance to the nearest other training group
+    threshold = 1 % quantile (linear) over training groups of the distance to the nearest other training group,
+                0 for fewer than 10 of them
     g is a near duplicate  iff  the nearest h of another partition is closer than the threshold, or equal
 
 Distances are Euclidean. A matrix product finds who may be nearest, and exact differences decide, so equal
@@ -28,7 +29,7 @@ from branchdrive.statistics.split import TRAINING
 from branchdrive.tables.frame import Frame, of_groups
 
 __all__ = [
-    "QUANTILE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
+    "MIN_TRAINING", "QUANTILE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
     "history_vectors", "near_duplicate_flags", "near_duplicates", "nearest_other",
 ]  # fmt: skip
 
@@ -37,6 +38,10 @@ Index = NDArray[np.int64]
 
 QUANTILE = 0.01
 """Quantile of the training distances below which a neighbour is too close."""
+
+MIN_TRAINING = 10
+"""Training groups from which there is a threshold: of ``n`` the quantile is all but the least of ``n`` distances, and
+unrelated groups come closer than that in one of ``n + 1`` cases."""
 
 _MAX_CELLS = 1 << 21
 """Pairs of points that are held at once: 16 MiB per intermediate array."""
@@ -95,7 +100,7 @@ def near_duplicates(vectors: ArrayLike, partition_of: Sequence[str]) -> NearDupl
 
     Args:
         vectors: Standardised histories ``[groups, dimensions]``, all finite.
-        partition_of: Partition of each group ``[groups]``; ``train`` sets the threshold.
+        partition_of: Partition of each group ``[groups]``; ``train`` sets the threshold, if it has 10 groups.
 
     Raises:
         ValueError: Shapes do not match, a value is not finite, or fewer than two groups are in training.
@@ -108,7 +113,9 @@ def near_duplicates(vectors: ArrayLike, partition_of: Sequence[str]) -> NearDupl
             f"vectors of shape {list(points.shape)} and {len(home)} partitions, {len(in_training)} groups in training; "
             "expected [groups, dimensions], [groups] and at least two"
         )
-    threshold = float(np.quantile(nearest_other(in_training, np.arange(len(in_training))).distance, QUANTILE))
+    threshold = 0.0
+    if len(in_training) >= MIN_TRAINING:
+        threshold = float(np.quantile(nearest_other(in_training, np.arange(len(in_training))).distance, QUANTILE))
     nearest = nearest_other(points, np.unique(home, return_inverse=True)[1])
     return NearDuplicates(threshold, nearest, (nearest.distance < threshold) | (nearest.distance == 0))
 

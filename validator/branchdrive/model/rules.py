@@ -16,6 +16,7 @@ from branchdrive.contract.encoding import ENCODING_NAME
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
+from branchdrive.contract.text import quote
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
@@ -189,11 +190,14 @@ def _own_encoding(declared: DeclaredEncoding, actions: Frame) -> Check:
     Args:
         declared: What the descriptor says of it.
         actions: Rows of `actions` in the order of the bank.
+
+    Raises:
+        PreconditionError: It is left out.
     """
     where: Location = {"file": table_path("actions"), "table": "actions", "column": "encoding"}
     there = np.flatnonzero(~np.ma.getmaskarray(actions["encoding"]))
     if not len(there):
-        return Check.of(1)
+        raise PreconditionError(f"the release leaves out the encoding {quote(declared.name)} that it declares")
     vectors = [np.asarray(actions["encoding"][row], np.float64) for row in there.tolist()]
     shape, widths = f"{len(actions['encoding'])} vectors of {declared.width} numbers", {len(v) for v in vectors}
     if len(vectors) < len(actions["encoding"]) or widths != {declared.width}:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.contract.text import counted
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive.engine.response_summary import ActionResponse, Effect, ResponseSummary
 from branchdrive.engine.response_table import response_table
-from branchdrive.pilot.onset import onsets
+from branchdrive.engine.tally import Tally
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
-from branchdrive.raw.rules.responses import MIN_EQUAL, MIN_INTERVENTIONS
+from branchdrive.pilot.timing import EARLY, LATE, Timing, timing_of
+from branchdrive.raw.rules.responses import MIN_EQUAL
 
 __all__ = ["action_response"]
 
@@ -20,32 +18,27 @@ _TITLE = "Action response"
 
 _STRIDE_S = OBSERVATION_STRIDE_TICKS * TICK_S
 
-_CLOCK = ("BD-RSP-003", "BD-RSP-004")
-"""Rules on the clock of observations, which replays with noise give no subject."""
+_EFFECT = "BD-RSP-002"
 
-_LATE, _EARLY = 0.9, -0.5
-"""Onsets, in observations, of observations that are a stride late or early; actuators lag by less than 0.2 s."""
-
-_LAGS = 0.5 / OBSERVATION_STRIDE_TICKS
-"""Onset of half a tick: observations that are a tick late show from here, and so do actuators that lag."""
-
-_SPEAKING = {
-    "BD-RSP-002": (
-        "The commands of {keys} are ignored: {found}.",
-        "Apply the policy's command to the vehicle itself at every active tick, after the expert's and any autopilot "
-        "that would overwrite it, and record what was applied.",
-    ),
-    "BD-RSP-003": (
-        "Observations are one stride early, or commands act before their tick: {found}.",
-        "Take the observation of tick t before the control of tick t is applied.",
-    ),
-    "BD-RSP-004": (
-        "Observations are late: {found}.",
-        "Write the observation of tick t with the state at tick t, before the control of t is applied: one that was "
-        "taken earlier and written later shows every response late.",
-    ),
+_EXPLAINED = {
+    _EFFECT: "are ignored",
+    "BD-GRP-009": "are ignored",
+    EARLY: "before their commands",
+    "BD-RPN-003": "before their commands",
+    LATE: "Effects come late",
 }
-"""What it means that a rule on responses fails, in words of a collector, and what to do."""
+"""Rules that fail for what a concern names, and words of it."""
+
+_OBSERVE_FIRST = (
+    "Take the observation of tick t, with its actors, before the command of t is applied and the simulator steps, and "
+    "record a command at the tick in which it acts."
+)
+
+_NOT_LATER = (
+    "write the observation of tick t with the state at tick t, before the command of t is applied, and give the "
+    "simulator the command of t in the step from t: one that is taken earlier and written later, or a command that "
+    "waits for the next step, makes every effect late."
+)
 
 
 def action_response(pilot: Pilot) -> Section:
@@ -58,18 +51,31 @@ def action_response(pilot: Pilot) -> Section:
             "response", _TITLE,
             not_examined=["no group has a nominal and an intervention with whole windows around one branch"],
         )  # fmt: skip
-    begins = onsets(pilot.parts)
-    onset = float(np.median(begins)) if len(begins) >= MIN_INTERVENTIONS else None
-    concerns = [*_failed(pilot), *_ignored(pilot, summary), *_unshown(summary)]
-    if onset is not None and not _has_failed(pilot):
-        concerns += _wrong_onset(onset, len(begins))
+    tallies = {tally.rule_id: tally for tally in pilot.report.tallies}
+    timing = timing_of(pilot)
+    concerns = [
+        *_ignored(tallies[_EFFECT], summary), *_shifted(timing),
+        *(() if timing.is_early else _anticipated(tallies[EARLY])), *_unshown(summary),
+    ]  # fmt: skip
     missing = sorted(set(pilot.descriptor.action_bank.keys) - {action.action_key for action in summary.actions})
     nominal = pilot.descriptor.action_bank.nominal.key
     unseen = [f"{key}: no attempt with whole windows" for key in missing if key != nominal]
     return Section(
-        "response", _TITLE, [*_facts(summary), _onset_fact(onset, len(begins))], concerns, [response_table(summary)],
-        [*unseen, *_unjudged(pilot, has_onset=onset is not None)],
-        {"actions": summary.to_json()["actions"], "onset_s": None if onset is None else onset * _STRIDE_S},
+        "response", _TITLE, [*_facts(summary), *_onset_facts(timing)], concerns, [response_table(summary)],
+        [*unseen, *_unjudged(tallies, timing)],
+        {
+            "actions": summary.to_json()["actions"],
+            "onset_s": None if timing.ticks is None else timing.ticks * TICK_S,
+            "onsets": {
+                name: {
+                    "interventions": onset.num,
+                    "onset_s": onset.ticks * TICK_S,
+                    "interval_s": [onset.low * TICK_S, onset.high * TICK_S],
+                }
+                for name, onset in timing.onsets.items()
+            },
+        },
+        explains=[rule_id for rule_id, what in _EXPLAINED.items() if any(what in concern.what for concern in concerns)],
     )  # fmt: skip
 
 
@@ -82,75 +88,104 @@ def _facts(summary: ResponseSummary) -> list[str]:
             f"Responses show first {low:.2f} s after the branch"
             + ("." if low == high else f" at the earliest policy, {high:.2f} s at the latest.")
         )
+    elif all(map(_is_silent, summary.actions)):
+        facts.append("No response shows.")
     else:
         facts.append("No replay equals its nominal up to the branch, so noise hides the first response.")
     return facts
 
 
-def _has_failed(pilot: Pilot) -> bool:
-    return any(tally.rule_id in _CLOCK and tally.num_findings for tally in pilot.report.tallies)
-
-
-def _failed(pilot: Pilot) -> list[Concern]:
-    concerns = []
-    for tally in pilot.report.tallies:
-        if tally.rule_id in _SPEAKING and tally.findings:
-            what, remedy = _SPEAKING[tally.rule_id]
-            keys = ", ".join(str(finding.location.get("action_key")) for finding in tally.findings)
-            concerns.append(Concern(what.format(keys=keys, found=tally.findings[0].found), remedy))
-    return concerns
-
-
-def _ignored(pilot: Pilot, summary: ResponseSummary) -> list[Concern]:
-    """Concern of commands that never have an effect, in fewer groups than BD-RSP-002 takes to judge a policy."""
-    if any(tally.rule_id == "BD-RSP-002" and tally.status in ("pass", "fail") for tally in pilot.report.tallies):
+def _onset_facts(timing: Timing) -> list[str]:
+    if not timing.onsets:
         return []
-    total = sum(action.num_groups for action in summary.actions)
-    if total < MIN_EQUAL or not all(map(_is_silent, summary.actions)):
-        return []
-    what, remedy = _SPEAKING["BD-RSP-002"]
-    keys = ", ".join(action.action_key for action in summary.actions)
-    found = f"the nominal's observations, bit for bit, in {total} of {total} attempts"
-    return [Concern(what.format(keys=keys, found=found), remedy)]
+    parts = [
+        f"{onset.ticks * TICK_S:+.2f} s from the command with {name} ({onset.low * TICK_S:+.2f} to "
+        f"{onset.high * TICK_S:+.2f} s, {onset.num} interventions)"
+        for name, onset in timing.onsets.items()
+    ]
+    fact = f"Effects begin {', '.join(parts)}."
+    if timing.is_early or timing.is_late or len(parts) < 2:
+        return [fact]
+    lagging = [name for name, onset in timing.onsets.items() if onset.low > 0]
+    if not lagging:
+        return [fact]
+    in_time = "" if len(lagging) == len(parts) else "; commands and observations are in time"
+    return [fact, f"The vehicle's {' and '.join(lagging)} may lag by as much{in_time}."]
 
 
-def _onset_fact(onset: float | None, num_effects: int) -> str:
-    if onset is None:
-        return f"{counted(num_effects, 'effect')} rise straight and clear of noise, too few to say when effects begin."
-    return f"Extrapolated, effects begin {onset * _STRIDE_S:+.2f} s from the branch (median of {num_effects})."
-
-
-def _wrong_onset(onset: float, num_effects: int) -> list[Concern]:
-    """Concern of effects that begin an observation too late or too early."""
-    begin = f"effects begin {onset * _STRIDE_S:+.2f} s from the branch in the median of {num_effects} interventions"
-    if onset >= _LATE:
-        what, remedy = _SPEAKING["BD-RSP-004"]
-        return [Concern(what.format(found=begin), f"{remedy} An actuator that lags as much does the same.")]
-    if onset <= _EARLY:
-        what, remedy = _SPEAKING["BD-RSP-003"]
-        return [Concern(what.format(found=begin), remedy)]
-    if onset >= _LAGS:
-        ticks = counted(max(1, round(onset * OBSERVATION_STRIDE_TICKS)), "tick")
+def _shifted(timing: Timing) -> list[Concern]:
+    """Concern of effects that come before their commands, or late."""
+    if timing.is_early:
         return [
             Concern(
-                f"Actuators lag, or observations are late by about {ticks}: {begin}.",
-                "Nothing, where steering and pedals of the simulator lag by as much. Otherwise write the observation "
-                "of tick t with the state at tick t, and apply the command of t in the step from t.",
+                f"Effects come before their commands{timing.amount}: observations are early, with a state behind "
+                f"their tick, or commands act before the tick that they are recorded at; {timing.evidence}.",
+                _OBSERVE_FIRST,
+            )
+        ]
+    if timing.is_stride_late:
+        return [
+            Concern(
+                f"Effects come late{timing.amount}, a stride of observations or more: observations are late, with an "
+                f"earlier state than that of their tick, or commands act late; {timing.evidence}.",
+                f"{_NOT_LATER[0].upper()}{_NOT_LATER[1:]}",
+            )
+        ]
+    if timing.is_late:
+        return [
+            Concern(
+                f"Effects come late{timing.amount}: commands act late, observations are late, with an earlier state "
+                f"than that of their tick, or steering and pedals of the vehicle lag; {timing.evidence}.",
+                f"Nothing, where steering and pedals of the simulator lag by as much. Otherwise {_NOT_LATER}",
                 is_problem=False,
             )
         ]
     return []
 
 
-def _unjudged(pilot: Pilot, *, has_onset: bool) -> list[str]:
+def _anticipated(tally: Tally) -> list[Concern]:
+    """Concern of accelerations alone that are early."""
+    found = [finding for finding in tally.findings if "column" in finding.location]
+    return [
+        Concern(
+            f"{finding.location['column']} shows effects before their commands: {finding.found}.",
+            "Record at tick t the acceleration of the step that ended there, (v_t - v_(t-1)) / 0.05 s, not that of the "
+            "step which begins.",
+        )
+        for finding in found
+    ]
+
+
+def _ignored(tally: Tally, summary: ResponseSummary) -> list[Concern]:
+    """Concern of commands without an effect, in fewer groups too than BD-RSP-002 takes to judge a policy."""
+    if tally.status in ("pass", "fail"):
+        keys = [str(finding.location.get("action_key")) for finding in tally.findings]
+        found = tally.findings[0].found if keys else ""
+    else:
+        total = sum(action.num_groups for action in summary.actions)
+        is_silent = total >= MIN_EQUAL and all(map(_is_silent, summary.actions))
+        keys = [action.action_key for action in summary.actions] if is_silent else []
+        found = f"the nominal's observations, bit for bit, in {total} of {total} attempts"
+    if not keys:
+        return []
+    whose = f"all {len(keys)} policies" if len(keys) == len(summary.actions) > 1 else ", ".join(keys)
+    return [
+        Concern(
+            f"The commands of {whose} are ignored: {found}.",
+            "Apply the policy's command to the vehicle itself at every active tick, after the expert's and any "
+            "autopilot that would overwrite it, and record what was applied.",
+        )
+    ]
+
+
+def _unjudged(tallies: dict[str, Tally], timing: Timing) -> list[str]:
     """Rules on responses that had no subject; what an onset says as well is not missed."""
     return [
-        f"{tally.rule_id} ({CATALOGUE[tally.rule_id].title}): {tally.reason}"
-        for tally in pilot.report.tallies
-        if tally.rule_id in _SPEAKING
-        and tally.status in ("skipped", "error")
-        and tally.reason
-        and not (has_onset and tally.rule_id in _CLOCK)
+        f"{rule_id} ({CATALOGUE[rule_id].title}): {tallies[rule_id].reason}"
+        for rule_id in (_EFFECT, EARLY, LATE)
+        if tallies[rule_id].status in ("skipped", "error")
+        and tallies[rule_id].reason
+        and not (timing.onsets and rule_id != _EFFECT)
     ]
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.text import quote
+from branchdrive.driving.response import NO_RESPONSE
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
 from branchdrive.raw.shard_view import ShardView
@@ -27,8 +28,14 @@ _DESCRIBING = (
 )  # fmt: skip
 """Beginnings of columns that describe a collection, and may be the same or absent in all of it."""
 
-_NAMING = ("_id", "tick", "_tick")
-"""Ends of columns that name a row."""
+_MEASURED = ("observations", "actors")
+"""Tables of what a simulator measures; commands are decided, and evidence is recomputed by rules."""
+
+_DERIVED = ("route_", "target_point_")
+"""Beginnings of columns that rules recompute from others, so that one that is constant or a copy is geometry."""
+
+_SET = ("speed_limit_mps", "length_m", "width_m", "height_m")
+"""Measured columns that may well have one value everywhere."""
 
 _SAME = {
     ("controls", "intended_steer", "applied_steer"),
@@ -42,14 +49,13 @@ _SAME = {
 _MIN_DISTINCT = 20
 """Values of which at least so many differ are measured, and then neither all round nor all those of another column."""
 
-_SAYS = {"constant": "is the same in every row: ", "absent": "is ", "copied": "is ", "rounded": "has "}
+_SAYS = {"constant": "is the same in every row: ", "copied": "is ", "rounded": "has "}
 
 _REMEDIES = {
     "constant": "Record what the simulator has, or nothing: a column that it cannot offer is null and listed as "
-    "`unrecorded` in the descriptor, where the specification allows that. What happens seldom, such as a hazard, may "
-    "well be absent from a pilot.",
+    "`unrecorded` in the descriptor, where the specification allows that.",
     "copied": "Record each of the two from its own source; one that is not measured belongs into `unrecorded`.",
-    "rounded": "Record the simulator's own numbers; what is rounded or drawn from a list is no measurement.",
+    "rounded": "Record the simulator's own numbers, as they are: what is rounded loses what happens between two ticks.",
 }
 """What to do about columns of each kind; absent ones are declared, or break a rule."""
 
@@ -62,6 +68,7 @@ def columns(pilot: Pilot) -> Section:
     title = "Columns"
     if not pilot.parts:
         return Section("columns", title, not_examined=[pilot.unread])
+    is_tried = bool((pilot.responses().first != NO_RESPONSE).any())
     rows: list[list[str]] = []
     describing: list[str] = []
     measured: dict[str, list[str]] = {}
@@ -76,7 +83,7 @@ def columns(pilot: Pilot) -> Section:
                 describing.append(column)
                 continue
             rows.append([name, column, kind, says])
-            if table.is_measured(column):
+            if table.is_telling(column, kind) and (is_tried or kind != "constant"):  # nominals may go straight on
                 measured.setdefault(kind, []).append(f"{name}.{column} {_SAYS[kind]}{says}")
     facts = [
         f"{num_columns} columns of {len(pilot.descriptor.tables)} tables: "
@@ -88,11 +95,7 @@ def columns(pilot: Pilot) -> Section:
     declared = list(pilot.descriptor.unrecorded)
     if declared:
         facts.append(f"Declared as unrecorded: {', '.join(declared)}.")
-    concerns = [
-        Concern(f"{'; '.join(named)}.", _REMEDIES[kind], is_problem=False)
-        for kind, named in measured.items()
-        if kind in _REMEDIES
-    ]
+    concerns = [Concern(f"{'; '.join(named)}.", _REMEDIES[kind], is_problem=False) for kind, named in measured.items()]
     heads = [Column.name("Table"), Column.name("Column"), Column("What", is_text=True), Column("Says", is_text=True)]
     tables = [Table("Columns that are the same everywhere, absent, copied or round", heads, rows)] if rows else []
     return Section("columns", title, facts, concerns, tables, figures={**found, "unrecorded": declared})
@@ -108,9 +111,13 @@ class _Columns:
         self.names = [column for column, kind in self._types.items() if not kind.startswith("list")]
 
     def is_measured(self, column: str) -> bool:
-        """Whether a world or a controller gives the column, so that it differs."""
-        describes = column.startswith(_DESCRIBING) or column.endswith(_NAMING)
-        return not describes and self.name not in ("rollouts", "map", "frames")
+        """Whether a simulator or an expert gives the number, and it is another one from moment to moment."""
+        is_number = self._types[column].startswith("float")
+        return self.name in _MEASURED and is_number and not column.startswith(_DERIVED) and column not in _SET
+
+    def is_telling(self, column: str, kind: str) -> bool:
+        """Whether it is worth a word that a column is constant, copied or rounded; parked actors do not move."""
+        return self.is_measured(column) and (kind == "rounded" or (kind != "absent" and self.name == "observations"))
 
     def noted(self) -> Iterator[tuple[str, str, str]]:
         """Kind, column and what there is to say."""
@@ -130,6 +137,8 @@ class _Columns:
                 decimals = _decimals(np.asarray(distinct, np.float64))
                 if decimals is not None and self.is_measured(column):
                     yield "rounded", column, f"no value with more than {decimals} decimals, {len(distinct):,} in all"
+                if column.startswith(_DERIVED):
+                    continue
                 other = next(
                     (name for name in numbers if self._is_copy(name, column, numbers[name], (values, valid))), ""
                 )

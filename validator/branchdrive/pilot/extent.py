@@ -69,7 +69,8 @@ def extents(views: Sequence[ShardView]) -> Extents:
     vehicle = views[0].descriptor.vehicle
     length_m: float | None = figures["ego"]["length_m"]
     wheelbase_m = None if vehicle is None else vehicle.wheelbase_m
-    if wheelbase_m is not None and length_m is not None and wheelbase_m > _LONGER * length_m:
+    is_longer = wheelbase_m is not None and length_m is not None and wheelbase_m > _LONGER * length_m
+    if is_longer and not concerns:
         concerns.append(
             Concern(
                 f"The wheelbase that the descriptor declares, {wheelbase_m:g} m, is longer than the ego, "

@@ -1,4 +1,4 @@
-"""Physics, frames and units of a pilot, with numbers: residuals and their bounds, clock, signs and sizes.
+"""Physics, frames and units of a pilot, with numbers: residuals and their bounds, figures of motion, signs and sizes.
 
 Source: spec/05-raw-streams.md#motion, #projection; spec/02-time-frames-units.md.
 """
@@ -6,26 +6,30 @@ Source: spec/05-raw-streams.md#motion, #projection; spec/02-time-frames-units.md
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import NONE, counted
 from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import project
+from branchdrive.pilot.diagnosis import diagnose
 from branchdrive.pilot.extent import extents
-from branchdrive.pilot.motion import Direction, Ratio, diagnose, direction_of, motion_ratios
+from branchdrive.pilot.heading import headings_read
+from branchdrive.pilot.motion import Figure, figure_table, motion_figures
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
-from branchdrive.raw.motion import displacement_m, lateral_mps2, longitudinal_mps2, max_displacement_m, turn_rad
+from branchdrive.raw.contact import is_free
+from branchdrive.raw.motion import RELATIONS, Relation, displacement, lateral, longitudinal, turn
 from branchdrive.raw.route_state import routes
 from branchdrive.raw.rules.responses import MIN_INTERVENTIONS, SHARE_PERCENT
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacement_m
+from branchdrive.raw.tracks import actor_displacements
 from branchdrive.tables.view import StreamView
 from branchdrive.text.table import Column, Table
 
@@ -33,11 +37,27 @@ __all__ = ["physics"]
 
 Array = NDArray[np.float64]
 
+_OF_COMMANDS = {"steering": "applied_steer", "drive": "applied_throttle"}
+"""Figures of the same sign as that of interventions, and its column."""
+
+_OF_MOTION = ("BD-MOT", "BD-ACT", "BD-RTE", "BD-EVD", "BD-RES", "BD-MAP", "BD-RSP-001", "BD-RSP-006", "BD-RSP-007")
+_OF_SIZES = ("BD-BOX", "BD-ACT", "BD-EVD", "BD-RES")
+"""Rules, by the beginnings of their ids, that wrong motion and wrong sizes make fail."""
+
 _PERIODS = (20, 10, 5, 4, 3, 2)
 """Periods of commands that are looked for, ticks."""
 
 _MIN_CHANGES = 100
 """Changes of commands below which their period says nothing."""
+
+
+_NAMES: Mapping[Callable[[ShardView], Relation], tuple[str, str]] = {
+    displacement: ("ego displacement", "m"),
+    turn: ("ego turn", "rad"),
+    longitudinal: ("longitudinal acceleration", "m/s2"),
+    lateral: ("lateral acceleration", "m/s2"),
+}
+"""Names and units of the residuals of the ego."""
 
 
 class _Residual(NamedTuple):
@@ -52,23 +72,22 @@ class _Residual(NamedTuple):
 
 
 def physics(pilot: Pilot) -> Section:
-    """Residuals against their bounds, ratios that name clock and unit, signs of the actuators, sizes of boxes."""
+    """Residuals against their bounds, figures that name clock and unit, signs of the actuators, sizes of boxes."""
     title = "Physics, frames and units"
     if not pilot.parts:
         return Section("physics", title, not_examined=[pilot.unread])
     views = [part.view for part in pilot.parts]
     table, residuals = _residual_table(views)
-    ratios, direction = motion_ratios(views), direction_of(views)
-    concerns = diagnose(ratios, direction)
-    unknown = [
-        f"{ratio.name}: {counted(ratio.num_steps, 'step')} in motion, too few to compare"
-        for ratio in ratios.values()
-        if not ratio.is_known
-    ]
+    figures, headings = motion_figures(pilot.parts), headings_read(pilot.parts)
+    still = [f"{figure.name} ({figure.quantity.text})" for figure in figures.values() if not len(figure.values)]
+    unknown = [f"{'; '.join(still)}: no attempt has enough motion of the kind"] if still else []
     sign_facts, sign_concerns, unsure, signs = _signs(pilot)
+    contrary = [name for name, column in _OF_COMMANDS.items() if any(column in c.what for c in sign_concerns)]
+    motion = diagnose(figures, headings, contrary)
+    concerns = list(motion)
     sizes = extents(views)
     periods = _command_period(views)
-    facts = [*_direction_facts(direction), *sign_facts]
+    facts = [*(() if motion else _lever_facts(figures["lever"])), *sign_facts]
     if periods > 1:
         concerns.append(
             Concern(
@@ -84,39 +103,54 @@ def physics(pilot: Pilot) -> Section:
         title,
         facts,
         [*concerns, *sign_concerns, *sizes.concerns],
-        [table, _ratio_table(ratios), sizes.table],
+        [table, figure_table(figures), sizes.table],
         [*unknown, *unsure],
         {
             "residuals": residuals,
-            "ratios": {ratio.name: ratio.median if ratio.is_known else None for ratio in ratios.values()},
-            "off_heading_rad": direction.off_rad if math.isfinite(direction.off_rad) else None,
+            "figures": {
+                name: {
+                    "attempts": len(figure.values),
+                    "median": figure.median if len(figure.values) else None,
+                    "outside": figure.num_outside,
+                    "limits": [
+                        figure.quantity.least,
+                        figure.quantity.most if math.isfinite(figure.quantity.most) else None,
+                    ],
+                }
+                for name, figure in figures.items()
+            },
+            "headings": {who: reading.name for who, reading in headings.items()},
             "signs": signs,
             "extents": sizes.figures,
             "command_period_ticks": periods,
         },
+        explains=_explained(has_motion=bool(motion), has_signs=bool(sign_concerns), has_sizes=bool(sizes.concerns)),
     )
 
 
+def _explained(*, has_motion: bool, has_signs: bool, has_sizes: bool) -> set[str]:
+    """Rules that fail for what concerns of motion, signs and sizes name."""
+    areas = (*(_OF_MOTION if has_motion else ()), *(_OF_SIZES if has_sizes else ()))
+    rules = {rule_id for rule_id in CATALOGUE if rule_id.startswith(areas)} if areas else set()
+    return rules | ({"BD-RSP-001"} if has_signs else set())
+
+
 def _residuals(view: ShardView) -> Iterator[_Residual]:
-    observations, bounds = view.observations, physical_bounds()
-    every = np.ones(len(observations))
-    speed = observations["speed_mps"].astype(np.float64)
-    yield _Residual(
-        "BD-MOT-001", "ego displacement", "m", observations, displacement_m(view),
-        max_displacement_m(speed, np.roll(speed, 1)),
-    )  # fmt: skip
-    yield _Residual("BD-MOT-002", "ego turn", "rad", observations, turn_rad(view), every * bounds.turn_rad)
-    for name, values in (
-        ("longitudinal acceleration", longitudinal_mps2(view)),
-        ("lateral acceleration", lateral_mps2(view)),
-    ):
-        yield _Residual("BD-MOT-003", name, "m/s2", observations, values, every * bounds.acceleration_mps2)
+    observations, bounds, free = view.observations, physical_bounds(), view.cached(is_free)
+    for rule_id, relations in RELATIONS.items():
+        for relation in relations:
+            name, unit = _NAMES[relation]
+            judged = view.cached(relation)
+            values = np.where(free, judged.residual, np.nan)
+            yield _Residual(rule_id, name, unit, observations, values, judged.most)
     if "actors" in view:
         stream = view.stream("actors")
-        rows, residual, way = actor_displacement_m(view)
+        steps = view.cached(actor_displacements)
         values, most = np.full(len(stream), np.nan), np.ones(len(stream))
-        values[rows], most[rows] = residual, bounds.displacement_m + bounds.displacement_share * way
+        is_judged = free[observations.rows_of(stream)[steps.row]]
+        values[steps.row], most[steps.row] = np.where(is_judged, steps.residual_m, np.nan), steps.most_m
         yield _Residual("BD-ACT-004", "actor displacement", "m", stream, values, most)
+    every = np.ones(len(observations))
     progress, offset, heading = _route_residuals(view)
     yield _Residual("BD-RTE-001", "route progress", "m", observations, progress, every * bounds.route_tolerance_m)
     yield _Residual("BD-RTE-001", "route offset", "m", observations, offset, every * bounds.route_tolerance_m)
@@ -166,7 +200,7 @@ def _residual_table(views: list[ShardView]) -> tuple[Table, dict[str, dict[str, 
         bound = np.concatenate([residual.bound for _, residual in parts])
         there = ~np.isnan(values)
         if not there.any():
-            rows.append([name, rule, *[NONE] * 4, ""])
+            rows.append([name, rule, *[NONE] * 5, ""])
             figures[name] = {"rule": rule, "unit": unit, "compared": 0}
             continue
         worst = int(np.nanargmax(values / bound))
@@ -213,32 +247,13 @@ def _short(value: float) -> str:
     return f"{value:.3g}" if math.isfinite(value) else NONE
 
 
-def _ratio_table(ratios: dict[str, Ratio]) -> Table:
-    columns = [
-        Column.name("Recorded motion / what rates say"), Column("Steps"), Column("Median"), Column("Middle half"),
-    ]  # fmt: skip
-    rows = [
-        [
-            f"{'ego ' if 'actor' not in ratio.name else ''}{ratio.name}",
-            f"{ratio.num_steps:,}",
-            f"{ratio.median:.3f}" if ratio.is_known else NONE,
-            f"{ratio.low:.3f} to {ratio.high:.3f}" if ratio.is_known else NONE,
-        ]
-        for ratio in ratios.values()
-    ]
-    note = (
-        "1 where clock, units and frames are right. 2 in all rows: 10 Hz recorded as 20 Hz. 0.278 in displacement"
-        " alone: km/h. -1 in turn: a mirrored heading or yaw rate."
-    )
-    return Table("Clock and units", columns, rows, [note])
-
-
-def _direction_facts(direction: Direction) -> list[str]:
-    if not math.isfinite(direction.with_heading):
+def _lever_facts(lever: Figure) -> list[str]:
+    if not len(lever.values):
         return []
     return [
-        f"The ego moves {math.degrees(direction.off_rad):+.1f} degrees off its heading on average over "
-        f"{counted(direction.num_steps, 'step')}; directions agree by {direction.with_heading:.3f} of 1."
+        f"In slow turns the ego's recorded position swings like a point {lever.median:.2f} m ahead of one that does "
+        f"not slip (median of {counted(len(lever.values), 'attempt')}). The rear axle is one that does not, and the "
+        "centre of a box lies some way ahead of it; 0 m is the axle itself, or a vehicle that is modelled as a point."
     ]
 
 

@@ -31,8 +31,17 @@ Array = NDArray[np.float64]
 _TITLE = "Replay noise and fidelity thresholds"
 
 
-def replay_noise(pilot: Pilot) -> Section:
-    """Discrepancies before the branch with the thresholds they give, and of nominal replays after it."""
+_EXACT = ("BD-RPN-001", "BD-RPN-003", "BD-RPN-004")
+"""Rules on replays that are declared to be exact."""
+
+
+def replay_noise(pilot: Pilot, *, is_early: bool) -> Section:
+    """Discrepancies before the branch with the thresholds they give, and of nominal replays after it.
+
+    Args:
+        pilot: What was read.
+        is_early: Whether effects come before their commands, so that replays differ at the branch already.
+    """
     if not pilot.rows:
         return Section("replay", _TITLE, not_examined=[pilot.no_rows])
     pairs, groups = pilot.rows["pairs"], pilot.rows["group_quality"]
@@ -54,7 +63,10 @@ def replay_noise(pilot: Pilot) -> Section:
         f"With the thresholds that these groups give, {percent(float(passed.core.mean()))} of the replays pass the "
         f"core variables, and {passed.core_bank.sum()} of {counted(len(eligible), 'group')} with the whole bank.",
     ]  # fmt: skip
-    concerns, not_examined = _judged(pilot, thresholds, values[rows], kind=kind, is_exact=is_exact)
+    is_noisy = not is_exact and (not is_early or bool((replays > 0).any()))
+    concerns, not_examined = _judged(pilot, thresholds, values[rows], kind=kind, is_exact=not is_noisy)
+    if is_early and not is_noisy:
+        facts.append("They do at the branch alone, where effects come before their commands (see Action response).")
     after = _after_branch(pilot)
     tables = [_before_table(values[rows].reshape(-1, len(VARIABLES)), replays, thresholds)]
     if after is None:
@@ -78,7 +90,8 @@ def replay_noise(pilot: Pilot) -> Section:
                     "trigger, or traffic that depends on wall-clock time.",
                 )
             )
-    return Section("replay", _TITLE, facts, concerns, tables, not_examined, _figures(thresholds, values[rows], after))
+    figures, explains = _figures(thresholds, values[rows], after), _EXACT if concerns else ()
+    return Section("replay", _TITLE, facts, concerns, tables, not_examined, figures, explains)
 
 
 def _judged(
@@ -92,9 +105,10 @@ def _judged(
         concerns.append(
             Concern(
                 f"The descriptor declares exact replays, but {VARIABLES[worst].name} differs by up to "
-                f"{values[..., worst].max():.3g} before the branch.",
-                "Seed every random generator from the group's seed and attempt at the start of a rollout, or declare "
-                "the noise as `natural` or `injected`.",
+                f"{values[..., worst].max():.3g} before the branch: the simulator keeps something from one rollout to "
+                "the next, or draws it anew.",
+                "Find what is kept: start every rollout from a fresh world, and seed every random generator from the "
+                "group's seed alone. Or declare the noise as `natural` or `injected`.",
             )
         )
     lost = [v.name for i, v in enumerate(VARIABLES) if thresholds.judged[i] and not math.isfinite(thresholds.values[i])]
@@ -103,7 +117,8 @@ def _judged(
             Concern(
                 f"{', '.join(lost)}: in some group something is there in one of nominal and replay only, so that no "
                 "finite threshold holds it.",
-                "Find the actor that one drive has and the other lacks; such a pair never passes.",
+                "Find the actor that one drive has and the other lacks, or that noise brings into range at another "
+                "observation; such a pair never passes.",
             )
         )
     not_examined = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +21,7 @@ from branchdrive.pilot.replay import replay_noise
 from branchdrive.pilot.reruns import Reruns
 from branchdrive.pilot.route_plan import route_plan
 from branchdrive.pilot.section import Concern, Section
+from branchdrive.pilot.timing import timing_of
 
 __all__ = ["PilotReport", "examine_pilot"]
 
@@ -89,17 +89,8 @@ def examine_pilot(pilot: Pilot, reruns: Reruns | None, *, num_kills: int) -> Pil
         reruns: The command that collected it, ``None`` where nobody gave one.
         num_kills: Kills of the crash drill, at least 1.
     """
-    sections: list[Callable[[], Section]] = [
-        lambda: conformance(pilot),
-        lambda: physics(pilot),
-        lambda: action_response(pilot),
-        lambda: columns(pilot),
-        lambda: determinism(pilot, reruns),
-        lambda: crash_drill(pilot, reruns, num_kills=num_kills),
-        lambda: replay_noise(pilot),
-        lambda: leakage_power(pilot),
-        lambda: funnel_forecast(pilot),
-        lambda: route_plan(pilot),
-        lambda: cost(pilot, reruns),
-    ]
-    return PilotReport(pilot, tuple(section() for section in sections))
+    causes = [physics(pilot), action_response(pilot), columns(pilot)]
+    runs = [determinism(pilot, reruns), crash_drill(pilot, reruns, num_kills=num_kills)]
+    replays = replay_noise(pilot, is_early=timing_of(pilot).is_early)
+    forecasts = [leakage_power(pilot), funnel_forecast(pilot), route_plan(pilot), cost(pilot, reruns)]
+    return PilotReport(pilot, (conformance(pilot, [*causes, replays]), *causes, *runs, replays, *forecasts))

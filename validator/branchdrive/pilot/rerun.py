@@ -7,7 +7,11 @@ A command is split into words as a shell would, and no shell runs it. Placeholde
 * ``{order}``: ``forward`` or ``reverse``, for a command that cannot take a list of groups.
 
 The command runs in the current folder with the environment of this process and no input, collects the groups of the
-pilot, finishes the dataset and exits with 0. It leads a process group, all of which ends with it.
+pilot, finishes the dataset and exits with 0. It leads a session; see `branchdrive.pilot.supervisor` for what ends with
+it, and with this process.
+
+Ids of groups are those of a dataset, and a command may well hand them to a shell: only those that have the form of an
+id reach it.
 """
 
 from __future__ import annotations
@@ -15,21 +19,25 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import signal
 import subprocess
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, cast
 
-from branchdrive.contract.text import printable
+from branchdrive.contract.columns import PATTERNS
+from branchdrive.contract.text import printable, quote
 from branchdrive.errors import UsageError
+from branchdrive.pilot import supervisor
+from branchdrive.process import bare_command
 
 __all__ = ["Command", "Run"]
 
 _PLACEHOLDERS = ("out", "groups", "order")
 _PLACEHOLDER = re.compile(r"\{([a-z_]+)\}")
+_ID = re.compile(PATTERNS["id"].removeprefix("^").removesuffix("$"))
 _TAIL_BYTES = 4096
 _TAIL_CHARACTERS = 300
 
@@ -101,39 +109,65 @@ class Command:
             out: Folder of the dataset.
             group_ids: Groups to collect, in forward order.
             is_reversed: Whether to collect them in reverse order.
+
+        Raises:
+            UsageError: The command takes ids, and one has not the form of an id.
         """
+        odd = [group_id for group_id in group_ids if not _ID.fullmatch(group_id)]
+        if odd and self.takes("groups"):
+            raise UsageError(
+                f"--rerun: {quote(odd[0])} is no id of a group, and is not handed to a command; run "
+                "`branchdrive-validate`, or leave {groups} out"
+            )
         ordered = list(reversed(group_ids)) if is_reversed else list(group_ids)
         values = {"out": str(out), "groups": ",".join(ordered), "order": "reverse" if is_reversed else "forward"}
         return [_PLACEHOLDER.sub(lambda found: values[found[1]], word) for word in self.words]
 
     def run(self, out: Path, group_ids: Sequence[str], *, limit_s: float, is_reversed: bool = False) -> Run:
-        """Run the command; after `limit_s` its process group is killed, without a warning.
+        """Run the command; after `limit_s` it is killed, without a warning, with all that it has started.
 
         Raises:
-            UsageError: It cannot be started.
+            UsageError: It cannot be started, or an id cannot be handed to it.
         """
         log = out.with_name(f"{out.name}.log")
-        begin_s = time.perf_counter()
-        with log.open("ab") as stream:
-            process = self._start(self.line(out, group_ids, is_reversed=is_reversed), stream.fileno())
+        words = self.line(out, group_ids, is_reversed=is_reversed)
+        with log.open("ab") as stream, _supervised(words, stream.fileno()) as (process, answers):
+            kind, _, detail = answers.readline().partition(" ")
+            if kind == "error":
+                raise UsageError(f"--rerun: {words[0]!r} cannot be started: {os.strerror(int(detail))}")
+            begin_s = time.perf_counter()
             try:
-                exit_code: int | None = process.wait(limit_s)
+                process.wait(limit_s)
+                kind, _, detail = answers.readline().partition(" ")
+                exit_code = int(detail) if kind == "exit" else process.returncode
             except subprocess.TimeoutExpired:
                 exit_code = None
-            finally:
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
         return Run(out, time.perf_counter() - begin_s, exit_code, _last_line(log))
 
-    @staticmethod
-    def _start(words: list[str], output: int) -> subprocess.Popen[bytes]:
+
+@contextmanager
+def _supervised(words: list[str], output: int) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
+    """A supervisor with the command below it, both of which are over in the end, and what it says of the command.
+
+    It has a session of its own, so that signals from the terminal reach this process alone.
+    """
+    ours, theirs = os.pipe()
+    try:
+        process = subprocess.Popen(  # noqa: S603  (the user's own command, without a shell)
+            bare_command(supervisor.__file__, *words),
+            stdin=ours, stdout=subprocess.PIPE, stderr=output, text=True, start_new_session=True,
+        )  # fmt: skip
+    except BaseException:
+        os.close(theirs)
+        raise
+    finally:
+        os.close(ours)
+    with cast("IO[str]", process.stdout) as answers:
         try:
-            return subprocess.Popen(  # noqa: S603  (the user's own command, without a shell)
-                words, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
-            )
-        except OSError as error:
-            raise UsageError(f"--rerun: {words[0]!r} cannot be started: {error.strerror}") from error
+            yield process, answers
+        finally:
+            os.close(theirs)  # which it sees, and ends the command
+            process.wait()
 
 
 def _last_line(log: Path) -> str:

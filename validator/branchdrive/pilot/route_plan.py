@@ -52,23 +52,29 @@ def route_plan(pilot: Pilot) -> Section:
     num_groups = _num_complete(pilot)
     expected = round(expected_clusters(sizes, max(num_groups, len(clusters))))
     towns = sorted({str(town) for part in pilot.parts for town in part.view.rollouts["town"]})
+    is_open = sizes.count(1) > len(sizes) / 2
     facts = [
         f"{counted(len(clusters), 'group')} lie in {counted(len(sizes), 'route cluster')} (routes of one town less "
         f"than {CLUSTER_RMS_M:g} m apart), of {counted(len(towns), 'town')} and "
         f"{counted(len(set(scenarios.values())), 'scenario type')}; the largest holds {sizes[0]}.",
-        f"About {expected:,} clusters are to be expected in {counted(num_groups, 'group')} that qualify, "
-        + ("at least, for most routes were seen once only." if sizes.count(1) > len(sizes) / 2
-           else "if routes are drawn as they were in the pilot."),
+        f"{counted(num_groups, 'group')} that qualify would lie in about {counted(expected, 'route cluster')}"
+        + (" or more, for most routes were seen once only." if is_open
+           else ", if routes are drawn as they were in the pilot."),
     ]  # fmt: skip
-    concerns, rows = [], []
+    concerns, rows, not_examined = [], [], []
     figures: dict[str, Any] = {"clusters": len(sizes), "sizes": sizes, "expected": expected, "groups": num_groups}
     for name, num_clusters in (("routes of the pilot alone", len(sizes)), ("expected routes", expected)):
         labels = _grown(sizes, num_groups, num_clusters)
         for least in (None, Calibration(MIN_GROUPS, MIN_CLUSTERS)):
             drawn, why = _drawn(labels, least)
-            rows.append([name, "with" if least else "without", *_cells(drawn), "yes" if not why else f"no: {why}"])
+            rows.append([name, "yes" if least else "no", *_cells(drawn), "yes" if not why else f"no: {why}"])
             figures[f"{name}, {'with' if least else 'without'} calibration"] = drawn if not why else None
-            if why and name == "expected routes":
+            if why and name == "expected routes" and is_open:
+                not_examined.append(
+                    f"whether partitions {'with' if least else 'without'} calibration are feasible: most routes of the "
+                    "pilot were seen once only, so that nothing says how many there are"
+                )
+            elif why and name == "expected routes":
                 concerns.append(_infeasible(why, expected, num_groups, with_calibration=least is not None))
     share = sizes[0] / len(clusters)
     if share > _SMALLEST_SHARE and len(clusters) >= _MIN_GROUPS and len(sizes) > 1:
@@ -83,14 +89,14 @@ def route_plan(pilot: Pilot) -> Section:
     if num_unusable:
         facts.append(f"{counted(num_unusable, 'group')} with an unusable route left out.")
     heads = [
-        Column.name("Clusters"), Column("Calibration", is_text=True),
+        Column.name("Clusters"), Column("Calibration asked for", is_text=True),
         *(Column(name.capitalize()) for name in PARTITIONS), Column("Feasible", is_text=True),
     ]  # fmt: skip
     note = (
         f"Groups / clusters of each partition of {num_groups:,} groups; calibration asks for {MIN_GROUPS} groups and"
         f" {MIN_CLUSTERS} clusters, which the guard of the benchmark takes."
     )
-    return Section("routes", _TITLE, facts, concerns, [Table("Partitions", heads, rows, [note])], figures=figures)
+    return Section("routes", _TITLE, facts, concerns, [Table("Partitions", heads, rows, [note])], not_examined, figures)
 
 
 def expected_clusters(sizes: Sequence[int], num_groups: int) -> float:

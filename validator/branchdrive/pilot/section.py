@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -44,6 +44,7 @@ class Section:
         tables: Figures for people.
         not_examined: What could not be looked at, each with its reason.
         figures: The numbers for programs, by name.
+        explains: Rules that fail for what its concerns name.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Section:
     tables: Sequence[Table] = ()
     not_examined: Sequence[str] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
+    explains: Collection[str] = ()
 
     @property
     def result(self) -> Result:

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-from branchdrive.contract.text import percent
+from branchdrive.contract.text import counted, percent
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, RELEASE_ACCESS, Ledger, accesses
+from branchdrive.statistics.interval import LEAST_UNITS
 from branchdrive.statistics.split import DIVIDED
 
 __all__ = [
@@ -95,7 +96,7 @@ def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> l
 
 
 def population_sentences(population: Mapping[str, Any]) -> list[str]:
-    """What the population table does not say by itself: near duplicates that were left out, empty partitions."""
+    """What the population table does not say by itself: near duplicates left out, and what a benchmark will lack."""
     frozen = population["stages"][-1]  # the last one; a document of a stranger may call it otherwise
     valid = next((stage for stage in population["stages"] if stage["stage"] == "core_valid"), frozen)
     sentences = []
@@ -105,7 +106,16 @@ def population_sentences(population: Mapping[str, Any]) -> list[str]:
         sentences.append(f"{left_out} core-valid {groups} left out as near duplicates of another partition.")
     empty = [PARTITION_TITLES[name] for name in population["partitions"] if not (frozen["groups"] or {}).get(name)]
     if empty:
-        sentences.append(f"The frozen population has no group in: {', '.join(empty)}. Collect more groups.")
+        sentences.append(
+            f"The frozen population has no group in: {', '.join(empty)}. A benchmark takes groups in train, val and "
+            "test. Collect more groups."
+        )
+    num_test = (frozen["groups"] or {}).get("test", 0)
+    if 0 < num_test < LEAST_UNITS:
+        sentences.append(
+            f"With {counted(num_test, 'test group')} a benchmark concludes nothing: intervals and tests of 95 % take "
+            f"{LEAST_UNITS} route clusters or more."
+        )
     return sentences
 
 

@@ -1,4 +1,4 @@
-"""Sign, unit and clock of recorded motion: ratios of what attempts record to what their poses say of the same.
+"""Sign, unit and clock of recorded motion, and place of the pose: what attempts record, against what their poses say.
 
 Between neighbouring observations 0 and 1 of an attempt, ``dt`` apart, with the position ``p``, the heading ``yaw``,
 ``u = (cos yaw, sin yaw)``, the speed ``v``, the way ``s = |p_1 - p_0|`` and the turn ``q = wrap(yaw_1 - yaw_0)``::
@@ -10,9 +10,19 @@ Between neighbouring observations 0 and 1 of an attempt, ``dt`` apart, with the 
     lateral         a_lateral             v_1 q / dt          |v_1 q / dt| >= 0.5 m/s2
 
 The ratio of an attempt is the slope of the regression through the origin, ``sum(r c) / sum(c c)``, of recorded values
-``r`` on those of the poses ``c``; of the speed it is ``sum(r) / sum(c)``. Two more are no ratios: the angle from the
-mean heading to the displacement, on straight ways, and the share of the velocity of vehicles along their heading.
-Nothing is compared from the first contact on. Source: spec/07-rules.md#calibration.
+``r`` on those of the poses ``c``; of speeds it is ``sum(r) / sum(c)``, of vehicles and pedestrians too, and
+``sum(|r - c|) / sum(c)`` is the share of the way by which single steps are off. No ratios are the angles from the mean
+heading to the displacement, and from the heading of vehicles to their velocity, on straight ways; and the share of the
+velocity of vehicles along their heading. Where no policy is active, steering and drive are the slopes of ``q / dt`` on
+``-v`` times the mean steering, and of the gain of speed on throttle minus brake. Where the vehicle is declared, what it
+would do at these commands is compared with what was done: ``-v tan(a u) / w`` on ``q / dt``, with the angle ``a`` of
+the wheels at full steering and the wheelbase ``w``, and the deceleration at the brake command on the loss of speed.
+
+The rear axle of a vehicle that rolls slowly does not slip: a point ``b`` ahead of it moves across the mean heading by
+``2 b sin(q / 2)`` over an arc. So the slope of that way on ``q`` says how far ahead of the axle the recorded pose is.
+
+Contacts are compared too: what a few of them do to an attempt is no value of nearly all attempts, and no mask switches
+a unit off. Source: spec/07-rules.md#calibration.
 """
 
 from __future__ import annotations
@@ -22,13 +32,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.descriptor import Vehicle
 from branchdrive.contract.mismatch import Mask
+from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
-from branchdrive.raw.motion import OBSERVATION_S, before_contact, follows
+from branchdrive.raw.contact import is_free
+from branchdrive.raw.motion import OBSERVATION_S, follows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.tracks import tracks
 
-__all__ = ["QUANTITIES", "Quantity", "calibration"]
+__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "calibration", "calibration_between_contacts"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -41,11 +54,23 @@ MIN_RATE_RADPS = 0.05
 MIN_ACCELERATION_MPS2 = 0.5
 """Motion below these says nothing: it would compare noise and what happens inside of a quarter second."""
 
-MAX_STRAIGHT_RAD = 0.01
-"""Turn of a straight way: on others the centre of a box slips to the side."""
+MIN_WALK_MPS = 1.0
+"""The same of pedestrians."""
 
 MIN_SINE = 0.5
 """Sine of the least angle between velocity and x axis: along that axis, a heading of the wrong sense is the same."""
+
+MAX_ROLLING_MPS = 8.0
+"""Speed up to which the rear axle rolls: its slip grows with the square of the speed, to a few decimetres here."""
+
+MAX_GRIP_MPS2 = 2.0
+"""Lateral acceleration up to which tyres hardly slip, and a vehicle turns as its wheels point."""
+
+MIN_BRAKE = 0.2
+"""Brake command below which drag and rolling count for more."""
+
+MAX_STRAIGHT_RAD = 0.01
+"""Turn of a straight way: on others the centre of a box slips to the side."""
 
 
 class Quantity(NamedTuple):
@@ -57,6 +82,7 @@ class Quantity(NamedTuple):
         least: The least value that is right, of the quantity named by `text`.
         most: The largest.
         text: What the values bound, in words.
+        of_one: The least and the largest value that is right of a single attempt; ``None`` where all may be.
     """
 
     table: str
@@ -64,30 +90,113 @@ class Quantity(NamedTuple):
     least: float
     most: float
     text: str
+    of_one: tuple[float, float] | None = None
+
+    @property
+    def expected(self) -> str:
+        """What the values bound, and the bounds."""
+        return _bounded(self.text, self.least, self.most)
+
+    @property
+    def expected_of_one(self) -> str:
+        """The same of a single attempt."""
+        return _bounded(self.text, *(self.of_one or (-np.inf, np.inf)))
+
+
+def _bounded(text: str, least: float, most: float) -> str:
+    return f"{text}: {least:g} {'or more' if most == np.inf else f'to {most:g}'}"
 
 
 QUANTITIES = {
-    "speed": Quantity("observations", "speed_mps", 0.95, 1.05, "way by speed and clock over way of the positions"),
-    "yaw_rate": Quantity("observations", "yaw_rate_radps", 0.5, 2.0, "slope of the yaw rate on the turn"),
+    "speed": Quantity(
+        "observations", "speed_mps", 0.99, 1.01, "way by speed and clock over way of the positions", (0.98, 1.02)
+    ),
+    "step": Quantity("observations", "x_m", 0.0, 0.05, "share of the way by which single steps are off", (0.0, 0.1)),
+    "yaw_rate": Quantity("observations", "yaw_rate_radps", 0.5, 2.0, "slope of the yaw rate on the turn", (0.25, 4.0)),
     "longitudinal": Quantity(
-        "observations", "accel_longitudinal_mps2", 0.5, 2.0, "slope of the acceleration on the change of speed"
+        "observations", "accel_longitudinal_mps2", 0.5, 2.0, "slope of the acceleration on the change of speed",
+        (0.05, 5.0),
     ),
     "lateral": Quantity(
-        "observations", "accel_lateral_mps2", 0.5, 2.0, "slope of the acceleration on speed times turn"
+        "observations", "accel_lateral_mps2", 0.5, 2.0, "slope of the acceleration on speed times turn", (0.25, 4.0)
     ),
     "heading": Quantity(
-        "observations", "yaw_rad", -3.0, 3.0, "degrees from the heading to the displacement on straight ways"
+        "observations", "yaw_rad", -3.0, 3.0, "degrees from the heading to the displacement on straight ways",
+        (-3.0, 3.0),
     ),
-    "actor_heading": Quantity("actors", "yaw_rad", 0.9, 1.0, "share of the velocity of vehicles along their heading"),
+    "steering": Quantity(
+        "controls", "applied_steer", 0.0, np.inf, "slope of the turn on speed times steering left", (0.0, np.inf)
+    ),
+    "drive": Quantity("controls", "applied_throttle", 0.0, np.inf, "slope of the gain of speed on throttle less brake"),
+    "pivot": Quantity(
+        "observations", "x_m", 0.15, 0.85, "way from the rear axle, which does not slip, to the pose, in wheelbases",
+        (0.1, 0.9),
+    ),
+    "actor_sense": Quantity(
+        "actors", "yaw_rad", 0.9, 1.0, "share of the velocity of vehicles along their heading", (0.8, 1.0)
+    ),
+    "actor_heading": Quantity(
+        "actors", "yaw_rad", 0.0, 3.0, "mean degrees between heading and velocity of vehicles on straight ways",
+        (0.0, 3.0),
+    ),
+    "actor_speed": Quantity(
+        "actors", "vel_x_mps", 0.95, 1.05, "way of vehicles by velocity and clock over way of the positions", (0.9, 1.1)
+    ),
+    "pedestrian_speed": Quantity(
+        "actors", "vel_x_mps", 0.8, 1.25, "way of pedestrians by velocity and clock over way of the positions",
+        (0.7, 1.4),
+    ),
+    "pedestrian_sense": Quantity(
+        "actors", "yaw_rad", 0.0, 1.0, "share of the velocity of pedestrians along their heading"
+    ),
+    "command": Quantity(
+        "observations", "command", 0.0, np.inf, "yaw rate to the side of the navigation command, in rad/s"
+    ),
+}  # fmt: skip
+"""What is calibrated of recorded motion, by name."""
+
+
+OF_VEHICLE = {
+    "vehicle_turn": Quantity(
+        "controls", "applied_steer", 0.8, 1.25, "slope of the turn by the declared vehicle on the recorded turn"
+    ),
+    "vehicle_brake": Quantity(
+        "controls", "applied_brake", 0.8, 1.25, "slope of the deceleration by the declared vehicle on the loss of speed"
+    ),
 }
+"""What is calibrated of the vehicle that the descriptor declares."""
+
+
+def calibration(view: ShardView) -> dict[str, Array]:
+    """Values of every quantity in every attempt ``[rollouts]``, NaN where it says nothing of it; six decimals."""
+    return _values(view, np.ones(len(view.observations), bool))
+
+
+def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
+    """The same between contacts: of all observations that none keeps from being judged, and of those from ``t_b`` on.
+
+    Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there.
+    """
+    observations, found, free = view.observations, view.cached(calibration), view.cached(is_free)
+    touched = observations.by_rollout(~free).any
+    if touched.any():
+        own = _values(view, free & np.append(touched, False)[observations.rollout])
+        found = {name: np.where(touched, own[name], values) for name, values in found.items()}
+    is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
+    after = _values(view, free & is_after & np.append(view.branched, False)[observations.rollout])
+    nothing = np.full(view.num_rollouts, np.nan)
+    return {
+        name: np.stack([values, after[name] if name in ("yaw_rate", "lateral") else nothing])
+        for name, values in found.items()
+    }
 
 
 @np.errstate(all="ignore")  # what overflows is no number, and says nothing
-def calibration(view: ShardView, broken: Mask) -> dict[str, Array]:
-    """Values of every quantity in the attempts that say something of it, ``[attempts]`` each; at most six decimals."""
+def _values(view: ShardView, counts: Mask) -> dict[str, Array]:
+    """Values of every quantity over the observations that count ``[observations]``."""
     stream = view.observations
-    is_judged = np.append(~broken, False)
-    row = np.flatnonzero(follows(stream) & view.cached(before_contact) & is_judged[stream.rollout])
+    counts = counts & follows(stream) & np.append(False, counts[:-1])[: len(stream)]
+    row = np.flatnonzero(counts)
     x, y, yaw, speed, rate, along, across = (
         stream[name].astype(np.float64)
         for name in (
@@ -103,40 +212,111 @@ def calibration(view: ShardView, broken: Mask) -> dict[str, Array]:
     ahead = sense * (np.cos(heading) * way_x + np.sin(heading) * way_y)
     left = sense * (np.cos(heading) * way_y - np.sin(heading) * way_x)
 
-    def slope(recorded: Array, of_poses: Array, least: float) -> Array:
-        return _of_attempts(owner, np.abs(of_poses) >= least, recorded * of_poses, of_poses**2)[0]
+    def of_attempts(counts: Mask, above: Array, below: Array) -> tuple[Array, Array, Array]:
+        return _of_attempts(view.num_rollouts, owner, counts, above, below)
 
-    angle = _of_attempts(owner, drives & (np.abs(turn) <= MAX_STRAIGHT_RAD), left, ahead)
+    def slope(recorded: Array, known: Array, counts: Mask) -> Array:
+        return of_attempts(counts, recorded * known, known**2)[0]
+
+    turns, gains = np.abs(turning) >= MIN_RATE_RADPS, np.abs(gained) >= MIN_ACCELERATION_MPS2
+    pushed = speed[row] * turning
+    steer, throttle, brake = _commands(view, row, drives & (turns | gains))
+    recorded_way = np.abs(mean_speed) * OBSERVATION_S
+    angle = of_attempts(drives & (np.abs(turn) <= MAX_STRAIGHT_RAD), left, ahead)
     found = {
-        "speed": _of_attempts(owner, drives, np.abs(mean_speed) * OBSERVATION_S, way)[0],
-        "yaw_rate": slope((rate[row] + rate[row - 1]) / 2, turning, MIN_RATE_RADPS),
-        "longitudinal": slope(along[row], gained, MIN_ACCELERATION_MPS2),
-        "lateral": slope(across[row], speed[row] * turning, MIN_ACCELERATION_MPS2),
+        "speed": of_attempts(drives, recorded_way, way)[0],
+        "step": of_attempts(drives, np.abs(recorded_way - way), way)[0],
+        "yaw_rate": slope((rate[row] + rate[row - 1]) / 2, turning, turns),
+        "longitudinal": slope(along[row], gained, gains),
+        "lateral": slope(across[row], pushed, np.abs(pushed) >= MIN_ACCELERATION_MPS2),
         "heading": np.degrees(np.arctan2(angle[1], angle[2])),
+        "steering": slope(turning, -steer * mean_speed, drives & turns),
+        "drive": slope(gained * sense, throttle - brake, drives & gains),
     }
+    commands = stream["command"][row]
+    side = (commands == "left").astype(np.float64) - (commands == "right")
+    found["command"] = of_attempts(turns & (side != 0), turning * side, np.ones(len(row)))[0]
+    vehicle = view.descriptor.vehicle or Vehicle()
+    if vehicle.wheelbase_m is not None and vehicle.max_steer_rad is not None:
+        declared = -mean_speed * np.tan(vehicle.max_steer_rad * steer) / vehicle.wheelbase_m
+        grips = np.abs(mean_speed * turning) <= MAX_GRIP_MPS2
+        found["vehicle_turn"] = slope(declared, turning, drives & turns & grips)
+    if vehicle.max_decel_mps2 is not None:
+        brakes = drives & gains & (throttle == 0) & (brake >= MIN_BRAKE)
+        found["vehicle_brake"] = slope(vehicle.max_decel_mps2 * brake, -gained * sense, brakes)
+    if vehicle.wheelbase_m is not None:
+        across = np.cos(heading) * way_y - np.sin(heading) * way_x
+        rolls = (np.abs(turning) >= MIN_RATE_RADPS) & (np.abs(mean_speed) <= MAX_ROLLING_MPS)
+        found["pivot"] = of_attempts(rolls, across * turn, turn**2 * vehicle.wheelbase_m)[0]
     if "actors" in view:
-        found["actor_heading"] = _actor_heading(view, is_judged)
-    return {name: np.round(values[np.isfinite(values)], 6) for name, values in found.items()}
+        found |= _of_actors(view, counts)
+    return {name: np.where(np.isfinite(values), np.round(values, 6), np.nan) for name, values in found.items()}
 
 
-def _of_attempts(owner: Index, counts: Mask, above: Array, below: Array) -> tuple[Array, Array, Array]:
-    """Ratio of two sums over the steps that count, and the sums, of the attempts with enough of them."""
+def _of_attempts(
+    num_attempts: int, owner: Index, counts: Mask, above: Array, below: Array
+) -> tuple[Array, Array, Array]:
+    """Ratio of two sums over the steps that count, and the sums ``[attempts]``; NaN where they are too few."""
     counts = counts & np.isfinite(above) & np.isfinite(below)
-    steps = np.bincount(owner[counts])
+    steps = np.bincount(owner[counts], minlength=num_attempts)
     upper, lower = (
-        np.bincount(owner[counts], values[counts])[steps >= MIN_STEPS].astype(np.float64) for values in (above, below)
+        np.where(steps >= MIN_STEPS, np.bincount(owner[counts], values[counts], num_attempts), np.nan)
+        for values in (above, below)
     )
     return upper / lower, upper, lower
 
 
-def _actor_heading(view: ShardView, is_judged: Mask) -> Array:
+def _commands(view: ShardView, row: Index, counts: Mask) -> Array:
+    """Mean applied steering, throttle and brake from the observation before each row to it ``[3, rows]``.
+
+    NaN where a row does not count, a control row is missing, or the policy is active at one.
+    """
+    controls, observations = view.controls, view.observations
+    places = np.flatnonzero(counts)
+    first, last = (
+        controls.find(observations.rollout[row[places]], observations.tick[row[places]] - ticks)
+        for ticks in (OBSERVATION_STRIDE_TICKS, 1)
+    )
+    is_whole = (first >= 0) & (last - first == OBSERVATION_STRIDE_TICKS - 1)
+    rows = first[is_whole][:, None] + np.arange(OBSERVATION_STRIDE_TICKS)
+    is_free = ~controls["active"][rows].any(axis=1)
+    means = [
+        controls[f"applied_{name}"][rows].mean(axis=1, dtype=np.float64) for name in ("steer", "throttle", "brake")
+    ]
+    found = np.full((3, len(row)), np.nan)
+    found[:, places[is_whole]] = np.where(is_free, means, np.nan)
+    return found
+
+
+def _of_actors(view: ShardView, counts: Mask) -> dict[str, Array]:
+    """Values of the quantities of actors, from steps of those who move, to observations that count."""
     stream, observations = view.stream("actors"), view.observations
-    row = view.cached(tracks).row
+    row, before, *_ = view.cached(tracks)
     frame = observations.rows_of(stream)[row]
-    is_vehicle = stream.equals("actor_class", "vehicle") | stream.equals("actor_class", "cycle")
-    row = row[is_vehicle[row] & view.cached(before_contact)[frame] & is_judged[observations.rollout[frame]]]
-    vel_x, vel_y, yaw = (stream[name][row].astype(np.float64) for name in ("vel_x_mps", "vel_y_mps", "yaw_rad"))
-    speed = np.hypot(vel_x, vel_y)
-    counts = (speed >= MIN_SPEED_MPS) & (np.abs(vel_y) >= MIN_SINE * speed)
-    along = np.cos(yaw) * vel_x + np.sin(yaw) * vel_y
-    return _of_attempts(stream.rollout[row], counts, along, speed)[0]
+    kept = (before >= 0) & (frame >= 0) & counts[frame]
+    row, before = row[kept], before[kept]
+    way = np.hypot(*(stream[name][row] - stream[name][before] for name in ("x_m", "y_m"))) / OBSERVATION_S
+    moves = way >= MIN_WALK_MPS
+    row, before, way = row[moves], before[moves], way[moves]
+    vel_x, vel_y = (
+        np.add(stream[name][row], stream[name][before], dtype=np.float64) / 2 for name in ("vel_x_mps", "vel_y_mps")
+    )
+    owner, speed, is_fast = stream.rollout[row], np.hypot(vel_x, vel_y), way >= MIN_SPEED_MPS
+    is_vehicle = (stream.equals("actor_class", "vehicle") | stream.equals("actor_class", "cycle"))[row]
+    is_walker = stream.equals("actor_class", "pedestrian")[row]
+    yaw = stream["yaw_rad"][row].astype(np.float64)
+    turn = wrap_rad(yaw - stream["yaw_rad"][before])
+    cos, sin = np.cos(yaw - turn / 2), np.sin(yaw - turn / 2)
+    along, across, is_driving = cos * vel_x + sin * vel_y, cos * vel_y - sin * vel_x, is_vehicle & is_fast
+
+    def of_attempts(counts: Mask, above: Array, below: Array) -> tuple[Array, Array, Array]:
+        return _of_attempts(view.num_rollouts, owner, counts, above, below)
+
+    angle = of_attempts(is_driving & (np.abs(turn) <= MAX_STRAIGHT_RAD), np.abs(across), along)
+    return {
+        "actor_sense": of_attempts(is_driving & (np.abs(vel_y) >= MIN_SINE * speed), along, speed)[0],
+        "actor_heading": np.degrees(np.arctan2(angle[1], angle[2])),
+        "actor_speed": of_attempts(is_driving, speed, way)[0],
+        "pedestrian_speed": of_attempts(is_walker, speed, way)[0],
+        "pedestrian_sense": of_attempts(is_walker & (np.abs(vel_y) >= MIN_SINE * speed), along, speed)[0],
+    }

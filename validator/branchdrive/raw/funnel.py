@@ -8,7 +8,7 @@ Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/07-rul
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,11 +32,16 @@ STAGES = {
 
 @dataclass
 class Funnel:
-    """Groups lost at each stage and the rules that they fail there; funnels of shards add up."""
+    """Groups lost at each stage and the rules that they fail there; funnels of shards add up.
+
+    Attributes:
+        outcomes: How far each group gets, in the order of the shards and of the groups in them.
+    """
 
     discovered: int = 0
     lost: Counter[str] = field(default_factory=Counter)
     reasons: dict[str, Counter[str]] = field(default_factory=lambda: {stage: Counter() for stage in STAGES})
+    outcomes: list[GroupOutcome] = field(default_factory=list)
 
     def add(self, other: Funnel) -> None:
         """Merge the funnel of another part of the dataset."""
@@ -44,6 +49,7 @@ class Funnel:
         self.lost.update(other.lost)
         for stage, counts in other.reasons.items():
             self.reasons[stage].update(counts)
+        self.outcomes += other.outcomes
 
     @property
     def groups(self) -> dict[str, int]:
@@ -78,8 +84,17 @@ class Funnel:
 
 @dataclass(frozen=True)
 class GroupOutcome:
-    """How far one group gets: the stage at which it is lost, ``None`` if none, and the rules it fails there."""
+    """How far one group gets.
 
+    Attributes:
+        group_id: The group.
+        is_branched: Whether an attempt of it has a branch; a seed without one is a drive on which nothing happened.
+        lost_at: Stage at which it is lost; ``None`` if none.
+        rules: Rules that it fails there.
+    """
+
+    group_id: str
+    is_branched: bool = True
     lost_at: str | None = None
     rules: tuple[str, ...] = ()
 
@@ -108,18 +123,20 @@ def group_outcomes(
         groups = np.zeros(len(view.group_ids), bool)
         groups[np.flatnonzero((rollouts[selection.chosen] & members).any(axis=1))] = True
         by_stage[CATALOGUE[rule_id].stage or "bank"][rule_id] = groups
-    outcomes = [GroupOutcome()] * len(view.group_ids)
+    is_branched = np.isin(np.arange(len(view.group_ids)), view.group[view.branched])
+    named = zip(view.group_ids, is_branched.tolist(), strict=True)
+    outcomes = [GroupOutcome(str(group_id), branched) for group_id, branched in named]
     for stage, rules in by_stage.items():
         for g, outcome in enumerate(outcomes):
             reasons = tuple(rule_id for rule_id, groups in rules.items() if groups[g])
             if reasons and outcome.lost_at is None:
-                outcomes[g] = GroupOutcome(stage, reasons)
+                outcomes[g] = replace(outcome, lost_at=stage, rules=reasons)
     return outcomes
 
 
 def funnel_of(outcomes: list[GroupOutcome]) -> Funnel:
     """Funnel of groups."""
-    funnel = Funnel(discovered=len(outcomes))
+    funnel = Funnel(discovered=len(outcomes), outcomes=list(outcomes))
     for outcome in outcomes:
         if outcome.lost_at is not None:
             funnel.lost[outcome.lost_at] += 1

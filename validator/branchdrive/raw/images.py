@@ -8,6 +8,7 @@ Source: spec/05-raw-streams.md#media.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,18 +17,19 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.media import SAMPLE_STEP, MediaMode
 from branchdrive.contract.semantic_bev import SemanticClass, classes_of
+from branchdrive.raw.image_numbers import NAMES
 from branchdrive.statistics.stream import below, words
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["GRID", "Comparison", "Images", "cell_means", "chosen_rows", "is_flat", "unknown_class"]
+__all__ = ["MAP_PARTS", "Comparison", "Images", "chosen_rows", "is_flat", "unknown_class"]
 
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
 
-GRID = 4
-"""Rows and columns of the grid whose means stand for an image."""
+MAP_PARTS = ("vehicles", "people", "ground", "signs")
+"""Parts of semantic maps that are compared, each with what is recorded of it."""
 
 _FLAT = 2
 """Largest difference of two values of a channel of an image that shows nothing."""
@@ -59,33 +61,31 @@ class Images:
     Attributes:
         is_read: Whether its bytes are those of the index ``[rows]``.
         is_decoded: Whether its pixels were looked at, or could not be had ``[rows]``.
-        bodies: Semantic maps against recorded vehicles; those with a class that there is not among them.
-        ground: The same against recorded roads and routes.
+        maps: Semantic maps against what is recorded, by part; those with a class that there is not among `vehicles`.
         form: Expected and found text of images of another form than index and descriptor name, by row.
         damaged: Expected and found text of images that lack some of their bytes or have more, by row.
         undecodable: Why images do not decode, by row.
         flat: Rows of images of one colour.
-        cells: Means of the cells of a grid over an image and its channels ``[rows, cells]``; NaN where not decoded.
+        numbers: What stands for the pixels of an image ``[rows, numbers]``; NaN where not decoded.
         unjudged: Why pixels were not looked at, or not all; ``None`` where all were.
     """
 
     is_read: Mask
     is_decoded: Mask
-    bodies: Comparison
-    ground: Comparison
+    maps: Mapping[str, Comparison]
     form: dict[int, tuple[str, str]] = field(default_factory=dict)
     damaged: dict[int, tuple[str, str]] = field(default_factory=dict)
     undecodable: dict[int, str] = field(default_factory=dict)
     flat: set[int] = field(default_factory=set)
-    cells: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, GRID * GRID), np.float32))
+    numbers: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, len(NAMES)), np.float32))
     unjudged: str | None = None
 
     @classmethod
     def none(cls, num_rows: int) -> Images:
         """Of images that nobody looked at yet."""
-        none = (np.zeros(num_rows, bool) for _ in range(4))
-        cells = np.full((num_rows, GRID * GRID), np.nan, np.float32)
-        return cls(next(none), next(none), Comparison(next(none)), Comparison(next(none)), cells=cells)
+        maps = {part: Comparison(np.zeros(num_rows, bool)) for part in MAP_PARTS}
+        numbers = np.broadcast_to(np.float32(np.nan), (num_rows, len(NAMES)))
+        return cls(np.zeros(num_rows, bool), np.zeros(num_rows, bool), maps, numbers=numbers)
 
 
 def chosen_rows(frames: pa.Table, mode: MediaMode) -> Mask:
@@ -127,16 +127,3 @@ def unknown_class(pixels: Pixels) -> tuple[str, str] | None:
         return None
     row, column = np.argwhere(classes > last)[0]
     return f"classes 0 .. {last.value}", f"class {classes[row, column]} at row {row}, column {column}"
-
-
-def cell_means(pixels: Pixels) -> NDArray[np.float32]:
-    """Means of the cells of a grid over an image, all channels together, row by row ``[cells]``."""
-    height, width = pixels.shape[:2]
-    channels = pixels.shape[2] if pixels.ndim == 3 else 1
-    rows, columns = (np.arange(GRID + 1) * size // GRID for size in (height, width))
-    if min(height, width) < GRID:
-        return np.full(GRID * GRID, pixels.mean(), np.float32)
-    sums = np.add.reduceat(pixels.reshape(height, width * channels), rows[:-1], axis=0, dtype=np.uint32)
-    sums = np.add.reduceat(sums, columns[:-1] * channels, axis=1)
-    counts = np.outer(np.diff(rows), np.diff(columns)) * channels
-    return np.asarray(sums / counts, np.float32).ravel()

@@ -9,12 +9,16 @@ With ``p`` the position, ``u = (cos yaw, sin yaw)``, ``v`` the speed, ``w`` the 
     lateral       |a_lateral - v_1 w_1|
 
 Recorded accelerations and yaw rates are those of one tick, which observations five ticks apart cannot recompute, but
-bound. Contact breaks every such relation, so that nothing is compared from the first contact of an attempt on.
+bound. Residuals are those of all observations; contacts, which break these relations, are of `branchdrive.raw.contact`.
 
 Source: spec/05-raw-streams.md#motion.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,17 +29,7 @@ from branchdrive.driving.angle import wrap_rad
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
 
-__all__ = [
-    "COLLISION_COUNTS",
-    "OBSERVATION_S",
-    "before_contact",
-    "displacement_m",
-    "follows",
-    "lateral_mps2",
-    "longitudinal_mps2",
-    "max_displacement_m",
-    "turn_rad",
-]
+__all__ = ["OBSERVATION_S", "RELATIONS", "Relation", "displacement", "follows", "lateral", "longitudinal", "turn"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,8 +37,29 @@ Mask = NDArray[np.bool_]
 OBSERVATION_S = OBSERVATION_STRIDE_TICKS * TICK_S
 """Time between neighbouring observations."""
 
-COLLISION_COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
-"""Columns of the rollouts table that count collisions."""
+
+class Relation(NamedTuple):
+    """A relation between columns of the observations.
+
+    Attributes:
+        column: The column that it judges.
+        residual: How far each observation is from it ``[observations]``, NaN where nothing can be compared.
+        most: How far it may be ``[observations]``.
+    """
+
+    column: str
+    residual: Array
+    most: Array
+
+    @property
+    def is_compared(self) -> Mask:
+        """Observations that it says something of."""
+        return ~np.isnan(self.residual)
+
+    @property
+    def is_broken(self) -> Mask:
+        """Observations that break it."""
+        return np.asarray(self.residual > self.most)
 
 
 def follows(stream: StreamView) -> Mask:
@@ -52,27 +67,6 @@ def follows(stream: StreamView) -> Mask:
     found = np.zeros(len(stream), bool)
     found[1:] = (stream.rollout[1:] == stream.rollout[:-1]) & (np.diff(stream.tick) == OBSERVATION_STRIDE_TICKS)
     return found & (stream.rollout >= 0)
-
-
-def before_contact(view: ShardView) -> Mask:
-    """Observations before the first contact of their attempt.
-
-    Without recorded evidence these are all observations of the attempts that count no collision, and no others.
-    """
-    observations = view.observations
-    if "evidence" not in view:
-        counts = [view.rollouts.valid(name) & (view.rollouts[name] == 0) for name in COLLISION_COUNTS]
-        return np.append(np.logical_and.reduce(counts), False)[observations.rollout]
-    evidence = view.stream("evidence")
-    touched = np.flatnonzero(evidence["collision"].astype(bool) & (evidence.rollout >= 0))
-    first_tick = np.full(view.num_rollouts + 1, np.iinfo(np.int64).max)
-    np.minimum.at(first_tick, evidence.rollout[touched], evidence.tick[touched])
-    return np.asarray(observations.tick < first_tick[observations.rollout])
-
-
-def _compared(view: ShardView, residual: Array) -> Array:
-    """`residual` of the observations that the bounds hold for, NaN elsewhere."""
-    return np.where(view.cached(before_contact), residual, np.nan)
 
 
 def _steps(values: Array) -> Array:
@@ -87,36 +81,44 @@ def _numbers(view: ShardView, *names: str) -> list[Array]:
     return [view.observations[name].astype(np.float64) for name in names]
 
 
-def displacement_m(view: ShardView) -> Array:
-    """Residual of the displacement since the previous observation, ``[observations]``, NaN where none is compared."""
+def displacement(view: ShardView) -> Relation:
+    """The displacement since the previous observation, within an absolute part and a share of the way."""
+    bounds = physical_bounds()
     x, y, yaw, speed = _numbers(view, "x_m", "y_m", "yaw_rad", "speed_mps")
     off_x = _steps(x) - _means(speed * np.cos(yaw)) * OBSERVATION_S
     off_y = _steps(y) - _means(speed * np.sin(yaw)) * OBSERVATION_S
-    return _compared(view, np.where(follows(view.observations), np.hypot(off_x, off_y), np.nan))
+    way_m = _means(np.abs(speed)) * OBSERVATION_S
+    residual = np.where(follows(view.observations), np.hypot(off_x, off_y), np.nan)
+    return Relation("x_m", residual, bounds.displacement_m + bounds.displacement_share * way_m)
 
 
-def max_displacement_m(speed_mps: Array, before_mps: Array) -> Array:
-    """Largest residual of a displacement at two speeds: an absolute part, and a share of the way."""
-    bounds = physical_bounds()
-    way_m = (np.abs(speed_mps) + np.abs(before_mps)) / 2 * OBSERVATION_S
-    return np.asarray(bounds.displacement_m + bounds.displacement_share * way_m)
-
-
-def turn_rad(view: ShardView) -> Array:
-    """Residual of the turn since the previous observation, ``[observations]``, NaN where none is compared."""
+def turn(view: ShardView) -> Relation:
+    """The turn since the previous observation."""
     yaw, rate = _numbers(view, "yaw_rad", "yaw_rate_radps")
     off = np.abs(wrap_rad(_steps(yaw) - _means(rate) * OBSERVATION_S))
-    return _compared(view, np.where(follows(view.observations), off, np.nan))
+    return _within(view, "yaw_rad", np.where(follows(view.observations), off, np.nan), physical_bounds().turn_rad)
 
 
-def longitudinal_mps2(view: ShardView) -> Array:
-    """Residual of the longitudinal acceleration, ``[observations]``, NaN where none is compared."""
+def longitudinal(view: ShardView) -> Relation:
+    """The longitudinal acceleration against the change of speed since the previous observation."""
     speed, accel = _numbers(view, "speed_mps", "accel_longitudinal_mps2")
     off = np.abs(accel - _steps(speed) / OBSERVATION_S)
-    return _compared(view, np.where(follows(view.observations), off, np.nan))
+    residual = np.where(follows(view.observations), off, np.nan)
+    return _within(view, "accel_longitudinal_mps2", residual, physical_bounds().acceleration_mps2)
 
 
-def lateral_mps2(view: ShardView) -> Array:
-    """Residual of the lateral acceleration, ``[observations]``, NaN where none is compared."""
+def lateral(view: ShardView) -> Relation:
+    """The lateral acceleration against speed times yaw rate."""
     speed, rate, accel = _numbers(view, "speed_mps", "yaw_rate_radps", "accel_lateral_mps2")
-    return _compared(view, np.where(view.observations.tick > 0, np.abs(accel - speed * rate), np.nan))
+    residual = np.where(view.observations.tick > 0, np.abs(accel - speed * rate), np.nan)
+    return _within(view, "accel_lateral_mps2", residual, physical_bounds().acceleration_mps2)
+
+
+def _within(view: ShardView, column: str, residual: Array, most: float) -> Relation:
+    return Relation(column, residual, np.full(len(view.observations), most))
+
+
+RELATIONS: Mapping[str, tuple[Callable[[ShardView], Relation], ...]] = MappingProxyType(
+    {"BD-MOT-001": (displacement,), "BD-MOT-002": (turn,), "BD-MOT-003": (longitudinal, lateral)}
+)
+"""Relations that a rule judges, by the rule; each is computed once for a view, see `ShardView.cached`."""

@@ -6,6 +6,7 @@ Source: spec/07-rules.md#response.
 from __future__ import annotations
 
 import hashlib
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +19,54 @@ from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 
-__all__ = ["group_digests", "observed_extremes", "responses", "tracks"]
+__all__ = ["Executed", "executed", "group_digests", "observed_extremes", "responses", "responses_of", "tracks"]
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _STATE = ("x_m", "y_m", "yaw_rad", "speed_mps")
 _RATES = ("accel_longitudinal_mps2", "accel_lateral_mps2", "yaw_rate_radps")
+_EXPERT = ("expert_steer", "expert_throttle", "expert_brake")
 _COMMAND = ("applied_steer", "applied_throttle", "applied_brake")
 _OFFSETS = (PREDECESSOR_OFFSET, *HISTORY_OFFSETS, *FUTURE_OFFSETS)
 _NUM_BEFORE = len(HISTORY_OFFSETS)  # the predecessor and the history but for t_b
 _MOVING_MPS = 0.5
 
 
-@np.errstate(all="ignore")  # what overflows is no number, and is left out
+class Executed(NamedTuple):
+    """Chosen interventions and the chosen nominals of their groups, whose windows are whole.
+
+    Attributes:
+        group: Group of the shard ``[interventions]``.
+        policy: Index into the bank ``[interventions]``.
+        own: Attempt of the shard ``[interventions]``.
+        nominal: The nominal ``[interventions]``.
+        state: Pose and speed from ``t_b - 80`` to ``t_b + 50`` ``[4, interventions, 27]``.
+        reference: The same of the nominal.
+        command: Applied controls from ``t_b`` to ``t_b + 49`` ``[3, interventions, 50]``.
+        wanted: The same of the nominal.
+        expert: Commands of the expert from ``t_b - 1`` to ``t_b + 50`` ``[3, interventions, 52]``, NaN without a row.
+    """
+
+    group: Index
+    policy: Index
+    own: Index
+    nominal: Index
+    state: Array
+    reference: Array
+    command: Array
+    wanted: Array
+    expert: Array
+
+
 def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
-    """Chosen interventions of the shard against the chosen nominal of their group.
+    """What the `executed` interventions of the shard do."""
+    return responses_of(view, executed(view, selection, broken))
+
+
+@np.errstate(all="ignore")  # what overflows is no number, and is left out
+def executed(view: ShardView, selection: Selection, broken: Mask) -> Executed:
+    """Chosen interventions of the shard with the chosen nominal of their group.
 
     Left out are attempts that break a structure rule, those without every observation from ``t_b - 80`` to
     ``t_b + 50`` or without every active control, and those with values there that are no numbers.
@@ -44,21 +78,28 @@ def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
     kept &= ~(broken[own] | broken[nominal])
     own, nominal, policy, group = own[kept], nominal[kept], policy[kept], group[kept]
     state, reference = (_values(view, "observations", rollouts, _STATE, _OFFSETS) for rollouts in (own, nominal))
-    ticks = range(ACTIVE_TICKS)
-    command, wanted = (_values(view, "controls", rollouts, _COMMAND, ticks) for rollouts in (own, nominal))
+    around = _values(view, "controls", own, (*_COMMAND, *_EXPERT), range(-1, ACTIVE_TICKS + 1))
+    command, wanted = around[:3, :, 1:-1], _values(view, "controls", nominal, _COMMAND, range(ACTIVE_TICKS))
     kept = np.isfinite(state - reference).all(axis=(0, 2)) & np.isfinite(command - wanted).all(axis=(0, 2))
-    state, reference, command, wanted = (values[:, kept] for values in (state, reference, command, wanted))
+    attempts = (values[kept] for values in (group, policy, own, nominal))
+    return Executed(*attempts, *(values[:, kept] for values in (state, reference, command, wanted, around[3:])))
+
+
+@np.errstate(all="ignore")
+def responses_of(view: ShardView, found: Executed) -> Responses:
+    """What interventions of the shard do."""
+    state, reference, command, wanted, expert = found[4:]
     past = _OFFSETS[: _NUM_BEFORE + 2]
-    rates, known = (_values(view, "observations", rollouts[kept], _RATES, past) for rollouts in (own, nominal))
+    rates, known = (_values(view, "observations", rollouts, _RATES, past) for rollouts in (found.own, found.nominal))
     steer, throttle, brake = (command - wanted).mean(axis=2)
     (x, y, _, speed), (x_0, y_0, yaw_0, speed_0) = state[:, :, -1], reference[:, :, -1]
     first = first_response((state != reference).any(axis=0), _NUM_BEFORE)
     differs = (rates != known).any(axis=0)
     first[(first > 0) & differs[:, _NUM_BEFORE] & ~differs[:, :_NUM_BEFORE].any(axis=1)] = 0
-    future = np.ascontiguousarray(state[:, :, _NUM_BEFORE:].swapaxes(0, 1))
+    _, first_of, which = np.unique(found.nominal, return_index=True, return_inverse=True)
     return Responses(
-        group=view.cached(group_digests)[group[kept]],
-        policy=policy[kept],
+        group=view.cached(group_digests)[found.group],
+        policy=found.policy,
         steer=steer,
         drive=throttle - brake,
         lateral_m=lateral_effect_m(x, y, x_0, y_0, yaw_0),
@@ -66,8 +107,29 @@ def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
         first=first,
         moves=np.asarray((np.abs(reference[3, :, _NUM_BEFORE:]) > _MOVING_MPS).all(axis=1)),
         accel_mps2=(rates - known)[0, :, _NUM_BEFORE:],
-        future=np.array([_digest(track.data) for track in future], np.int64),
+        future=_futures(state),
+        nominal_future=_futures(reference[:, first_of])[which],
+        expert=_while_overridden(expert, command, wanted),
     )
+
+
+def _futures(state: NDArray[np.float64]) -> Index:
+    """Digests of what follows the branch, to three decimals; states are ``[columns, rollouts, offsets]``."""
+    after = np.ascontiguousarray(np.round(state[:, :, _NUM_BEFORE + 1 :].swapaxes(0, 1), 3) + 0.0)
+    return np.array([_digest(track.data) for track in after], np.int64)
+
+
+def _while_overridden(
+    expert: NDArray[np.float64], applied: NDArray[np.float64], nominal: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """`Responses.expert`: commands from ``t_b - 1`` to ``t_b + 50``, and those of the active ticks alone."""
+    active = expert[:, :, 1:-1]
+    seen = [
+        (expert != expert[:, :, :1]).any(axis=2), (active == active[:, :, :1]).all(axis=2),
+        (active == nominal).all(axis=2), (active == applied).all(axis=2),
+    ]  # fmt: skip
+    pedals = [seen[0][1] | seen[0][2], *(values[1] & values[2] for values in seen[1:])]
+    return np.stack([np.stack([values[0] for values in seen], axis=1), np.stack(pedals, axis=1)], axis=1)
 
 
 def group_digests(view: ShardView) -> Index:

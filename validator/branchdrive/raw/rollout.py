@@ -13,8 +13,8 @@ import numpy as np
 
 from branchdrive.contract.columns import TABLES, Column, Table
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.text import listed
-from branchdrive.errors import UsageError
+from branchdrive.contract.text import listed, nearest, quote
+from branchdrive.errors import UnknownNameError, UsageError
 from branchdrive.raw.camera_frames import CameraFrames
 from branchdrive.raw.media_folder import FRAMES, MediaFolder
 
@@ -45,6 +45,8 @@ class RolloutTables(Mapping[str, "pa.Table"]):
         self._tables = dict(tables)
 
     def __getitem__(self, name: str) -> pa.Table:
+        if name not in self._tables:
+            raise UnknownNameError(f"no table {quote(name)} in this rollout; {nearest(name, self._tables)}")
         return self._tables[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -60,8 +62,14 @@ class RolloutTables(Mapping[str, "pa.Table"]):
             A plain array where the column is never null, or recorded throughout; where it may be null a
             `numpy.ma.MaskedArray`, masked exactly at the nulls, with NaN below the mask of a real number,
             so that what loses the mask is no value. Text has dtype ``object``.
+
+        Raises:
+            UnknownNameError: The rollout has no such table, or the table no such column.
         """
-        return column_values(self._tables[table].column(name), TABLES[table][name])
+        rows = self[table]
+        if name not in rows.column_names:
+            raise UnknownNameError(f"no column {quote(name)} in {quote(table)}; {nearest(name, rows.column_names)}")
+        return column_values(rows.column(name), TABLES[table][name])
 
     def __repr__(self) -> str:
         shapes = ", ".join(f"{name} [{table.num_rows}, {table.num_columns}]" for name, table in self.items())
@@ -145,7 +153,7 @@ def key_columns(table: pa.Table, declared: Table) -> list[np.ndarray[Any, Any]]:
 
 
 def canonical_key(record: Mapping[str, Any], descriptor: Descriptor) -> tuple[int, int, str, str, int, str]:
-    """Sort key of a rollout inside its group: the order in which rollouts are written.
+    """Sort key of a rollout inside its group: the order in which readers and writers of a group list its rollouts.
 
     Nominal, then interventions in the order of the action bank, then nominal replays; attempts of
     the same protocol by number. It does not depend on the order in which rollouts were executed.

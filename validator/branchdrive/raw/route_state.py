@@ -17,7 +17,9 @@ from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import feet_within
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["Routes", "contradicts_route", "last_progress_m", "misplaces_target_points", "routes"]
+__all__ = [
+    "Routes", "contradicts_route", "has_judged_rows", "last_progress_m", "misplaces_target_points", "routes",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,6 +77,12 @@ def _judged_rows(view: ShardView) -> tuple[Index, Index]:
     is_new[1:] = np.logical_or.reduce([values[order][1:] != values[order][:-1] for values in columns])
     rows = rows[order]
     return rows, rows[is_new][np.cumsum(is_new) - 1]
+
+
+def has_judged_rows(view: ShardView) -> Mask:
+    """Attempts with an observation whose place on a route can be judged ``[rollouts]``."""
+    rows, _ = view.cached(_judged_rows)
+    return np.bincount(view.observations.rollout[rows], minlength=view.num_rollouts).astype(bool)
 
 
 def _rows_by_route(view: ShardView) -> Iterator[tuple[Array, Array, Index]]:

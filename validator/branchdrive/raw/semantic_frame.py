@@ -17,11 +17,14 @@ from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.driving.box import Boxes
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["SemanticFrame", "SemanticFrames"]
+__all__ = ["TILE_M", "SemanticFrame", "SemanticFrames", "near_pixels"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+TILE_M = 64
+"""What is recorded is looked up for all egos in a square of the world together."""
 
 _LARGEST_M = 1e7
 """Positions end here."""
@@ -64,6 +67,15 @@ class SemanticFrame(NamedTuple):
             for origin, place in ((camera.origin_row_px, ahead_m), (camera.origin_column_px, left_m))
         )
         return row.astype(np.int64), column.astype(np.int64)
+
+    def centres_of(self, rows: Index, columns: Index) -> tuple[Array, Array]:
+        """Centres of pixels ahead and to the left of the ego, metres ``[pixels]``."""
+        camera = self.camera
+        ahead, left = (
+            (origin - 0.5 - place.astype(np.float64)) / camera.px_per_m
+            for origin, place in ((camera.origin_row_px, rows), (camera.origin_column_px, columns))
+        )
+        return ahead, left
 
     def is_well_inside(self, rows: Index, columns: Index) -> Mask:
         """Pixels whose neighbours within `bev_px` are all on the map ``[points]``."""
@@ -109,3 +121,16 @@ class SemanticFrames:
         if camera is None:
             raise KeyError(stored_row)
         return SemanticFrame(camera, row, at, *(float(values[at]) for values in self._pose))
+
+
+def near_pixels(rows: Index, columns: Index, shape: tuple[int, ...], reach: int) -> Mask:
+    """Pixels of an image that lie within a reach of one of some pixels, in rows and in columns ``[height, width]``."""
+    height, width = shape
+    edges = np.zeros((height + 1, width + 1), np.int32)
+    top, bottom = (np.clip(rows + end, 0, height) for end in (-reach, reach + 1))
+    left, right = (np.clip(columns + end, 0, width) for end in (-reach, reach + 1))
+    for row, column, step in ((top, left, 1), (bottom, right, 1), (top, right, -1), (bottom, left, -1)):
+        np.add.at(edges, (row, column), step)
+    np.cumsum(edges, axis=0, out=edges)
+    np.cumsum(edges, axis=1, out=edges)
+    return np.asarray(edges[:-1, :-1] > 0)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import PreconditionError
-from branchdrive.contract.semantic_bev import SemanticChannel, classes_of
+from branchdrive.contract.semantic_bev import ROUTE_WIDTH_M, SemanticChannel, classes_of
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.driving.route import points_near
 from branchdrive.raw.route_state import routes
-from branchdrive.raw.semantic_frame import SemanticFrame, SemanticFrames
+from branchdrive.raw.semantic_frame import TILE_M, SemanticFrame, SemanticFrames, near_pixels
 from branchdrive.raw.town_map import EDGE_SLACK_M, held_by_strips
 
 __all__ = ["SemanticGround"]
@@ -31,9 +31,6 @@ Index = NDArray[np.int64]
 Pixels = NDArray[np.uint8]
 Text = tuple[str, str]
 
-_TILE_M = 64
-"""Points are looked up for all egos in a square of the world together."""
-
 _TILES = 64
 """Squares whose points are held at once."""
 
@@ -42,6 +39,12 @@ _ROUTE_REACH_M = 64.0
 
 _MAX_ROUTE_POINTS = 20_000
 """Where more of them lie around the ego, the route is not compared: an honest one has few hundred."""
+
+_LONGEST_STEP_M = 1.001
+"""Neighbouring points of a route are this near to each other; others have left out what lies between them."""
+
+_LEAST_LENGTH_M = 10.0
+"""Less of a route says little of its width: its ends are as wide as it is."""
 
 _LATTICE = 5
 """Points of whole metres ``x``, ``y`` with ``x - 2 y`` divisible by this: no lane along an axis lies between them."""
@@ -77,7 +80,7 @@ class SemanticGround:
     def __call__(self, stored_row: int, pixels: Pixels) -> Text | None:
         """What is expected and found otherwise on the judged map of a stored row of the index, where anything is."""
         frame = self._frames[stored_row]
-        tile = math.floor(frame.x_m / _TILE_M), math.floor(frame.y_m / _TILE_M)
+        tile = math.floor(frame.x_m / TILE_M), math.floor(frame.y_m / TILE_M)
         town, route = int(self._town[frame.row]), int(self._route[frame.row])
         if self._has_map and town >= 0:
             depth_m = max(physical_bounds().bev_px / frame.camera.px_per_m, EDGE_SLACK_M)
@@ -92,7 +95,7 @@ class SemanticGround:
     def _road_points(self, town: int, depth_m: float, column: int, row: int) -> tuple[Array, Array]:
         """Points of the lattice around a tile that strips hold."""
         reach = math.ceil(RANGE_M)
-        x, y = np.meshgrid(*(np.arange(at * _TILE_M - reach, (at + 1) * _TILE_M + reach + 1) for at in (column, row)))
+        x, y = np.meshgrid(*(np.arange(at * TILE_M - reach, (at + 1) * TILE_M + reach + 1) for at in (column, row)))
         chosen = (x - 2 * y) % _LATTICE == 0
         x_m, y_m = x[chosen].astype(np.float64), y[chosen].astype(np.float64)
         try:
@@ -103,8 +106,8 @@ class SemanticGround:
 
     def _route_points(self, route: int, column: int, row: int) -> tuple[Array, Array]:
         """Points of a route around a tile, in its order."""
-        x_m, y_m = ((at + 0.5) * _TILE_M for at in (column, row))
-        reach_m = _TILE_M / math.sqrt(2) + _ROUTE_REACH_M
+        x_m, y_m = ((at + 0.5) * TILE_M for at in (column, row))
+        reach_m = TILE_M / math.sqrt(2) + _ROUTE_REACH_M
         return points_near(x_m, y_m, *self._polylines[route], reach_m, most=_MAX_ROUTE_POINTS)
 
 
@@ -132,7 +135,7 @@ def _too_few(what: str, num_shown: int, num_points: int) -> Text | None:
 
 
 def _against_route(frame: SemanticFrame, pixels: Pixels, x_m: Array, y_m: Array) -> Text | None:
-    """Whether the route shows where it goes on, and nowhere else."""
+    """Whether the route shows where it goes on, and nowhere else, and as a band of its width."""
     places = frame.in_ego_frame(x_m, y_m)
     distance_m = np.hypot(*places)
     near = np.flatnonzero(distance_m <= distance_m.min(initial=np.inf) + physical_bounds().bev_route_m)
@@ -142,9 +145,27 @@ def _against_route(frame: SemanticFrame, pixels: Pixels, x_m: Array, y_m: Array)
     num_shown = int(_is_shown(pixels, rows[seen], columns[seen]).sum())
     if found := _too_few("the route at points that lie ahead", num_shown, len(seen)):
         return found
-    if (at := _off_route(frame, pixels, rows[first:], columns[first:])) is not None:
+    own_rows, own_columns = np.divmod(np.flatnonzero((pixels & _ROUTE) != 0), pixels.shape[1])
+    if (at := _off_route(frame, pixels.shape, own_rows, own_columns, rows[first:], columns[first:])) is not None:
         return "the route where it is recorded", f"it at row {at[0]}, column {at[1]} too"
-    return None
+    return _too_wide(frame, own_rows, own_columns, *(place[first:] for place in places))
+
+
+def _too_wide(frame: SemanticFrame, own_rows: Index, own_columns: Index, ahead_m: Array, left_m: Array) -> Text | None:
+    """What the area of the route says, against the length of what goes on in the same ring around the ego."""
+    bounds, scale = physical_bounds(), frame.camera.px_per_m
+    least_m, most_m = bounds.bev_route_m, RANGE_M - bounds.bev_px / scale
+    step_m = np.hypot(np.diff(ahead_m), np.diff(left_m))
+    middle_m = np.hypot(ahead_m[1:] + ahead_m[:-1], left_m[1:] + left_m[:-1]) / 2
+    is_counted = (step_m <= _LONGEST_STEP_M) & (middle_m > least_m) & (middle_m < most_m)
+    length_m = float(step_m[is_counted].sum())
+    away_m = np.hypot(*frame.centres_of(own_rows, own_columns))
+    area_m2 = ((away_m > least_m) & (away_m < most_m)).sum() / scale**2
+    width_m = ROUTE_WIDTH_M + 2 * bounds.bev_px / scale
+    if length_m < _LEAST_LENGTH_M or area_m2 <= width_m * length_m:
+        return None
+    expected = f"a route {ROUTE_WIDTH_M:g} m wide, at most {width_m:g} m as pixels show it"
+    return expected, f"{area_m2 / length_m:.2g} m, {area_m2:.0f} m2 over {length_m:.0f} m"
 
 
 def _is_shown(pixels: Pixels, rows: Index, columns: Index) -> NDArray[np.bool_]:
@@ -158,19 +179,18 @@ def _is_shown(pixels: Pixels, rows: Index, columns: Index) -> NDArray[np.bool_]:
     return shown
 
 
-def _off_route(frame: SemanticFrame, pixels: Pixels, rows: Index, columns: Index) -> tuple[int, int] | None:
+def _off_route(
+    frame: SemanticFrame, shape: tuple[int, ...], own_rows: Index, own_columns: Index, rows: Index, columns: Index
+) -> tuple[int, int] | None:
     """Row and column of a pixel of the route, in range, that lies near none of some pixels."""
     camera, bounds = frame.camera, physical_bounds()
     reach = max(int(bounds.bev_route_m * camera.px_per_m), int(bounds.bev_px))
-    own_rows, own_columns = np.divmod(np.flatnonzero((pixels & _ROUTE) != 0), pixels.shape[1])
-    rest = np.flatnonzero(~_in_same_cells(own_rows, own_columns, rows, columns, pixels.shape, reach // 2))
+    rest = np.flatnonzero(~_in_same_cells(own_rows, own_columns, rows, columns, shape, reach // 2))
     if not len(rest):
         return None
     own_rows, own_columns = own_rows[rest], own_columns[rest]
-    ahead_m = (camera.origin_row_px - own_rows - 0.5) / camera.px_per_m
-    left_m = (camera.origin_column_px - own_columns - 0.5) / camera.px_per_m
-    is_off = np.hypot(ahead_m, left_m) < RANGE_M - bounds.bev_px / camera.px_per_m
-    is_off &= ~_squares(rows, columns, pixels.shape, reach)[own_rows, own_columns]
+    is_off = np.hypot(*frame.centres_of(own_rows, own_columns)) < RANGE_M - bounds.bev_px / camera.px_per_m
+    is_off &= ~near_pixels(rows, columns, shape, reach)[own_rows, own_columns]
     found = np.flatnonzero(is_off)
     return (int(own_rows[found[0]]), int(own_columns[found[0]])) if len(found) else None
 
@@ -188,16 +208,3 @@ def _in_same_cells(
         grid[1:] |= grid[:-1].copy()
         grid[:-1] |= grid[1:].copy()
     return np.asarray(marked[rows // side + 1, columns // side + 1])
-
-
-def _squares(rows: Index, columns: Index, shape: tuple[int, ...], reach: int) -> NDArray[np.bool_]:
-    """Pixels of an image that lie within a reach of one of some pixels, in rows and in columns ``[height, width]``."""
-    height, width = shape
-    edges = np.zeros((height + 1, width + 1), np.int32)
-    top, bottom = (np.clip(rows + end, 0, height) for end in (-reach, reach + 1))
-    left, right = (np.clip(columns + end, 0, width) for end in (-reach, reach + 1))
-    for row, column, step in ((top, left, 1), (bottom, right, 1), (top, right, -1), (bottom, left, -1)):
-        np.add.at(edges, (row, column), step)
-    np.cumsum(edges, axis=0, out=edges)
-    np.cumsum(edges, axis=1, out=edges)
-    return np.asarray(edges[:-1, :-1] > 0)

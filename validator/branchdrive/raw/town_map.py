@@ -7,7 +7,7 @@ Source: spec/05-raw-streams.md#map.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,11 @@ __all__ = [
     "demand_strips",
     "ground",
     "held_by_strips",
+    "home_towns",
     "is_surveyed",
     "is_usable",
     "is_whole",
+    "lanes_along",
     "lanes_under",
     "least_vertices",
     "map_digests",
@@ -145,6 +147,7 @@ class Ground:
         may_be_on_road: A drivable surface may hold it.
         has_limit: A lane with a speed limit holds it, for certain; not looked for where the recorded lane fits.
         fits_limit: A lane that may hold it has the recorded limit, or none that is known.
+        meets_limit: A lane that may hold it has a limit, and one is recorded.
     """
 
     has_lane: Mask
@@ -153,6 +156,7 @@ class Ground:
     may_be_on_road: Mask
     has_limit: Mask
     fits_limit: Mask
+    meets_limit: Mask
 
 
 def ground(view: ShardView) -> Ground:
@@ -166,7 +170,7 @@ def ground(view: ShardView) -> Ground:
     observations = view.observations
     x, y = observations["x_m"], observations["y_m"]
     rows = np.flatnonzero((observations.rollout >= 0) & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
-    found = Ground(*(np.zeros(len(observations), bool) for _ in range(6)))
+    found = Ground(*(np.zeros(len(observations), bool) for _ in fields(Ground)))
     recorded, off_road = _recorded(view)
     named = rows[recorded[rows] >= 0]
     _look(view, named, found, recorded)
@@ -196,13 +200,15 @@ def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = No
         may, certain = excess_m <= EDGE_SLACK_M, (excess_m <= -EDGE_SLACK_M) & ~is_end
         is_lane, of_strip = lane[strip] >= 0, lane_limit[strip]
         agrees = ~(np.abs(of_strip - limit[at]) > LIMIT_SLACK_MPS)
+        both_limited = knows_limit[at] & np.isfinite(of_strip)
         found.fits_lane[at[may & is_lane & (lane[strip] == recorded[at])]] = True
         found.may_be_on_road[at[may]] = True
         found.fits_limit[at[may & is_lane & agrees]] = True
+        found.meets_limit[at[may & is_lane & both_limited]] = True
         if wanted is None:
             found.has_lane[at[certain & is_lane]] = True
             found.is_on_road[at[certain]] = True
-            found.has_limit[at[certain & knows_limit[at] & np.isfinite(of_strip)]] = True
+            found.has_limit[at[certain & both_limited]] = True
 
 
 def _town_of(view: ShardView, rows: Index) -> Index:
@@ -210,7 +216,7 @@ def _town_of(view: ShardView, rows: Index) -> Index:
     return view.rollouts.categories("town")[0].astype(np.int64)[view.observations.rollout[rows]]
 
 
-def _homes(view: ShardView) -> Index:
+def home_towns(view: ShardView) -> Index:
     """Town of each element, as an index into the towns of the rollouts; -1 where nobody drives there."""
     place = {name: code for code, name in enumerate(view.rollouts.categories("town")[1])}
     codes, towns = view.map.categories("town")
@@ -219,7 +225,7 @@ def _homes(view: ShardView) -> Index:
 
 def _filed(view: ShardView) -> tuple[Index, Strips]:
     """Elements that are strips of the towns of the rollouts, and their segments."""
-    elements, homes = view.map, _homes(view)
+    elements, homes = view.map, home_towns(view)
     chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
     strips = np.flatnonzero(chosen)
     x, y, width = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m", "width_m"))
@@ -231,7 +237,7 @@ def _filed(view: ShardView) -> tuple[Index, Strips]:
 
 def _outlined(view: ShardView) -> Areas:
     """Road areas of the towns of the rollouts."""
-    elements, homes = view.map, _homes(view)
+    elements, homes = view.map, home_towns(view)
     paved = np.flatnonzero(is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
     x, y = (elements[name][paved] for name in ("x_m", "y_m"))
     return Areas(homes[paved], tuple(np.stack(outline, axis=1) for outline in zip(x, y, strict=True)))
@@ -268,7 +274,7 @@ def walls_inside(view: ShardView) -> Index:
     Raises:
         PreconditionError: The maps cover too much ground.
     """
-    elements, homes = view.map, _homes(view)
+    elements, homes = view.map, home_towns(view)
     observations, found = view.observations, np.full(len(view.observations), -1, np.int64)
     chosen = is_usable(view) & elements.equals("kind", "wall") & (homes >= 0)
     if not chosen.any():
@@ -318,6 +324,35 @@ def held_by_strips(view: ShardView, towns: Index, x_m: Array, y_m: Array, *, dep
     for point, _, excess_m, is_end in strips.near(towns, x_m, y_m):
         held[point[(excess_m <= -depth_m) & ~is_end]] = True
     return held
+
+
+def lanes_along(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> tuple[Index, Index, Array]:
+    """Points that one lane alone may hold, its row of the map, and its heading there in radians.
+
+    Args:
+        view: The shard, with maps.
+        towns: Town of each point, as an index into the towns of the rollouts ``[points]``.
+        x_m: World frame, within 1e7 m.
+        y_m: The same, y.
+
+    Raises:
+        PreconditionError: The maps cover too much ground.
+    """
+    strips, filed = view.cached(_filed)
+    pairs = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((3, 0)))]
+    for point, strip, excess_m, is_end, heading_rad in filed.along(towns, x_m, y_m):
+        kept = (excess_m <= EDGE_SLACK_M) & view.map.equals("kind", "lane")[strips[strip]]
+        pairs.append((point[kept], strips[strip[kept]], np.stack([excess_m, is_end, heading_rad])[:, kept]))
+    point, lane = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
+    excess_m, is_end, heading_rad = np.concatenate([pair[2] for pair in pairs], axis=1)
+    order = np.lexsort((excess_m, point))  # the nearest first
+    point, lane = point[order], lane[order]
+    first = np.unique(point, return_index=True)[1]
+    nearest = np.repeat(lane[first], np.diff(np.append(first, len(point))))
+    is_shared = np.bincount(point[lane != nearest], minlength=len(towns)) > 0
+    at = order[first]
+    alone = ~is_shared[point[first]] & (excess_m[at] <= -EDGE_SLACK_M) & (is_end[at] == 0)
+    return point[first][alone], lane[first][alone], heading_rad[at][alone]
 
 
 def _is_on_ground(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> Mask:

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
-from branchdrive.raw.motion import OBSERVATION_S, before_contact, follows
+from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
+from branchdrive.raw.motion import follows
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["Tracks", "actor_displacement_m", "tracks"]
+__all__ = ["Displacements", "Tracks", "actor_displacements", "actor_returns", "tracks"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -92,23 +93,45 @@ def _last_before(owner: Index, frame: Index, of_owner: Index, before: Index) -> 
     return np.where((place >= 0) & (own[found] == wanted), found, -1)
 
 
-def actor_displacement_m(view: ShardView) -> tuple[Index, Array, Array]:
-    """Residual of an actor's displacement since the previous observation, against its velocities.
+class Displacements(NamedTuple):
+    """How far actors are from where their velocities lead, between two of their rows.
 
-    Nothing is compared from the first contact of an attempt on: who was pushed may push others.
-
-    Returns:
-        Rows of the actors table that are compared, their residuals, and the ways that their velocities give.
+    Attributes:
+        row: The later rows, of the actors table ``[steps]``.
+        residual_m: Distance from where the mean velocity leads ``[steps]``.
+        most_m: How large it may be ``[steps]``.
+        time_s: Time between the rows ``[steps]``.
     """
-    stream, observations = view.stream("actors"), view.observations
+
+    row: Index
+    residual_m: Array
+    most_m: Array
+    time_s: Array
+
+
+def actor_displacements(view: ShardView) -> Displacements:
+    """Displacements of actors between neighbouring observations, those after a contact of the ego among them."""
+    observations = view.observations
     row, before, *_ = view.cached(tracks)
-    free = view.cached(before_contact) & follows(observations)
-    compared = (before >= 0) & free[observations.rows_of(stream)[row]]
-    rows, before = row[compared], before[compared]
+    compared = (before >= 0) & follows(observations)[observations.rows_of(view.stream("actors"))[row]]
+    return _displacements(view, row[compared], before[compared])
+
+
+def actor_returns(view: ShardView) -> Displacements:
+    """Displacements of actors over a gap of their track, those over a contact of the ego among them."""
+    *_, rows, left = view.cached(tracks)
+    back = _displacements(view, rows, left)
+    return back._replace(most_m=back.most_m + physical_bounds().road_user_mps2 * back.time_s**2 / 4)
+
+
+def _displacements(view: ShardView, rows: Index, before: Index) -> Displacements:
+    stream, bounds = view.stream("actors"), physical_bounds()
+    time_s = np.asarray((stream.tick[rows] - stream.tick[before]) * TICK_S, np.float64)
     off, way = [], []
     for place, velocity in (("x_m", "vel_x_mps"), ("y_m", "vel_y_mps")):
         values, speed = stream[place], stream[velocity]
-        moved = np.add(speed[rows], speed[before], dtype=np.float64) * (OBSERVATION_S / 2)
+        moved = np.add(speed[rows], speed[before], dtype=np.float64) * (time_s / 2)
         off.append(values[rows] - values[before] - moved)
         way.append(moved)
-    return rows, np.hypot(*off), np.hypot(*way)
+    most_m = bounds.displacement_m + bounds.displacement_share * np.hypot(*way)
+    return Displacements(rows, np.hypot(*off), most_m, time_s)

@@ -19,7 +19,7 @@ from branchdrive.engine.spool import Spool, SpooledFrames
 from branchdrive.engine.validate import judge_files
 from branchdrive.engine.worker import Executor
 from branchdrive.errors import DatasetError
-from branchdrive.files.survey import Survey, take_survey
+from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.manifest import parse_manifest
 from branchdrive.formats.untrusted import read_file
 from branchdrive.raw.content import raw_content
@@ -83,6 +83,8 @@ def _finished(survey: Survey) -> Descriptor:
     """Descriptor of a dataset whose collection is finished."""
     if survey.descriptor is None:
         raise DatasetError(f"{survey.root}: its descriptor cannot be used; run `branchdrive-validate`")
+    if survey.excess:
+        raise DatasetError(f"{survey.root}: {NOT_READ}; run `branchdrive-validate`")
     if not survey.shard_folders:
         raise DatasetError(f"{survey.root}: holds no raw layer; build from the dataset that does")
     if survey.manifest is None:

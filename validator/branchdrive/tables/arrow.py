@@ -17,7 +17,7 @@ from branchdrive.tables.frame import Frame, Values
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["filled", "from_arrow", "to_arrow"]
+__all__ = ["filled", "from_arrow", "to_arrow", "unsigned_zeros"]
 
 
 def to_arrow(name: str, frame: Frame) -> pa.Table:
@@ -85,3 +85,14 @@ def filled(array: pa.Array) -> NDArray[Any]:
     if array.null_count:
         array = pc.fill_null(array, pa.scalar(False if pa.types.is_boolean(array.type) else 0, array.type))
     return np.asarray(array.to_numpy(zero_copy_only=False))
+
+
+def unsigned_zeros(array: pa.Array) -> pa.Array:
+    """The same values with every zero of floating-point numbers as +0.0, in the cells of lists too."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_list(array.type):
+        items = unsigned_zeros(array.values)
+        return pa.ListArray.from_arrays(array.offsets, items, type=array.type, mask=array.is_null())
+    return pc.add(array, pa.scalar(0.0, array.type)) if pa.types.is_floating(array.type) else array

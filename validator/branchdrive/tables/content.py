@@ -19,7 +19,7 @@ from branchdrive.tables.view import StreamView, TableView
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["attempt_digests", "rows_digests", "stream_digests", "table_digest"]
+__all__ = ["attempt_digests", "rows_digests", "sortable", "stream_digests", "table_digest"]
 
 Index = NDArray[np.int64]
 _TYPES = {"bool": "?", "int32": "<i4", "int64": "<i8", "float32": "<f4", "float64": "<f8"}
@@ -35,7 +35,7 @@ def table_digest(name: str, table: pa.Table) -> str:
     """SHA-256 of all rows of a table with the declared columns, hexadecimal."""
     view = TableView(name, table)
     columns = declared_table(name).columns
-    order = _order(view, [_sortable(view, column) for column in declared_table(name).key], columns)
+    order = _order(view, [sortable(view, column) for column in declared_table(name).key], columns)
     ordered = view if order is None else TableView(name, table, order)
     (digest,) = _digests(ordered, columns, np.array([0, len(view)]))
     return digest.hex()
@@ -146,7 +146,7 @@ def _texts(view: TableView, column: str, bounds: Index) -> Iterator[pa.Array]:
     yield _slices(np.frombuffer(b"".join(parts), np.uint8), ends[member_bounds])
 
 
-def _sortable(view: TableView, column: str) -> NDArray[Any]:
+def sortable(view: TableView, column: str) -> NDArray[Any]:
     """Values in an order that no file decides: texts by their bytes, null before every value."""
     if declared_table(view.name)[column].type != "string":
         return view[column]

@@ -249,6 +249,11 @@ class StreamView(TableView):
         repeats = np.concatenate(([0], np.cumsum(self.repeats)))
         return np.asarray((right - left) - (repeats[right] - repeats[left]))
 
+    @property
+    def is_there(self) -> Mask:
+        """Rollouts that have a row ``[rollouts]``."""
+        return np.asarray(self.stop > self.start)
+
     def by_rollout(self, marked: Mask) -> RowSummary:
         """Summary of marked rows by rollout."""
         rows = np.flatnonzero(marked)

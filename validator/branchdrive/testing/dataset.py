@@ -23,7 +23,15 @@ from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of
 from branchdrive.testing.drive import BRANCH_TICK, NUM_TICKS, Scene, plans
 from branchdrive.testing.group import Tables, concat, make_group, to_table
-from branchdrive.testing.media import MEDIA_FILE, SURROUND, frame_columns, media_bytes, media_document
+from branchdrive.testing.media import (
+    ARCHIVE_FILE,
+    MEDIA_FILE,
+    SURROUND,
+    archived,
+    frame_columns,
+    media_bytes,
+    media_document,
+)
 from branchdrive.testing.town import with_map
 
 __all__ = ["SmallDataset", "descriptor", "seal_dataset", "show_call", "table_files", "write_dataset"]
@@ -66,24 +74,32 @@ class SmallDataset:
         """Show an example over several lines; Hypothesis asks for it."""
         show_call(printer, "SmallDataset", self._shown())
 
-    @cached_property
+    @property
     def tables(self) -> dict[str, Tables]:
         """Tables by shard folder and name; not to be changed."""
-        shards: dict[str, Tables] = {}
-        for start in range(0, len(self.scenes), self.groups_per_shard):
-            groups = range(start, min(start + self.groups_per_shard, len(self.scenes)))
-            shards[f"raw/shard-{len(shards):05d}"] = self._shard(groups)
-        return shards
+        return {folder: tables for folder, (tables, _) in self._shards.items()}
 
-    def _shard(self, groups: range) -> Tables:
-        tables = concat([self._group(index) for index in groups])
+    @property
+    def media(self) -> dict[str, Mapping[str, bytes]]:
+        """Files of images by shard folder and name."""
+        return {folder: media for folder, (_, media) in self._shards.items()}
+
+    @cached_property
+    def _shards(self) -> dict[str, tuple[Tables, Mapping[str, bytes]]]:
+        starts = range(0, len(self.scenes), self.groups_per_shard)
+        groups = (range(start, min(start + self.groups_per_shard, len(self.scenes))) for start in starts)
+        return {f"raw/shard-{number:05d}": self._shard(of_shard) for number, of_shard in enumerate(groups)}
+
+    def _shard(self, groups: range) -> tuple[Tables, Mapping[str, bytes]]:
+        tables, media = concat([self._group(index) for index in groups]), {}
         if _MEDIA in self.streams:
-            tables["frames"] = to_table("frames", frame_columns(tables["rollouts"]))
+            frames = to_table("frames", frame_columns(tables["rollouts"]))
+            tables["frames"], media[ARCHIVE_FILE] = archived(frames)
         if _MAP in self.streams:
             tables = with_map(tables, [self.scenes[index].town for index in groups], dict(enumerate(self.scenes)))
         if _EVIDENCE not in self.streams:
             del tables["actors"], tables["evidence"]
-        return tables
+        return tables, media
 
     def _group(self, index: int) -> Tables:
         planned = plans(index, self.bank, self.branch_tick)
@@ -99,7 +115,7 @@ class SmallDataset:
 
     def write(self, root: Path | str) -> Path:
         """Write the dataset with its manifest into the new folder `root`, which is returned."""
-        write_dataset(Path(root), self.tables, self.descriptor)
+        write_dataset(Path(root), self.tables, self.descriptor, media=self.media)
         return Path(root)
 
 
@@ -153,6 +169,7 @@ def write_dataset(
     *,
     seal: bool = True,
     files: Callable[[str, pa.Table], Mapping[str, bytes]] | None = None,
+    media: Mapping[str, Mapping[str, bytes]] | None = None,
 ) -> None:
     """Write shards, descriptor and, to seal it, the manifest into the folder `root`.
 
@@ -162,6 +179,7 @@ def write_dataset(
         document: The descriptor.
         seal: Whether to write the manifest.
         files: Files of a table by name; those of `table_files` by default.
+        media: Files of images by folder and name; the one that `frame_columns` names by default.
     """
     files = files or table_files
     root.mkdir(parents=True, exist_ok=True)
@@ -172,7 +190,9 @@ def write_dataset(
             for file_name, content in files(name, table).items():
                 (root / folder / file_name).write_bytes(content)
         if "frames" in shard:
-            (root / folder / MEDIA_FILE).write_bytes(media_bytes(shard["frames"]))
+            images = {MEDIA_FILE: media_bytes(shard["frames"])} if media is None else media[folder]
+            for file_name, content in images.items():
+                (root / folder / file_name).write_bytes(content)
     if seal:
         seal_dataset(root)
 

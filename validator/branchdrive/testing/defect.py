@@ -52,7 +52,7 @@ class Defect:
     def write(self, root: Path | str) -> Path:
         """Write the dataset with its defect into the new folder `root`, which is returned."""
         tables = {folder: {**shard, **self.tables.get(folder, {})} for folder, shard in self.dataset.tables.items()}
-        write_dataset(Path(root), tables, self.descriptor or self.dataset.descriptor)
+        write_dataset(Path(root), tables, self.descriptor or self.dataset.descriptor, media=self.dataset.media)
         if self.edit is not None:
             self.edit(Path(root))
         return Path(root)

@@ -7,25 +7,32 @@ car drives as the rules on motion demand.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from operator import attrgetter, itemgetter
 
+import numpy as np
 from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn, SearchStrategy
 
-from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.policy import ActuatorRule, Policy
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS
+from branchdrive.driving.box import Boxes, box_gap
 from branchdrive.testing.dataset import SmallDataset
 from branchdrive.testing.drive import (
     BRANCH_TICK,
     CAR_M,
     CONE_M,
     CYCLE_M,
+    EGO_BOX_M,
     NUM_TICKS,
     PERSON_M,
+    TICK_S,
     Actor,
     Route,
     Scene,
+    drive,
+    plans,
 )
 
 __all__ = ["OPTIONAL_STREAMS", "datasets", "driven_banks", "scenes"]
@@ -38,6 +45,11 @@ OPTIONAL_STREAMS: tuple[tuple[str, ...], ...] = (
     ("actor_risk_evidence", "rgb_surround", "map"),
 )
 """Streams that datasets claim beside the required ones."""
+
+_LAST_BRANCH_TICK = BRANCH_TICK + 4 * OBSERVATION_STRIDE_TICKS
+
+_APART_M = 0.1
+"""Replays start a few centimetres beside their nominal, and touch what it only passes."""
 
 _FAMILIES = ("accelerate", "brake", "steer_left", "steer_right")
 _BOXES_M = {"vehicle": CAR_M, "cycle": CYCLE_M, "pedestrian": PERSON_M, "static": CONE_M}
@@ -66,17 +78,31 @@ def _actors(draw: DrawFn) -> Actor:
 
 @st.composite
 def scenes(draw: DrawFn, *, max_actors: int = 3) -> Scene:
-    """A straight or bent route, an ego that starts on it, and up to `max_actors` actors beside it."""
+    """A straight or bent route, an ego that starts on it, and up to `max_actors` actors that it meets late or never."""
     start = draw(st.tuples(_fractions(-500, 500, 1), _fractions(-500, 500, 1)))
     bend = draw(st.sampled_from([{}, {"radius_m": 120.0}, {"radius_m": 300.0}]))
-    actors = draw(st.lists(_actors(), max_size=max_actors, unique_by=attrgetter("progress_m", "offset_m")))
-    return Scene(
+    scene = Scene(
         Route(start, draw(_fractions(-31, 31, 10)), **bend),
-        tuple(actors),
+        (),
         town=draw(st.sampled_from(["Town01", "Town02"])),
         scenario_type=draw(st.sampled_from(["CutIn", "Crossing"])),
         start=(2.0, draw(_fractions(-5, 5, 10)), draw(_fractions(500, 800, 100))),
     )
+    actors = draw(st.lists(_actors(), max_size=max_actors, unique_by=attrgetter("progress_m", "offset_m")))
+    return replace(scene, actors=tuple(actor for actor in actors if not _is_met_early(scene, actor)))
+
+
+def _is_met_early(scene: Scene, actor: Actor) -> bool:
+    """Whether the ego comes within `_APART_M` of an actor before it branches, wherever that is in a dataset."""
+    ticks = np.arange(_LAST_BRANCH_TICK + 1)
+    ego = drive(scene, plans(0)[:1], load_action_bank(), len(ticks))
+    along_m, across_m = (speed * ticks * TICK_S for speed in (actor.speed_mps, actor.lateral_mps))
+    at = scene.route.point(actor.progress_m + along_m, actor.offset_m + across_m)
+    boxes = (
+        Boxes(*pose, *(np.full(len(ticks), size) for size in box_m[:2]))
+        for pose, box_m in (((ego.x_m[:, 0], ego.y_m[:, 0], ego.yaw_rad[:, 0]), EGO_BOX_M), (at, actor.box_m))
+    )
+    return bool((box_gap(*boxes).gap_m < _APART_M).any())
 
 
 @st.composite
@@ -142,7 +168,7 @@ def datasets(
             unique_by=(attrgetter("route.start"), lambda scene: itemgetter(2)(scene.start)),
         )
     )  # fmt: skip
-    branch_tick = BRANCH_TICK + OBSERVATION_STRIDE_TICKS * draw(st.integers(0, 4))
+    branch_tick = draw(st.sampled_from(range(BRANCH_TICK, _LAST_BRANCH_TICK + 1, OBSERVATION_STRIDE_TICKS)))
     shortest = branch_tick + ACTIVE_TICKS + 1
     return SmallDataset(
         tuple(group_scenes),

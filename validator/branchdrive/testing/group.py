@@ -12,8 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import table_schema
+from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.driving.risk import risk_evidence
+from branchdrive.tables.arrow import unsigned_zeros
 from branchdrive.testing.drive import (
     EGO_BOX_M,
     NUM_TICKS,
@@ -32,10 +33,13 @@ from branchdrive.testing.drive import (
 )
 
 __all__ = [
-    "Tables", "concat", "evidence_columns", "make_group", "route_polyline", "to_table",
+    "Tables", "by_key", "collision_counts", "concat", "evidence_columns", "make_group", "route_polyline", "to_table",
 ]  # fmt: skip
 
 Tables = dict[str, pa.Table]
+
+TOUCHES_STILL_TICKS = 20
+"""What touches again within a second touches still."""
 
 
 def _actor_columns(scene: Scene, ticks: Array, moved_m: float) -> dict[str, Any]:
@@ -132,8 +136,27 @@ def evidence_columns(
     }  # fmt: skip
 
 
+def collision_counts(evidence: Mapping[str, Any], actors: Mapping[str, Any]) -> dict[str, int]:
+    """Columns that count collisions: who is nearest at a contact was hit."""
+    kinds = dict(zip(np.asarray(actors["actor_id"]).tolist(), np.asarray(actors["actor_class"]).tolist(), strict=True))
+    counts, last_tick = dict.fromkeys(("vehicle", "pedestrian", "static"), 0), dict[int, int]()
+    nearest = np.ma.filled(evidence["separation_actor_id"], -1)
+    touched = np.flatnonzero(evidence["collision"])
+    for tick, actor_id in zip(np.asarray(evidence["tick"])[touched].tolist(), nearest[touched].tolist(), strict=True):
+        if actor_id not in last_tick or tick - last_tick[actor_id] > TOUCHES_STILL_TICKS:
+            counts["vehicle" if kinds[actor_id] == "cycle" else kinds[actor_id]] += 1
+        last_tick[actor_id] = tick
+    return {f"result_num_{kind}_collisions": count for kind, count in counts.items()}
+
+
 def _record(
-    index: int, scene: Scene, plan: Plan, bank: ActionBank, driven: Drive, progress_m: float, num_collisions: int
+    index: int,
+    scene: Scene,
+    plan: Plan,
+    bank: ActionBank,
+    driven: Drive,
+    progress_m: float,
+    collisions: Mapping[str, int],
 ) -> dict[str, Any]:
     group_id = group_name(index)
     policy = bank[plan.action_key]
@@ -160,26 +183,30 @@ def _record(
         "num_ticks": num_ticks, "num_observations": -(-num_ticks // STRIDE), "simulator_version": "1.0",
         "collector_version": "1.0", "provenance": "written by a test", "result_completion": "timeout",
         "result_termination": "end of recording", "result_route_fraction": progress_m / scene.route.length_m,
-        "result_num_vehicle_collisions": num_collisions,
-        "result_num_pedestrian_collisions": 0, "result_num_static_collisions": 0, "result_num_red_light_infractions": 0,
+        **collisions, "result_num_red_light_infractions": 0,
         "result_num_stop_sign_infractions": None, "result_num_off_road_infractions": 0,
     }  # fmt: skip
 
 
 def to_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
-    """Table with the declared schema from columns as lists, arrays or masked arrays."""
+    """Table with the declared schema and its rows by key from columns as lists, arrays or masked arrays."""
     schema = table_schema(name)
     arrays = []
     for field in schema:
         values = columns[field.name]
         mask = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         plain = np.ma.getdata(values) if mask is not None else values
-        arrays.append(
-            pa.array(
-                plain.tolist() if isinstance(plain, np.ndarray) and plain.dtype.kind == "U" else plain, mask=mask
-            ).cast(field.type)
+        array = pa.array(
+            plain.tolist() if isinstance(plain, np.ndarray) and plain.dtype.kind == "U" else plain, mask=mask
         )
-    return pa.Table.from_arrays(arrays, schema=schema)
+        arrays.append(unsigned_zeros(array.cast(field.type)))
+    table = pa.Table.from_arrays(arrays, schema=schema)
+    return by_key(name, table)
+
+
+def by_key(name: str, table: pa.Table) -> pa.Table:
+    """The rows of a table in the order of their keys."""
+    return table.sort_by([(column, "ascending") for column in TABLES[name].key]).combine_chunks()
 
 
 def make_group(
@@ -222,10 +249,10 @@ def make_group(
                     bank,
                     driven,
                     float(observations["route_progress_m"].max()),
-                    int(evidence["collision"].any()),
+                    collision_counts(evidence, actors),
                 )
-                for plan, observations, evidence in zip(
-                    planned, streams["observations"], streams["evidence"], strict=True
+                for plan, observations, evidence, actors in zip(
+                    planned, streams["observations"], streams["evidence"], streams["actors"], strict=True
                 )
             ],
             schema=table_schema("rollouts"),
@@ -242,9 +269,9 @@ def make_group(
             [plan.rollout_id(group_name(index)) for plan in planned], [len(p["tick"]) for p in parts]
         )
         tables[name] = to_table(name, merged)
-    return tables
+    return tables | {"rollouts": by_key("rollouts", tables["rollouts"])}
 
 
 def concat(parts: Sequence[Tables]) -> Tables:
     """Tables of several groups in one."""
-    return {name: pa.concat_tables([part[name] for part in parts]).combine_chunks() for name in parts[0]}
+    return {name: by_key(name, pa.concat_tables([part[name] for part in parts])) for name in parts[0]}

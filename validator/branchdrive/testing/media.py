@@ -1,4 +1,4 @@
-"""Images of small datasets: a few pixels each, all different, one after the other in a file that every shard holds.
+"""Images of small datasets: a few pixels each, all different, in an archive, or one after the other in a plain file.
 
 Attempts of a group see the same before their branch, and each something else after it; groups see the same.
 """
@@ -9,6 +9,7 @@ import hashlib
 import struct
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
+from io import BytesIO
 from typing import Any
 from zlib import adler32, crc32
 
@@ -19,11 +20,16 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.formats.media_archive import MEDIA_FILE as ARCHIVE_FILE
+from branchdrive.formats.media_archive import MediaArchive, member_name
 
-__all__ = ["IMAGE_PX", "MEDIA_FILE", "SURROUND", "frame_columns", "media_bytes", "media_document", "png", "view"]
+__all__ = [
+    "ARCHIVE_FILE", "IMAGE_PX", "MEDIA_FILE", "SURROUND", "archived", "frame_columns", "media_bytes", "media_document",
+    "png", "view",
+]  # fmt: skip
 
 MEDIA_FILE = "media.bin"
-"""File of a shard that holds all its images."""
+"""Plain file of a shard that holds each of its images once."""
 
 IMAGE_PX = (8, 4)
 """Columns and rows of an image."""
@@ -64,6 +70,18 @@ def media_bytes(frames: pa.Table) -> bytes:
     own = frames.filter(pc.equal(frames["size_bytes"], size))
     last = pc.max(own["offset_bytes"]).as_py()
     return b"".join(view(number) for number in range(0 if last is None else last // size + 1))
+
+
+def archived(frames: pa.Table) -> tuple[pa.Table, bytes]:
+    """An index of `frame_columns` and the archive of its images, a member for each row."""
+    stream, rows = BytesIO(), frames.to_pylist()
+    archive = MediaArchive(stream)
+    for row in rows:
+        image = view(row["offset_bytes"] // len(view(0)))
+        name = member_name(row["rollout_id"], row["tick"], row["camera"], row["encoding"])
+        row |= {"file": ARCHIVE_FILE, "offset_bytes": archive.add(name, image)}
+    archive.end()
+    return pa.Table.from_pylist(rows, frames.schema), stream.getvalue()
 
 
 def frame_columns(

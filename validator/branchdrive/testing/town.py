@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.testing.drive import Scene
-from branchdrive.testing.group import Tables, route_polyline
+from branchdrive.testing.group import Tables, by_key, route_polyline
 
 __all__ = ["with_map"]
 
@@ -39,7 +39,7 @@ def with_map(tables: Tables, towns: Iterable[str], scenes: Mapping[int, Scene]) 
     return {
         **tables,
         "evidence": evidence.set_column(place, evidence.schema.field(place), lanes),
-        "map": pa.Table.from_pylist(elements, schema=table_schema("map")),
+        "map": by_key("map", pa.Table.from_pylist(elements, schema=table_schema("map"))),
     }
 
 

@@ -25,7 +25,7 @@ from branchdrive.formats.durable import delete, durable_stream, make_dir, move, 
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import decode_table, encode_table
 from branchdrive.raw.media_folder import FRAMES, MediaFolder, places_of
-from branchdrive.raw.rollout import MAP, ROLLOUTS, canonical_key
+from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.writer.stage import Places, Stage
 from branchdrive.writer.staged_group import StagedGroup
@@ -66,7 +66,7 @@ def assemble_shard(
     old = shard if shard.folder.exists() else None
     if old is not None:
         _check_files(old, stage)
-    members = _members(stage, places, groups, old)
+    members = _members(places, groups, old)
     draft = partial_path(stage.shards_dir / shard_name(index))
     delete(draft)
     draft.mkdir()
@@ -104,13 +104,13 @@ def shard_files(descriptor: Descriptor) -> tuple[str, ...]:
     return (*tables, MEDIA_FILE) if FRAMES in descriptor.tables else tables
 
 
-def _members(stage: Stage, places: Places, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:
+def _members(places: Places, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:
     members = [_Member(group.index, group.record(i), group) for group in groups for i in group.rollout_ids]
     replaced = {group.group_id for group in groups}
     if old is not None:
         kept = [record for record in old.records() if record["group_id"] not in replaced]
         members += [_Member(places.committed[record["group_id"]], record, None) for record in kept]
-    members.sort(key=lambda member: (member.place, canonical_key(member.record, stage.descriptor)))
+    members.sort(key=lambda member: member.record["rollout_id"])
     ids = [member.record["rollout_id"] for member in members]
     if len(set(ids)) < len(ids):
         repeated = sorted({i for i in ids if ids.count(i) > 1})

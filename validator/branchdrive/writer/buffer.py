@@ -13,6 +13,7 @@ import numpy as np
 from branchdrive.contract.columns import TABLES, Column, Table, table_schema
 from branchdrive.errors import ContractError
 from branchdrive.raw.rollout import key_columns
+from branchdrive.tables.arrow import unsigned_zeros
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -189,7 +190,7 @@ def _from_sequence(values: Sequence[object], declared: str, type_: pa.DataType, 
         for value in lists:
             _from_sequence(list(value), "float64", type_.value_type, where)
     try:
-        return pa.array(plain, type=type_)
+        return unsigned_zeros(pa.array(plain, type=type_))
     except (pa.ArrowException, ValueError, OverflowError) as error:
         raise ContractError(f"{where}: expected {declared}, found {_quote(plain)} ({error}); {_REMEDY}") from error
 
@@ -209,7 +210,7 @@ def _from_numpy(values: np.ndarray[Any, Any], declared: str, type_: pa.DataType,
         array = pa.array(
             np.array(np.ma.getdata(values)), mask=np.ma.getmaskarray(values)
         )  # a copy: callers reuse arrays
-        return array.cast(type_, safe=kind != "f")
+        return unsigned_zeros(array.cast(type_, safe=kind != "f"))
     except pa.ArrowException as error:
         raise ContractError(f"{where}: expected {declared}, found {values.dtype} ({error}); {_REMEDY}") from error
 

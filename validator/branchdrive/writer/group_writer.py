@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from branchdrive.contract.columns import PATTERNS, TABLES
 from branchdrive.contract.descriptor import Descriptor
@@ -20,6 +20,9 @@ from branchdrive.writer.buffer import check_names
 from branchdrive.writer.media_buffer import MediaBuffer
 from branchdrive.writer.rollout_writer import RolloutWriter
 from branchdrive.writer.stage import Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 __all__ = ["GroupWriter"]
 
@@ -57,6 +60,7 @@ class GroupWriter:
         if not descriptor_path.is_file() or descriptor_path.read_bytes() != render_descriptor(descriptor):
             raise UsageError(f"{root}: has another descriptor or none; open the dataset with `DatasetWriter` first")
         self._descriptor = descriptor
+        self._maps = stage.load_maps()
         self._group, self._lock = stage.claim(group_id, index)
         self._open_rollout: RolloutWriter | None = None
         self._images: MediaBuffer | None = None
@@ -80,6 +84,10 @@ class GroupWriter:
     def rollouts(self) -> tuple[Rollout, ...]:
         """The finished rollouts in the order of the dataset, those of earlier writers included."""
         return tuple(sorted(self._rollouts.values(), key=lambda r: canonical_key(r.record, self._descriptor)))
+
+    def town_map(self, town: str) -> pa.Table | None:
+        """Rows of the table ``map`` of a town, as the dataset was opened with them; ``None`` where it has none."""
+        return self._maps.get(town)
 
     def find(
         self, role: str, action_key: str, attempt: int = 1, *, protocol_variant: str | None = None

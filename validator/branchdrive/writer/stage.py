@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layout import MANIFEST_FILE, MAX_SHARD_INDEX, STAGING_DIR, WRITER_LOCK
+from branchdrive.contract.layout import MANIFEST_FILE, MAX_SHARD_INDEX, RAW_DIR, STAGING_DIR, WRITER_LOCK
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete, make_dir, move, partial_path, remove, replace_file, sync_dir
 from branchdrive.formats.file_lock import FileLock
@@ -180,6 +180,17 @@ class Stage:
     def groups(self) -> list[StagedGroup]:
         """Every staged group, by place."""
         return StagedGroup.find_all(self.groups_dir)
+
+    @property
+    def is_blank(self) -> bool:
+        """Whether nothing was recorded: no shard is there, and no finished rollout waits."""
+        shards = any((self.root / RAW_DIR).glob("*")) or any(self.shards_dir.glob("*"))
+        return not shards and not any(group.rollout_ids for group in self.groups())
+
+    def clear(self) -> None:
+        """Remove staged groups, of which none has a finished rollout; only the dataset's one writer may do so."""
+        for group in self.groups():
+            self.drop(group)
 
     def claim(self, group_id: str, index: int) -> tuple[StagedGroup, FileLock]:
         """Open a group for writing, waiting for whoever writes it now.

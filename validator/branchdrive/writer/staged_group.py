@@ -42,7 +42,7 @@ class StagedGroup:
     @classmethod
     def find_all(cls, groups_dir: Path) -> list[StagedGroup]:
         """Every staged group, by place."""
-        groups = [cls(path) for path in groups_dir.iterdir() if _FOLDER.fullmatch(path.name)]
+        groups = [cls(path) for path in groups_dir.glob("*") if _FOLDER.fullmatch(path.name)]
         return sorted(groups, key=lambda group: group.index)
 
     @property

@@ -41,6 +41,8 @@ __all__ = ["DatasetWriter"]
 class DatasetWriter:
     """Creates or resumes the dataset at `root`; one process at a time may hold it.
 
+    A folder in which no rollout was finished is begun again, whatever descriptor it was begun with.
+
     Args:
         root: Folder of the dataset; created if it does not exist.
         descriptor: What the dataset is; a resumed dataset must have the same.
@@ -84,8 +86,8 @@ class DatasetWriter:
         if self.root.exists() and not self.root.is_dir():
             raise UsageError(f"{self.root}: is not a folder; choose another one")
         self.root.mkdir(parents=True, exist_ok=True)
-        self._check_folder()
         self._stage = Stage(self.root, descriptor)
+        self._check_folder()
         if not self._stage.hold():
             raise UsageError(f"{self.root}: another `DatasetWriter` has the dataset open; wait for it or stop it")
         try:
@@ -98,20 +100,24 @@ class DatasetWriter:
         """Refuse a folder that is not this dataset, before anything in it is touched."""
         names = {path.name for path in self.root.iterdir()}
         if DESCRIPTOR_FILE in names:
-            if (self.root / DESCRIPTOR_FILE).read_bytes() != render_descriptor(self.descriptor):
-                fields = "; ".join(differing_fields(self.root, self.descriptor))
+            fields = "; ".join(differing_fields(self.root, self.descriptor)) if self._is_described_otherwise() else ""
+            if fields and not self._stage.is_blank:
                 raise UsageError(
                     f"{self.root}: holds a dataset with another descriptor ({fields}); choose another folder"
                 )
         elif any(not name.startswith(".") for name in names):
             raise UsageError(f"{self.root}: is not empty and holds no dataset; choose another folder")
 
+    def _is_described_otherwise(self) -> bool:
+        return (self.root / DESCRIPTOR_FILE).read_bytes() != render_descriptor(self.descriptor)
+
     def _recover(self, groups_per_shard: int) -> None:
         with self._stage.registry():
             self._check_folder()
             if self.is_finished:
                 check_against_manifest(self.root)
-            if not (self.root / DESCRIPTOR_FILE).exists():
+            if not (self.root / DESCRIPTOR_FILE).exists() or self._is_described_otherwise():
+                self._stage.clear()  # what a start that failed before its first rollout left
                 replace_file(self.root / DESCRIPTOR_FILE, render_descriptor(self.descriptor))
             self._stage.sweep()
             self._stage.save_maps(self._maps)

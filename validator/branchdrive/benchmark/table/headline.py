@@ -90,7 +90,8 @@ def _contact(entry: Document | None) -> str:
 def _guard_and_noise(results: Document) -> list[Passage]:
     guard = results["guard"]
     title = f"Guard, {guard['model']} at {guard['tolerance_m']:g} m"
-    found = [Passage(title, [_guard_line(guard)])]
+    # A guard of a model that predicted nothing here is nobody's: predictions of others have none.
+    found = [Passage(title, [_guard_line(guard)])] if guard["model"] in _models(results) or guard["profiles"] else []
     if results["noise"] is None:
         found.append(
             Passage(
@@ -99,6 +100,11 @@ def _guard_and_noise(results: Document) -> list[Passage]:
             )
         )
     return found
+
+
+def _models(results: Document) -> set[str]:
+    """Models whose predictions were evaluated."""
+    return {model["id"] for model in results["models"]}
 
 
 def _guard_line(guard: Document) -> str:

@@ -39,7 +39,7 @@ def _of_rule(level: Level, tally: Tally, report: Report) -> str:
         parts.append(f"First at {location_text(first.location)}: expected {first.expected}, found {first.found}.")
         if "file" in first.location:
             properties["file"] = str(PurePosixPath(report.dataset.path, str(first.location["file"])))
-    parts += [info.remedy, info.url]
+    parts += [info.remedy, info.explained]
     return _command(_COMMANDS[level], " ".join(parts), **properties)
 
 

@@ -66,7 +66,11 @@ def _rule_case(tally: Tally, report: Report) -> _Case:
         return _Case(name)
     level = level_of(tally, report)
     if tally.status == "fail":
-        details = (*(finding.message for finding in tally.findings), f"remedy: {tally.info.remedy}", tally.info.url)
+        details = (
+            *(finding.message for finding in tally.findings),
+            f"remedy: {tally.info.remedy}",
+            tally.info.explained,
+        )
         return _Case(name, "failure" if level == "error" else "skipped", summary(tally), details)
     return _Case(name, "error" if tally.status == "error" else "skipped", summary(tally), tuple(tally.errors))
 

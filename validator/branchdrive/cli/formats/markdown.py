@@ -8,8 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.cli.formats.outcome import Level, failures, headline, refusals, summary, unjudged
-from branchdrive.cli.funnel import funnel_table
+from branchdrive.cli.formats.outcome import (
+    Level,
+    also_in,
+    failures,
+    folded,
+    headline,
+    refusals,
+    summary,
+    unjudged,
+)
+from branchdrive.cli.funnel import funnel_table, lost_groups_table
 from branchdrive.contract.text import counted
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import Report
@@ -20,6 +29,7 @@ from branchdrive.text.markdown import code_span, section_lines
 __all__ = ["render"]
 
 FINDINGS_SHOWN = 5
+GROUPS_SHOWN = 1000
 
 _SIGNS: dict[str, str] = {
     "valid": "✅", "valid-with-waivers": "⚠️", "partial": "⚠️", "invalid": "❌", "error": "💥",
@@ -72,12 +82,15 @@ def _rule_lines(report: Report) -> Iterator[str]:
 def _tally_lines(tally: Tally) -> Iterator[str]:
     info = tally.info
     result = summary(tally) if tally.status == "fail" else code_span(summary(tally))
-    yield from ("", f"### [{info.id}]({info.url}) {info.title}", "", f"{info.kind}: {result}", "")
-    for finding in tally.findings[:FINDINGS_SHOWN]:
-        more = f" ({finding.count:,} places)" if finding.count > 1 else ""
+    name = f"[{info.id}]({info.url})" if info.url else info.id
+    yield from ("", f"### {name} {info.title}", "", f"{info.kind}: {result}", "")
+    shown = folded(tally.findings)[:FINDINGS_SHOWN]
+    for part in shown:
+        finding = part[0]
+        more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
         yield f"- {code_span(location_text(finding.location))}{more}  "
         yield f"  expected {code_span(finding.expected)}, found {code_span(finding.found)}"
-    left = tally.num_findings - tally.places(tally.findings[:FINDINGS_SHOWN])
+    left = tally.num_findings - sum(map(tally.places, shown))
     if left > 0 and tally.findings:
         yield f"- ... and {left:,} more"
     if tally.status == "fail" and not is_waived(tally):
@@ -90,6 +103,8 @@ def _funnel_lines(report: Report) -> Iterator[str]:
         yield from ("## Funnel", "", "not judged")
     else:
         yield from section_lines(funnel_table(report.funnel))
+    if lost := lost_groups_table(report, GROUPS_SHOWN):
+        yield from ("", *section_lines(lost))
 
 
 def _waiver_lines(report: Report) -> Iterator[str]:

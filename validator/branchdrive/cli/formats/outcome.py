@@ -5,17 +5,20 @@ Every form takes its colours from here, so that none shows green what is not `va
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Literal
 
+from branchdrive.contract.rule import cause_order
 from branchdrive.contract.text import counted
+from branchdrive.engine.finding import Finding
 from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
 
 __all__ = [
-    "MEANING", "Level", "failures", "headline", "level_of", "refusals", "summary", "unjudged", "verdict_level",
+    "MEANING", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "summary", "unjudged",
+    "verdict_level", "violations",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
@@ -38,8 +41,11 @@ _VERDICT_LEVEL: Mapping[Verdict, Level] = MappingProxyType(
 
 
 def headline(report: Report) -> str:
-    """The verdict and what it means."""
-    return f"{report.verdict} - {MEANING[report.verdict]}"
+    """The verdict, what it means, and how many groups qualify."""
+    qualified = ""
+    if report.num_qualified is not None and report.verdict != "error":
+        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} qualify"
+    return f"{report.verdict} - {MEANING[report.verdict]}{qualified}"
 
 
 def verdict_level(report: Report) -> Level:
@@ -83,14 +89,29 @@ def level_of(tally: Tally, report: Report) -> Level | None:
 
 
 def failures(report: Report) -> list[tuple[Level, Tally]]:
-    """Rules that failed, or that the tool failed at, the gravest first, then in catalogue order."""
+    """Rules that failed, or that the tool failed at, the gravest first, then causes before their consequences."""
     order = ("error", "warning", "note")
     found = [
         (level, tally)
         for tally in report.tallies
         if tally.status in ("fail", "error") and (level := level_of(tally, report))
     ]
-    return sorted(found, key=lambda item: order.index(item[0]))
+    return sorted(found, key=lambda item: (order.index(item[0]), cause_order(item[1].rule_id)))
+
+
+def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
+    """Findings of a rule, those about attempts of one group together, in the order of the first of each."""
+    parts: dict[object, list[Finding]] = {}
+    for place, finding in enumerate(findings):
+        about = finding.location
+        of_group = "group_id" in about and "rollout_id" in about
+        parts.setdefault((about["group_id"], about.get("column")) if of_group else place, []).append(finding)
+    return [tuple(part) for part in parts.values()]
+
+
+def also_in(part: Sequence[Finding]) -> str:
+    """How many further attempts of its group the first finding of a part stands for, to be put behind its place."""
+    return f", and {counted(len(part) - 1, 'more attempt')} of the group" if len(part) > 1 else ""
 
 
 def unjudged(report: Report) -> list[str]:
@@ -111,5 +132,11 @@ def summary(tally: Tally) -> str:
     """What became of a rule, in a few words."""
     if tally.status == "fail":
         waived = ", waived" if is_waived(tally) else ""
-        return f"{counted(tally.num_findings, 'violation')} in {counted(tally.examined, tally.info.grain)}{waived}"
+        return f"{violations(tally)}{waived}"
     return tally.status if tally.reason is None else f"{tally.status}: {tally.reason}"
+
+
+def violations(tally: Tally) -> str:
+    """How many subjects of a rule violate it, of how many; a dataset is one, whatever was compared to judge it."""
+    found = counted(tally.num_findings, "violation")
+    return found if tally.info.grain == "dataset" else f"{found} in {counted(tally.examined, tally.info.grain)}"

@@ -17,7 +17,7 @@ from urllib.parse import quote as percent_encoded
 from branchdrive.cli.formats.outcome import Level, headline, level_of, refusals, summary, verdict_level
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.mismatch import Location
-from branchdrive.contract.resources import PROJECT_URL
+from branchdrive.contract.resources import project_url
 from branchdrive.contract.rule import CATALOGUE, RuleInfo
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding, location_text
@@ -37,7 +37,7 @@ def render(report: Report) -> str:
             "driver": {
                 "name": "BranchDrive",
                 "version": report.validator_version,
-                "informationUri": PROJECT_URL,
+                **({"informationUri": url} if (url := project_url()) else {}),
                 "rules": [_rule(info) for info in CATALOGUE.values()],
             }
         },
@@ -61,7 +61,7 @@ def _rule(info: RuleInfo) -> dict[str, Any]:
         "shortDescription": {"text": info.title},
         "fullDescription": {"text": f"{info.title}. Clause: {info.clause}."},
         "help": {"text": info.remedy},
-        "helpUri": info.url,
+        **({"helpUri": info.url} if info.url else {}),
         "defaultConfiguration": {"level": default},
         "properties": {"kind": info.kind, "level": info.level, "grain": info.grain, "clause": info.clause},
     }

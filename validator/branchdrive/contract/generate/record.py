@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 from branchdrive.contract.columns import PATTERNS, TABLES, Column
 from branchdrive.contract.generate.region import CONDITIONS
 from branchdrive.contract.metric import metric_names
-from branchdrive.contract.resources import PROJECT_URL, SPEC_VERSION, load_resource
+from branchdrive.contract.resources import SPEC_VERSION, load_resource
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 __all__ = ["metric_schemas", "protocol_text", "record_schemas"]
 
-SCHEMA_URL = f"{PROJECT_URL}/schemas/v{SPEC_VERSION}"
+SCHEMA_URL = f"https://branchdrive.org/schemas/v{SPEC_VERSION}"
+"""Base of the schemas' identifiers: names, which lead nowhere."""
 
 _JSON_TYPES = {
     "string": "string",

@@ -30,11 +30,13 @@ def _duration(view: ShardView) -> NDArray[np.int64]:
 def _at_rows(
     view: ShardView,
     subjects: Mask,
+    compared: Mask,
     bad_rows: Mask,
     expected: Callable[[int], str],
     found: Callable[[int], str],
 ) -> Check:
-    """Rollouts with violating control rows; described at the first of them."""
+    """Rollouts with control rows that are compared, by those that violate; described at the first of them."""
+    subjects = subjects & view.controls.by_rollout(compared).any
     summary = view.controls.by_rollout(bad_rows)
 
     def describe(i: int) -> Mismatch:
@@ -51,14 +53,18 @@ def _marked(view: ShardView, rows: Rows) -> Mask:
     return marked
 
 
+def _every(view: ShardView) -> Mask:
+    return np.ones(len(view.controls), bool)
+
+
 @rule("BD-CTL-001")
 def nothing_active_before_branch(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """No active tick ``t < t_b``."""
     subjects = subjects & view.role("intervention") & view.branched
-    rows, controls = view.active_rows, view.controls
-    early = rows[controls.tick[rows] < view.branch_tick[controls.rollout[rows]]]
+    controls = view.controls
+    is_early = controls.tick < view.branch_tick[controls.rollout]
     yield _at_rows(
-        view, subjects, _marked(view, early),
+        view, subjects, is_early, is_early & controls["active"],
         lambda row: f"inactive before branch tick {view.branch_tick[controls.rollout[row]]}", lambda _: "active",
     )  # fmt: skip
 
@@ -90,16 +96,15 @@ def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], Iterator[Check]
         rows, controls = view.active_rows, view.controls
         bank = view.descriptor.action_bank
         policy_of = view.policy[controls.rollout[rows]]
-        uses_rule = np.zeros(view.num_rollouts, bool)
-        bad = np.zeros(len(controls), bool)
+        compared, bad = (np.zeros(len(controls), bool) for _ in range(2))
         demanded = np.zeros((len(ACTUATORS), len(controls)), np.float32)
         wrong_actuator = np.zeros(len(controls), np.int8)
         for policy_index, policy in enumerate(bank.policies):
             for actuator_index, (actuator, demand) in enumerate(zip(ACTUATORS, policy.rules, strict=True)):
                 if demand.rule != rule_name or policy.is_nominal:
                     continue
-                uses_rule |= view.policy == policy_index
                 here = rows[policy_of == policy_index]
+                compared[here] = True
                 command = demand.evaluate(controls[f"expert_{actuator}"][here], controls[f"nominal_{actuator}"][here])
                 wrong = here[controls[f"intended_{actuator}"][here] != command]
                 demanded[actuator_index, here] = command
@@ -112,7 +117,7 @@ def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], Iterator[Check]
         def expected(row: int) -> str:
             return f"{ACTUATORS[wrong_actuator[row]]} {quote(demanded[wrong_actuator[row], row])} (`{rule_name}`)"
 
-        yield _at_rows(view, subjects & view.role("intervention") & uses_rule, bad, expected, found)
+        yield _at_rows(view, subjects & view.role("intervention"), compared, bad, expected, found)
 
     check.__doc__ = f"Intended commands of `{rule_name}` actuators equal the formula, exactly in float32."
     return check
@@ -125,20 +130,19 @@ absolute_actuators = rule("BD-CTL-006")(_follows_rule("absolute"))
 floor_actuators = rule("BD-CTL-007")(_follows_rule("floor"))
 
 
-def _applied_equals(view: ShardView, subjects: Mask, rows: Rows | None, demanded: str) -> Check:
+def _applied_equals(view: ShardView, subjects: Mask, rows: Rows, demanded: str) -> Check:
     """``|applied - demanded| <= tolerance`` on the given rows, all three actuators; exact by default."""
     controls = view.controls
     tolerance = view.descriptor.tolerances.actuator
-    at: Rows | slice = slice(None) if rows is None else rows
     bad = np.zeros(len(controls), bool)
     for actuator in ACTUATORS:
-        applied, command = controls[f"applied_{actuator}"][at], controls[f"{demanded}_{actuator}"][at]
-        bad[at] |= applied != command if tolerance == 0 else np.abs(applied.astype(float) - command) > tolerance
+        applied, command = controls[f"applied_{actuator}"][rows], controls[f"{demanded}_{actuator}"][rows]
+        bad[rows] |= applied != command if tolerance == 0 else np.abs(applied.astype(float) - command) > tolerance
 
     def text(prefix: str) -> Callable[[int], str]:
         return lambda row: ", ".join(f"{a} {quote(controls[f'{prefix}_{a}'][row])}" for a in ACTUATORS)
 
-    return _at_rows(view, subjects, bad, text(demanded), text("applied"))
+    return _at_rows(view, subjects, _marked(view, rows), bad, text(demanded), text("applied"))
 
 
 @rule("BD-CTL-008")
@@ -177,7 +181,7 @@ def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> Iterator[C
     def found(row: int) -> str:
         return ", ".join(f"{a} {quote(controls[f'nominal_{a}'][row])}" for a in ACTUATORS)
 
-    yield _at_rows(view, subjects, _marked(view, rows[wrong]), expected, found)
+    yield _at_rows(view, subjects, _marked(view, rows), _marked(view, rows[wrong]), expected, found)
 
 
 @rule("BD-CTL-011")
@@ -191,8 +195,9 @@ def source_follows_active(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return "`intervention`" if flag else "`online_expert`"
 
     yield _at_rows(
-        view, subjects, intervenes != active, lambda row: word(active[row]), lambda row: word(intervenes[row])
-    )
+        view, subjects, _every(view), intervenes != active, lambda row: word(active[row]),
+        lambda row: word(intervenes[row]),
+    )  # fmt: skip
 
 
 @rule("BD-CTL-012")
@@ -226,6 +231,7 @@ def nominal_runs_untouched(view: ShardView, subjects: Mask) -> Iterator[Check]:
     yield _at_rows(
         view,
         subjects & ~view.role("intervention"),
+        _every(view),
         _marked(view, view.active_rows),
         lambda _: "inactive",
         lambda _: "active",
@@ -267,4 +273,5 @@ def one_axis_is_never_both(view: ShardView, subjects: Mask) -> Iterator[Check]:
         commands = (f"{kind}_{pedal}" for kind in ("expert", "applied") for pedal in ("throttle", "brake"))
         return ", ".join(f"{command} {quote(controls[command][row])}" for command in commands)
 
-    yield _at_rows(view, subjects, both, lambda _: "throttle or brake, which are one axis of this vehicle", found)
+    expected = "throttle or brake, which are one axis of this vehicle"
+    yield _at_rows(view, subjects, _every(view), both, lambda _: expected, found)

@@ -84,6 +84,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
             int(summary.count[i]),
         )
 
+    subjects = subjects & evidence.by_rollout(frame >= 0).any
     return Check.of_subjects(subjects, subjects & summary.any, describe)
 
 
@@ -126,6 +127,7 @@ def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
     has_candidate[owner[fits]] = True
     sound = np.zeros(len(evidence), bool)
     sound[owner[matched]] = True
+    subjects = subjects & evidence.by_rollout(there & has_candidate).any
     summary = evidence.by_rollout(there & has_candidate & ~sound)
 
     def describe(i: int) -> Mismatch:

@@ -15,10 +15,17 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.raw.contact import touches
 from branchdrive.raw.response import group_digests, responses
 from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
+
+
+def _with_others(selection: Selection) -> Mask:
+    """Groups with a chosen nominal, and with a chosen attempt that can be compared with it ``[groups]``."""
+    others = (selection.chosen >= 0) & (selection.chosen != selection.nominal[:, None])
+    return np.asarray((selection.nominal >= 0) & others.any(axis=1))
 
 
 @rule("BD-BNK-001")
@@ -27,11 +34,11 @@ def bank_is_complete(view: ShardView, selection: Selection, subjects: Mask) -> I
     missing = selection.chosen < 0
     keys = np.array(view.descriptor.action_bank.keys)
 
+    has_branch = np.isin(np.arange(len(view.group_ids)), view.group[view.branched])
+
     def describe(g: int) -> Mismatch:
-        lacking = ", ".join(keys[missing[g]])
-        return Mismatch(
-            {}, f"all {len(keys)} policies", f"no complete attempt of {lacking}", count=int(missing[g].sum())
-        )
+        lacking = f"no complete attempt of {', '.join(keys[missing[g]])}" if has_branch[g] else "no branch"
+        return Mismatch({}, f"all {len(keys)} policies", lacking, count=int(missing[g].sum()))
 
     yield Check.of_subjects(subjects, subjects & missing.any(axis=1), describe)
 
@@ -39,7 +46,7 @@ def bank_is_complete(view: ShardView, selection: Selection, subjects: Mask) -> I
 @rule("BD-BNK-002")
 def one_nominal_serves_the_bank(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
     """Every chosen intervention was executed against the group's chosen nominal."""
-    subjects = subjects & (selection.nominal >= 0)
+    subjects = subjects & _with_others(selection)
     used = np.where(selection.chosen >= 0, view.nominal[selection.chosen], selection.nominal[:, None])
     foreign = used != selection.nominal[:, None]
     keys = np.array(view.descriptor.action_bank.keys)
@@ -94,7 +101,7 @@ def _unlike(view: ShardView, column: str, nominal: int, other: int) -> tuple[str
 
 def _shared(columns: Sequence[str]) -> Callable[[ShardView, Selection, Mask], Iterator[Check]]:
     def check(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
-        subjects = subjects & (selection.nominal >= 0)
+        subjects = subjects & _with_others(selection)
         own = selection.nominal[:, None]
         chosen = np.where(selection.chosen >= 0, selection.chosen, own)
         codes = np.stack([_codes(view, column) for column in columns])
@@ -143,20 +150,45 @@ same_versions = rule("BD-GRP-008")(_shared(("simulator_version", "collector_vers
 
 @rule("BD-GRP-009")
 def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
-    """No candidate that steers or brakes otherwise than a moving nominal has its future, bit for bit."""
+    """No candidates of a moving vehicle that steer or brake otherwise, the nominal among them, have one future."""
     every = responses(view, selection, np.zeros(view.num_rollouts, bool))
-    keys, groups = np.array(view.descriptor.action_bank.keys), view.cached(group_digests)
-    ignored = np.stack(
-        [np.isin(groups, every.group[every.is_ignored & (every.policy == policy)]) for policy in range(len(keys))],
-        axis=1,
-    )
+    bank = view.descriptor.action_bank
+    largest_last = sorted(every.copies(bank.nominal_index), key=lambda copy: (len(copy[1]), sorted(copy[1])))
+    keys, shared = bank.keys, dict(largest_last)
+    digests = view.cached(group_digests)
+    found = [shared.get(group, ()) for group in digests.tolist()]
+    subjects = subjects & np.isin(digests, every.group[every.moves])
 
     def describe(g: int) -> Mismatch:
-        names = ", ".join(keys[ignored[g]])
-        found = f"the nominal's, bit for bit, under {names}"
-        return Mismatch({"table": "observations"}, "another future than the nominal's", found, int(ignored[g].sum()))
+        names = ", ".join(keys[policy] for policy in sorted(found[g]))
+        place: Location = {"table": "observations"}
+        return Mismatch(place, "a future of its own for each", f"one, to the millimetre, under {names}", len(found[g]))
 
-    yield Check.of_subjects(subjects, subjects & ignored.any(axis=1), describe)
+    yield Check.of_subjects(subjects, subjects & np.array([len(policies) > 0 for policies in found], bool), describe)
+
+
+@rule("BD-GRP-010")
+def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """No candidate without a contact ends to the left of its nominal where it alone steers to the right, or reverse."""
+    every = responses(view, selection, np.zeros(view.num_rollouts, bool))
+    digests = view.cached(group_digests)
+    order = np.argsort(digests)
+    group = order[np.searchsorted(digests, every.group, sorter=order)]
+    own = selection.chosen[group, every.policy]
+    touched = view.observations.by_rollout(view.cached(touches)).any
+    counts = every.shows_steering & ~touched[own] & ~touched[selection.nominal[group]]
+    contrary = counts & (every.steering < 0)
+    compared, wrong = (np.bincount(group[rows], minlength=len(digests)) > 0 for rows in (counts, contrary))
+
+    def describe(g: int) -> Mismatch:
+        rows = np.flatnonzero(contrary & (group == g))
+        keys = ", ".join(view.descriptor.action_bank.keys[policy] for policy in every.policy[rows])
+        side = "right" if every.steer[rows[0]] > 0 else "left"
+        expected = f"a vehicle to the {side} of its nominal where it steers to the {side}"
+        found = f"{abs(every.lateral_m[rows[0]]):.2f} m to the other side, under {keys}"
+        return Mismatch({"table": "observations"}, expected, found, len(rows))
+
+    yield Check.of_subjects(subjects & compared, subjects & wrong, describe)
 
 
 @rule("BD-GRP-006")

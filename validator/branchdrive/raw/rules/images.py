@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
+from branchdrive.raw.contact import bodies_within
 from branchdrive.raw.images import Comparison, Images
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import demand_strips
@@ -43,6 +44,19 @@ def _found_in(view: ShardView, stored_rows: Iterable[int]) -> Mask:
 def _place(frames: StreamView, row: int) -> Location:
     """Place of an image."""
     return {"table": "frames", "tick": int(frames.tick[row]), "camera": str(frames["camera"][row])}
+
+
+def _may_be_filled(view: ShardView) -> Mask:
+    """Images at whose observation a recorded body is so near that its side may be all that a camera sees."""
+    frames = view.stream("frames")
+    found = np.zeros(len(frames), bool)
+    if "actors" in view:
+        at = view.observations.find(frames.rollout, frames.tick)
+        moments, moment = np.unique(at[at >= 0], return_inverse=True)
+        is_near = np.zeros(len(moments), bool)
+        is_near[bodies_within(view, moments, physical_bounds().filled_m)[0]] = True
+        found[at >= 0] = is_near[moment]
+    return found
 
 
 def _is_of_map(view: ShardView) -> Mask:
@@ -129,7 +143,7 @@ def maps_show_recorded_vehicles(view: ShardView) -> Iterator[Check]:
     """Vehicles of semantic maps are the recorded ones, and their classes are those that there are."""
     if "frames" in view:
         images = _images(view)
-        yield from _against(view, images, images.bodies)
+        yield from _against(view, images, images.maps["vehicles"])
 
 
 @rule("BD-FRM-012")
@@ -137,19 +151,35 @@ def maps_show_recorded_ground(view: ShardView) -> Iterator[Check]:
     """Semantic maps show the road and the route that are recorded."""
     if "frames" in view:
         images = _images(view)
-        yield from _against(view, images, images.ground)
+        yield from _against(view, images, images.maps["ground"])
         if "map" in view:
             demand_strips(view)
 
 
+@rule("BD-FRM-016")
+def maps_show_recorded_people(view: ShardView) -> Iterator[Check]:
+    """People of semantic maps are the recorded ones."""
+    if "frames" in view:
+        images = _images(view)
+        yield from _against(view, images, images.maps["people"])
+
+
+@rule("BD-FRM-017")
+def maps_show_recorded_signs(view: ShardView) -> Iterator[Check]:
+    """Lights and stop signs of semantic maps are at recorded ones, and that of the ego's lane has its colour."""
+    if "frames" in view:
+        images = _images(view)
+        yield from _against(view, images, images.maps["signs"])
+
+
 @rule("BD-FRM-010")
 def images_follow_the_drive(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """No image of a camera is repeated in its group where the ego stands elsewhere."""
+    """No image of a camera is repeated in its group where the ego stands elsewhere and nothing fills its view."""
     if "frames" not in view:
         return
     frames = view.stream("frames")
     at = view.observations.find(frames.rollout, frames.tick)
-    is_view = (at >= 0) & ~_is_of_map(view)
+    is_view = (at >= 0) & ~_is_of_map(view) & ~_may_be_filled(view)
     rows = np.flatnonzero(is_view)
     x, y = (view.observations[name][at[rows]].astype(np.float64) for name in ("x_m", "y_m"))
     group = view.group[frames.rollout[rows]]
@@ -183,20 +213,21 @@ def _first_of_equal(*keys: NDArray[np.integer]) -> Index:
 
 @rule("BD-FRM-011")
 def images_show_something_of_their_own(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """No image is of one colour, and none is that of another camera at the same moment."""
+    """No image is of one colour, and none is that of another camera then, where nothing fills a view."""
     if "frames" not in view:
         return
     frames, of_maps = view.stream("frames"), _is_of_map(view)
-    rows = np.flatnonzero((frames.rollout >= 0) & ~of_maps)
+    is_view = ~of_maps & ~_may_be_filled(view)
+    rows = np.flatnonzero((frames.rollout >= 0) & is_view)
     checksum = frames.categories("checksum")[0][rows]
     order = np.lexsort((checksum, frames.tick[rows], frames.rollout[rows]))
     first = order[_first_of_equal(frames.rollout[rows][order], frames.tick[rows][order], checksum[order])]
     is_copy = order != first
     copies = dict(zip(rows[order[is_copy]].tolist(), rows[first[is_copy]].tolist(), strict=True))
     flat = _found_in(view, _images(view).flat) if view.images else np.zeros(len(frames), bool)
-    bad = flat.copy()
+    bad = flat & is_view
     bad[[*copies]] = True
-    summary, has_images = frames.by_rollout(bad), frames.by_rollout(~of_maps).any
+    summary, has_images = frames.by_rollout(bad), frames.by_rollout(is_view).any
 
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])

@@ -16,7 +16,8 @@ from branchdrive.contract.text import quote
 from branchdrive.files.shard_facts import repeated_rollouts, split_groups
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.tables.view import TableView
+from branchdrive.tables.content import sortable
+from branchdrive.tables.view import StreamView, TableView
 
 ATTEMPT_KEY = ("group_id", "role", "action_key", "protocol_variant", "attempt")
 
@@ -56,6 +57,20 @@ def attempt_keys_are_unique(view: ShardView) -> Iterator[Check]:
     )
 
 
+@rule("BD-TAB-007")
+def rows_are_in_the_order_of_their_keys(view: ShardView) -> Iterator[Check]:
+    """No row has a key below that of the row before it; texts by their bytes, numbers by value."""
+    for name in view.table_names:
+        table, key = view[name], TABLES[name].key
+        stored = np.argsort(table.position) if isinstance(table, StreamView) else np.arange(len(table))
+        is_below = np.zeros(max(len(stored) - 1, 0), bool)
+        for values in (sortable(table, column)[stored] for column in key[::-1]):
+            is_below = np.where(values[1:] == values[:-1], is_below, values[1:] < values[:-1])
+        expected = f"a key ({', '.join(key)}) above that of the row before"
+        below = np.sort(stored[1:][is_below])
+        yield Check.of_rows(name, key[-1], len(table), below, lambda _, text=expected: (text, "one below it"))  # type: ignore[misc]
+
+
 def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
     return "a rollout_id of the shard's rollouts table", quote(stream["rollout_id"][row])
 
@@ -80,15 +95,15 @@ def rows_belong_to_rollouts(view: ShardView) -> Iterator[Check]:
 @rule("BD-KEY-005")
 def nominal_references_resolve(view: ShardView) -> Iterator[Check]:
     """The named nominal is an attempt of the same group with the role nominal."""
-    named = view.rollouts.valid("nominal_rollout_id")
+    named = view.rollouts.valid("nominal_rollout_id") & ~view.role("nominal")
     nominal = view.nominal
     at = np.maximum(nominal, 0)
     sound = (nominal >= 0) & view.role("nominal")[at] & (view.group[at] == view.group)
-    bad = np.flatnonzero(named & ~view.role("nominal") & ~sound)
+    bad = np.flatnonzero(named & ~sound)
     yield Check.of_rows(
         "rollouts",
         "nominal_rollout_id",
-        view.num_rollouts,
+        int(named.sum()),
         bad,
         lambda row: ("a nominal rollout of the same group", quote(view.rollouts["nominal_rollout_id"][row])),
     )

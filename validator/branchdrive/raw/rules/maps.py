@@ -6,15 +6,18 @@ Source: spec/05-raw-streams.md#map.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Survey
+from branchdrive.raw.rules.responses import prevails
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import (
     POINTS,
@@ -27,6 +30,9 @@ from branchdrive.raw.town_map import (
     walls_inside,
 )
 from branchdrive.tables.frame import repeated_rows
+
+MIN_VEHICLES = 3
+"""Vehicles below which a lane is not judged: one may overtake, and another may have lost its way."""
 
 
 @rule("BD-MAP-001")
@@ -81,11 +87,12 @@ def towns_have_maps(view: ShardView) -> Iterator[Check]:
 def towns_have_one_map(survey: Survey) -> Iterator[Check]:
     """The map of a town is the same in every shard that has it."""
     homes: dict[str, dict[str, str]] = {}
+    num_shards = Counter(town for shard in survey.shards for town in shard.maps)
     for shard in survey.shards:
         for town, digest in shard.maps.items():
             homes.setdefault(town, {}).setdefault(digest, shard.folder)
     yield Check.of(
-        len(homes),
+        sum(number > 1 for number in num_shards.values()),
         tuple(
             Mismatch({"table": "map", "town": town}, "one map in every shard", f"others in {', '.join(found.values())}")
             for town, found in homes.items()
@@ -94,12 +101,46 @@ def towns_have_one_map(survey: Survey) -> Iterator[Check]:
     )
 
 
+@rule("BD-MAP-010")
+def lanes_run_as_they_are_driven(survey: Survey) -> Iterator[Check]:
+    """Of the vehicles in a lane, nearly all do not drive against it."""
+    use: dict[tuple[str, str], tuple[int, int]] = {}
+    for shard in survey.shards:
+        for lane, (along, against) in shard.lanes.items():
+            known = use.get(lane, (0, 0))
+            use[lane] = known[0] + along, known[1] + against
+    judged = {lane: counts for lane, counts in use.items() if sum(counts) >= MIN_VEHICLES}
+    yield Check.of(
+        len(judged),
+        [
+            Mismatch(
+                {"table": "map", "column": "x_m", "town": town, "lane_id": lane},
+                "vertices in driving order",
+                f"{against} of {along + against} vehicles that drive from its last vertex to its first",
+            )
+            for (town, lane), (along, against) in sorted(judged.items())
+            if prevails(against, along + against, MIN_VEHICLES)
+        ],
+    )
+
+
+def _at(marked: Mask, frame: NDArray[np.int64]) -> Mask:
+    """Marks of observations by rows of evidence, off where a row has no observation."""
+    return np.append(marked, False)[frame]
+
+
 def _of_evidence(
-    view: ShardView, subjects: Mask, column: str, bad: Mask, describe: Callable[[int], tuple[str, str]]
+    view: ShardView,
+    subjects: Mask,
+    column: str,
+    compared: Mask,
+    bad: Mask,
+    describe: Callable[[int], tuple[str, str]],
 ) -> Check:
-    """Check of attempts whose evidence has bad rows ``[evidence]``."""
+    """Check of attempts with evidence that is compared, by the rows of it that are bad, both ``[evidence]``."""
     evidence = view.stream("evidence")
-    summary = evidence.by_rollout(bad)
+    subjects = subjects & evidence.by_rollout(compared).any
+    summary = evidence.by_rollout(compared & bad)
 
     def mismatch(i: int) -> Mismatch:
         row = int(summary.first_row[i])
@@ -117,13 +158,13 @@ def lanes_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     evidence, under = view.stream("evidence"), view.cached(ground)
     frame = view.observations.rows_of(evidence)
     named = evidence.valid("lane_id")
-    bad = (frame >= 0) & np.where(named, ~under.fits_lane[frame], under.has_lane[frame])
+    bad = np.where(named, ~_at(under.fits_lane, frame), _at(under.has_lane, frame))
 
     def describe(row: int) -> tuple[str, str]:
         lanes = _names(view, lanes_under(view, int(frame[row])))
         return f"one of {lanes[:4]}" if lanes else "null: no lane is there", quote(evidence["lane_id"][row] or None)
 
-    yield _of_evidence(view, subjects & view.cached(is_surveyed), "lane_id", bad, describe)
+    yield _of_evidence(view, subjects & view.cached(is_surveyed), "lane_id", frame >= 0, bad, describe)
 
 
 def _names(view: ShardView, lanes: list[int]) -> list[str]:
@@ -138,11 +179,12 @@ def road_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     evidence, under = view.stream("evidence"), view.cached(ground)
     frame = view.observations.rows_of(evidence)
     recorded = evidence["on_road"].astype(bool)
-    bad = (frame >= 0) & np.where(recorded, ~under.may_be_on_road[frame], under.is_on_road[frame])
+    bad = np.where(recorded, ~_at(under.may_be_on_road, frame), _at(under.is_on_road, frame))
     yield _of_evidence(
         view,
         subjects & view.cached(is_surveyed),
         "on_road",
+        frame >= 0,
         bad,
         lambda row: (
             ("false: no drivable surface is there", "true")
@@ -160,12 +202,12 @@ def lights_are_of_signals(view: ShardView, subjects: Mask) -> Iterator[Check]:
     evidence = view.stream("evidence")
     with_signals = set(view.map["town"][view.map.equals("kind", "signal")])
     lacks_one = np.array([*(town not in with_signals for town in view.rollouts["town"]), False], bool)
-    bad = lacks_one[evidence.rollout] & evidence["traffic_light_available"].astype(bool)
+    compared, shows_one = lacks_one[evidence.rollout], evidence["traffic_light_available"].astype(bool)
 
     def describe(row: int) -> tuple[str, str]:
         return "unavailable: the map of the town holds no signal", quote(str(evidence["traffic_light"][row]))
 
-    yield _of_evidence(view, subjects, "traffic_light", bad, describe)
+    yield _of_evidence(view, subjects, "traffic_light", compared, shows_one, describe)
 
 
 @rule("BD-MAP-007")
@@ -173,8 +215,8 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``speed_limit_mps`` is that of a lane under the ego's centre, where both are known."""
     if "map" not in view:
         return
-    subjects = subjects & view.cached(is_surveyed)
     observations, under = view.observations, view.cached(ground)
+    subjects = subjects & view.cached(is_surveyed) & observations.by_rollout(under.meets_limit).any
     summary = observations.by_rollout(under.has_limit & ~under.fits_limit)
 
     def mismatch(i: int) -> Mismatch:
@@ -199,10 +241,10 @@ def wall_contacts_are_recorded(view: ShardView, subjects: Mask) -> Iterator[Chec
     subjects = subjects & np.array([town in walled for town in view.rollouts["town"]], bool) & view.cached(is_surveyed)
     evidence = view.stream("evidence")
     frame, wall = view.observations.rows_of(evidence), walls_inside(view)
-    bad = (frame >= 0) & (wall[frame] >= 0) & ~evidence["collision"].astype(bool)
+    bad = _at(wall >= 0, frame) & ~evidence["collision"].astype(bool)
 
     def describe(row: int) -> tuple[str, str]:
         name = quote(view.map["element_id"][wall[frame[row]]])
         return f"true: the wall {name} reaches into the box of the ego", "false"
 
-    yield _of_evidence(view, subjects, "collision", bad, describe)
+    yield _of_evidence(view, subjects, "collision", frame >= 0, bad, describe)

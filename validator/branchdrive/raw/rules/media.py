@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from branchdrive.contract.columns import STREAMS
-from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, Mismatches
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Survey
@@ -35,13 +35,21 @@ def cameras_are_declared(view: ShardView) -> Iterator[Check]:
 @rule("BD-FRM-002")
 def images_are_where_the_index_says(survey: Survey) -> Iterator[Check]:
     """File, offset, size and checksum of every indexed image; a condemned file is not blamed twice."""
-    found = [
-        mismatch
-        for shard in survey.shards
-        for mismatch in shard.media_mismatches
-        if not survey.is_condemned(str(mismatch.location["file"]))
-    ]
-    yield Check.of(sum(shard.num_images for shard in survey.shards), tuple(found))
+    found = (shard.media_mismatches for shard in survey.shards)
+    yield Check.of_many(sum(shard.num_images for shard in survey.shards), _of_sound_files(survey, found))
+
+
+@rule("BD-FRM-013")
+def archives_hold_the_indexed_images(survey: Survey) -> Iterator[Check]:
+    """Archives of media are plain, and hold the images of their rows under their names, and nothing else."""
+    archives = [shard.archive_mismatches for shard in survey.shards]
+    yield Check.of_many(sum(map(len, archives)), _of_sound_files(survey, archives))
+
+
+def _of_sound_files(survey: Survey, found: Iterable[Mapping[str, Mismatches]]) -> Iterator[Mismatches]:
+    """Mismatches of files that no other rule condemns."""
+    for of_shard in found:
+        yield from (mismatches for path, mismatches in of_shard.items() if not survey.is_condemned(path))
 
 
 @rule("BD-FRM-003")
@@ -107,8 +115,7 @@ def _covered(view: ShardView, subjects: Mask, cameras: Sequence[str]) -> Iterato
     """Images of some cameras at the saved observations of the window."""
     if "frames" not in view:
         return
-    frames, judged = view.stream("frames"), subjects & view.branched
-    rollouts = np.flatnonzero(judged)
+    frames, rollouts = view.stream("frames"), np.flatnonzero(subjects & view.branched)
     ticks = view.branch_tick[rollouts][:, None] + np.asarray(EVIDENCE_OFFSETS)
     owners = np.broadcast_to(rollouts[:, None], ticks.shape)
     is_saved = view.observations.find(owners, ticks) >= 0
@@ -117,7 +124,8 @@ def _covered(view: ShardView, subjects: Mask, cameras: Sequence[str]) -> Iterato
     for place, name in enumerate(cameras):
         rows = frames.equals("camera", name) & (frames.rollout >= 0)
         lacks[..., place] = is_saved & ~np.isin(key, (frames.rollout[rows] << 32) + frames.tick[rows])
-    bad = np.zeros(view.num_rollouts, bool)
+    judged, bad = (np.zeros(view.num_rollouts, bool) for _ in range(2))
+    judged[rollouts] = is_saved.any(axis=1)
     bad[rollouts] = lacks.any(axis=(1, 2))
     place_of = {int(rollout): place for place, rollout in enumerate(rollouts)}
 

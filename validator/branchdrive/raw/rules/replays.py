@@ -14,9 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES
+from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.contract.timing import PREDECESSOR_OFFSET
+from branchdrive.raw.contact import is_free
+from branchdrive.raw.image_index import ImageIndex
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
 
@@ -27,6 +31,9 @@ COMPARED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """Columns of the streams that two drives are compared in: the ego, and what is near it."""
+
+_MOTION = ("x_m", "y_m", "speed_mps")
+"""Columns that tell whether two histories are near each other."""
 
 HISTORIES: Mapping[str, int] = MappingProxyType({"observations": 0, "evidence": 0, "actors": 0, "controls": -1})
 """Streams whose rows before the branch are compared, and the offset of the last such row from ``t_b``."""
@@ -98,10 +105,10 @@ def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where noise is injected, a nominal replay differs; where it is natural, not all of a shard are equal."""
     kind = view.descriptor.collection.replay_noise.kind
     differences, judged = view.cached(_differences), _subjects(view, subjects)
-    if kind == "exact":
+    if kind == "exact" or (kind == "natural" and judged.sum() < 2):
         judged[:] = False
     equal = judged & np.array([differences.get(i) is EQUAL for i in range(view.num_rollouts)], bool)
-    if kind == "natural" and (not equal[judged].all() or judged.sum() < 2):
+    if kind == "natural" and not equal[judged].all():
         equal[:] = False
     expected = f"a drive that differs from the nominal (replay noise is declared as {kind})"
 
@@ -112,11 +119,10 @@ def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
 
 
 def _intervened(view: ShardView, subjects: Mask) -> Mask:
-    """Complete branched interventions of complete nominals."""
-    nominal = view.nominal
-    return np.asarray(
-        subjects & view.role("intervention") & view.complete & view.branched & (nominal >= 0) & view.complete[nominal]
-    )
+    """Complete branched interventions of complete nominals; one of the two has rows."""
+    nominal, there = view.nominal, view.observations.is_there
+    of_whole = view.role("intervention") & view.complete & view.branched & (nominal >= 0) & view.complete[nominal]
+    return np.asarray(subjects & of_whole & (there | there[nominal]))
 
 
 def _history_difference(view: ShardView, attempt: int) -> Mismatch | None:
@@ -180,25 +186,60 @@ def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check
 @rule("BD-RPN-004")
 def exact_images_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where replays are declared to be exact, an intervention holds the images of its nominal before the branch."""
-    if "frames" not in view:
-        return
-    frames, judged = view.stream("frames"), _intervened(view, subjects)
-    if view.descriptor.collection.replay_noise.kind != "exact":
+    if "frames" in view:
+        yield _images_of_nominals(view, _intervened(view, subjects), view.branch_tick)
+
+
+@rule("BD-RPN-005")
+def noisy_histories_stay_near(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where noise is declared, a replay drives before the branch near its nominal, and about as fast."""
+    observations, nominal, bounds = view.observations, view.nominal, physical_bounds()
+    judged = subjects & ~view.role("nominal") & view.branched & (nominal >= 0) & subjects[nominal]
+    if view.descriptor.collection.replay_noise.kind == "exact":
         judged[:] = False
+    offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    rows = np.flatnonzero(
+        np.append(judged, False)[observations.rollout] & (offset >= PREDECESSOR_OFFSET) & (offset <= 0)
+    )
+    partner = observations.find(nominal[observations.rollout[rows]], observations.tick[rows])
+    free = np.append(view.cached(is_free), False)
+    rows, partner = rows[free[rows] & free[partner]], partner[free[rows] & free[partner]]
+    away = {name: observations[name][rows].astype(np.float64) - observations[name][partner] for name in _MOTION}
+    compared, differs = (np.zeros(len(observations), bool) for _ in range(2))
+    away_m, faster_mps = np.hypot(away["x_m"], away["y_m"]), np.abs(away["speed_mps"])
+    compared[rows], differs[rows] = True, (away_m > bounds.history_m) | (faster_mps > bounds.history_mps)
+    summary = observations.by_rollout(differs)
+
+    def describe(i: int) -> Mismatch:
+        row = int(summary.first_row[i])
+        (place,) = np.flatnonzero(rows == row)
+        location: Location = {"table": "observations", "column": "x_m", "tick": int(observations.tick[row])}
+        expected = f"a history within {bounds.history_m:g} m and {bounds.history_mps:g} m/s of the nominal's"
+        found = f"{away_m[place]:.1f} m and {faster_mps[place]:.1f} m/s away"
+        return Mismatch(location, expected, found, int(summary.count[i]))
+
+    judged = judged & observations.by_rollout(compared).any
+    yield Check.of_subjects(judged, judged & summary.any, describe)
+
+
+@rule("BD-RPN-006")
+def images_of_exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where replays are declared to be exact, a nominal replay holds the images of its nominal."""
+    if "frames" in view:
+        yield _images_of_nominals(view, _subjects(view, subjects), np.full(view.num_rollouts, np.iinfo(np.int64).max))
+
+
+def _images_of_nominals(view: ShardView, judged: Mask, last_tick: NDArray[np.int64]) -> Check:
+    """Whether attempts hold the images of their nominals up to a tick, where both have one ``[rollouts]``."""
+    frames, images = view.stream("frames"), view.cached(ImageIndex)
+    if view.descriptor.collection.replay_noise.kind != "exact":
+        judged = np.zeros_like(judged)
     rows = np.flatnonzero((frames.rollout >= 0) & np.append(judged, False)[frames.rollout])
-    rows = rows[frames.tick[rows] <= view.branch_tick[frames.rollout[rows]]]
-    camera, checksum = frames.categories("camera")[0].astype(np.int64), frames.categories("checksum")[0]
-    key = _moment(frames.rollout, camera, frames.tick)
-    order = np.argsort(key, kind="stable")
-    wanted = _moment(view.nominal[frames.rollout[rows]], camera[rows], frames.tick[rows])
-    place = np.minimum(np.searchsorted(key[order], wanted), max(len(order) - 1, 0))
-    of_nominal = order[place]
-    has_both = key[of_nominal] == wanted
-    rows, of_nominal = rows[has_both], of_nominal[has_both]
-    differs = np.zeros(len(frames), bool)
-    differs[rows[checksum[rows] != checksum[of_nominal]]] = True
-    compared = np.zeros(len(frames), bool)
-    compared[rows] = True
+    rows = rows[frames.tick[rows] <= last_tick[frames.rollout[rows]]]
+    of_nominal = images.find(view.nominal[frames.rollout[rows]], images.camera[rows], frames.tick[rows])
+    rows, of_nominal = rows[of_nominal >= 0], of_nominal[of_nominal >= 0]
+    compared, differs = (np.zeros(len(frames), bool) for _ in range(2))
+    compared[rows], differs[rows] = True, images.differ(rows, of_nominal)
     summary = frames.by_rollout(differs)
     judged = judged & frames.by_rollout(compared).any
 
@@ -209,9 +250,4 @@ def exact_images_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
         found = f"another image of {name}"
         return Mismatch(location, f"the image of {name} of the nominal", found, int(summary.count[i]))
 
-    yield Check.of_subjects(judged, judged & summary.any, describe)
-
-
-def _moment(rollout: NDArray[np.int64], camera: NDArray[np.int64], tick: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number for every attempt, camera and tick: cameras are fewer than 2 ** 12, ticks than 2 ** 21."""
-    return (rollout << 33) + (camera << 21) + tick
+    return Check.of_subjects(judged, judged & summary.any, describe)

@@ -7,21 +7,28 @@ Source: spec/07-rules.md#response.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
-from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import CATALOGUE, rule
-from branchdrive.driving.response import NO_RESPONSE, Responses
+from branchdrive.contract.text import quote
+from branchdrive.driving.response import NO_RESPONSE, Responses, Sights
+from branchdrive.driving.unit import wrong_unit
 from branchdrive.files.survey import Survey
-from branchdrive.raw.calibration import QUANTITIES
+from branchdrive.raw.calibration import OF_VEHICLE, QUANTITIES, Quantity
 
 MIN_INTERVENTIONS = 8
 """Interventions, attempts or tracks below which nothing is concluded; nine in ten of fewer is all of them."""
 
 MIN_EQUAL = 3
 """Futures equal bit for bit under other commands that are no accident, if nearly all of a policy are."""
+
+MOST_NEIGHBOURS = 64
+"""Groups that each is compared with at most, of those that are most like it by one number."""
 
 PHYSICAL = {
     "BD-RTE-001": "observations",
@@ -30,8 +37,11 @@ PHYSICAL = {
     "BD-MOT-002": "observations",
     "BD-MOT-003": "observations",
     "BD-ACT-004": "actors",
+    "BD-MAP-005": "evidence",
+    "BD-MAP-006": "evidence",
+    "BD-RES-001": "rollouts",
 }
-"""Rules that nearly all attempts of a collector with a wrong frame, unit or clock fail, and their tables."""
+"""Rules that nearly all attempts fail where frame, unit, clock, map or counts are wrong, and their tables."""
 
 SHARE_PERCENT = 90
 """Percentage of interventions that must show the same for it to be no accident."""
@@ -139,6 +149,23 @@ def responses_are_not_late(survey: Survey) -> Iterator[Check]:
     yield Check.of(int(counts.sum() >= MIN_INTERVENTIONS), [mismatch] if _prevails(late, counts) else ())
 
 
+@rule("BD-RSP-014")
+def images_show_responses_in_time(survey: Survey) -> Iterator[Check]:
+    """The image of a first response is another one than the nominal's, where the camera can show as much."""
+    cameras = sorted({camera for shard in survey.shards for camera in shard.sights})
+    found, examined = [], 0
+    for camera in cameras:
+        every = Sights.of_all(shard.sights[camera] for shard in survey.shards if camera in shard.sights)
+        counts = every.response_m >= every.resolved_m
+        examined += int(counts.sum()) >= MIN_INTERVENTIONS
+        if _prevails(every.is_hidden, counts):
+            hidden = f"that of the nominal, byte for byte, in {(every.is_hidden & counts).sum()} of {counts.sum()}"
+            text = f"{hidden} interventions that are {every.resolved_m:.2g} m away, which later images show"
+            place: Location = {"table": "frames", "camera": camera}
+            found.append(Mismatch(place, "an image of its own at the first response", text))
+    yield Check.of(examined, found)
+
+
 @rule("BD-RSP-005")
 def groups_are_no_copies(survey: Survey) -> Iterator[Check]:
     """No attempt repeats, tick by tick, what the vehicle did in an attempt of another group."""
@@ -155,7 +182,47 @@ def groups_are_no_copies(survey: Survey) -> Iterator[Check]:
             other = min(home[digest] for digest in copied)
             text = f"{len(copied)} of {len(groups[group_id])} tracks, as in group {other!r}"
             found.append(Mismatch({"group_id": group_id}, "tracks that no other group has", text, len(copied)))
-    yield Check.of(len(groups), found)
+    with_tracks = sum(bool(digests) for digests in groups.values())
+    yield Check.of(with_tracks if with_tracks > 1 else 0, found)
+
+
+@rule("BD-RSP-015")
+def groups_are_no_near_copies(survey: Survey) -> Iterator[Check]:
+    """No group drives like another one among the same actors, wherever it is and whatever it is called."""
+    named = {group_id: outline for shard in survey.shards for group_id, outline in shard.outlines.items()}
+    names = np.array(sorted(named), object)
+    found: dict[str, str] = {}
+    for one, other in _near_pairs(np.array([named[name] for name in names]), physical_bounds().copy_m):
+        first, second = sorted((str(names[one]), str(names[other])))
+        found[second] = min(first, found.get(second, first))
+    text = f"those of group {{}}, within {physical_bounds().copy_m:g} m"
+    yield Check.of(
+        len(named) if len(named) > 1 else 0,
+        [
+            Mismatch({"group_id": second}, "ways and surroundings that no other group has", text.format(quote(first)))
+            for second, first in sorted(found.items())
+        ],
+    )
+
+
+def _near_pairs(outlines: NDArray[np.float64], reach: float) -> Iterator[tuple[int, int]]:
+    """Pairs of rows that differ nowhere by more than a reach, where neither is NaN.
+
+    Rows are sorted by the sum of the numbers that all of them have, and each is compared with the next few.
+    """
+    if len(outlines) < 2:
+        return
+    shared = outlines[:, np.isfinite(outlines).all(axis=0)]
+    key = shared.sum(axis=1)
+    order = np.argsort(key, kind="stable")
+    for step in range(1, min(MOST_NEIGHBOURS, len(order) - 1) + 1):
+        one, other = order[:-step], order[step:]
+        may = np.flatnonzero(key[other] - key[one] <= reach * shared.shape[1])
+        if not len(may):
+            return
+        differs = np.abs(outlines[one[may]] - outlines[other[may]]) > reach
+        near = may[~differs.any(axis=1)]
+        yield from zip(one[near].tolist(), other[near].tolist(), strict=True)
 
 
 @rule("BD-RSP-006")
@@ -175,13 +242,59 @@ def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
 @rule("BD-RSP-007")
 def motion_has_its_sign_unit_and_clock(survey: Survey) -> Iterator[Check]:
     """Speeds, yaw rates, accelerations and headings are, in most attempts, those of the positions and turns."""
+    yield _calibrated(survey, QUANTITIES)
+
+
+@rule("BD-RSP-016")
+def ego_drives_as_the_declared_vehicle(survey: Survey) -> Iterator[Check]:
+    """Steering and braking do, in most attempts, what they do to the vehicle that the descriptor declares."""
+    yield _calibrated(survey, OF_VEHICLE)
+
+
+def _calibrated(survey: Survey, quantities: Mapping[str, Quantity]) -> Check:
+    """Check of quantities of which nearly all attempts have other values than those that are right."""
     found, examined = [], 0
-    for name, quantity in QUANTITIES.items():
-        values = np.concatenate([shard.calibration.get(name, np.zeros(0)) for shard in survey.shards] or [np.zeros(0)])
+    for name, quantity in quantities.items():
+        values = np.concatenate([np.zeros(0), *(shard.calibration.get(name, ()) for shard in survey.shards)])
         is_wrong = (values < quantity.least) | (values > quantity.most)
         examined += len(values) >= MIN_INTERVENTIONS
         if _prevails(is_wrong, np.ones(len(values), bool)):
-            expected = f"{quantity.text}: {quantity.least:g} to {quantity.most:g}"
-            text = f"{np.median(values):.3g} at the median, and others in {is_wrong.sum()} of {len(values)} attempts"
-            found.append(Mismatch({"table": quantity.table, "column": quantity.column}, expected, text))
+            median = float(np.median(values))
+            unit = wrong_unit(name, median)
+            meaning = f", as what is {unit.text}" if unit else ""
+            text = f"{median:.3g} at the median{meaning}, and others in {is_wrong.sum()} of {len(values)} attempts"
+            found.append(Mismatch({"table": quantity.table, "column": quantity.column}, quantity.expected, text))
+    return Check.of(examined, found)
+
+
+_FAULTS = ("one command from t_b to t_b + 49", "the nominal's commands", "the applied commands")
+"""What an expert that nobody asked seems to command, in the order of `Responses.expert`."""
+
+
+def _by_policy(survey: Survey, every: Responses, counts: Mask) -> Iterator[tuple[str, Mask]]:
+    """The interventions that count, of each policy apart, with their name."""
+    keys = survey.descriptor.action_bank.keys if survey.descriptor else ()
+    for policy in np.unique(every.policy[counts]).tolist():
+        yield f"interventions of {keys[policy]}", counts & (every.policy == policy)
+
+
+@rule("BD-RSP-010")
+def expert_goes_on_while_it_is_overridden(survey: Survey) -> Iterator[Check]:
+    """The expert's commands are those on the state of the intervention: no constant, no copy."""
+    driver = survey.descriptor.driver if survey.descriptor else None
+    if driver is not None and driver.kind == "log":
+        return
+    every, found, examined = _responses(survey), [], 0
+    for index, (column, counts) in enumerate(
+        zip(("expert_steer", "expert_throttle"), every.is_overridden, strict=True)
+    ):
+        for who, own in (("interventions", counts), *_by_policy(survey, every, counts)):
+            examined += int(own.sum()) >= MIN_INTERVENTIONS
+            shown = [every.expert[:, index, fault] for fault in range(1, len(_FAULTS) + 1)]
+            text = next((text for text, shows in zip(_FAULTS, shown, strict=True) if _prevails(shows, own)), None)
+            if text is not None:
+                expected = "commands on the state of the intervention, which is no longer the nominal's"
+                seen = f"{text} in nearly all of {own.sum()} {who}"
+                found.append(Mismatch({"table": "controls", "column": column}, expected, seen))
+                break
     yield Check.of(examined, found)

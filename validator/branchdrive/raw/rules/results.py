@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
-from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
-from branchdrive.raw.motion import COLLISION_COUNTS, follows
+from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.raw.contact import COLLISION_COUNTS, actors_within_reach, is_covered
+from branchdrive.raw.motion import follows
 from branchdrive.raw.route_state import last_progress_m
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import RowSummary
@@ -50,19 +52,20 @@ def _far_contacts(view: ShardView) -> tuple[Mask, NDArray[np.int64]]:
 @rule("BD-RES-001")
 def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Contacts are recorded where collisions are counted or boxes overlap, and somebody is near who was hit."""
-    evidence, observations, rollouts = view.stream("evidence"), view.observations, view.rollouts
+    evidence, rollouts = view.stream("evidence"), view.rollouts
     known = np.logical_and.reduce([rollouts.valid(name) for name in COLLISION_COUNTS])
     count = np.sum([rollouts[name].astype(np.int64) for name in COLLISION_COUNTS], axis=0)
     counted_somewhere = np.logical_or.reduce(
         [rollouts.valid(name) & (rollouts[name].astype(np.int64) > 0) for name in COLLISION_COUNTS]
     )
     touched = evidence.by_rollout(evidence["collision"].astype(bool))
-    is_covered = evidence.by_rollout(np.ones(len(evidence), bool)).count >= observations.stop - observations.start
     overlaps = _lasting_overlaps(view)
-    unseen = known & (count == 0) & is_covered & ~touched.any & overlaps.any
+    unseen = known & (count == 0) & view.cached(is_covered) & ~touched.any & overlaps.any
     far, contact_row = _far_contacts(view)
     uncounted = known & (count == 0) & touched.any
-    untouched = counted_somewhere & is_covered & ~touched.any
+    untouched = counted_somewhere & view.cached(is_covered) & ~touched.any
+    told = evidence.is_there & (view.cached(is_covered) | touched.any)
+    subjects = subjects & told & (known | counted_somewhere)
 
     def describe(i: int) -> Mismatch:
         if unseen[i]:
@@ -82,25 +85,82 @@ def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[
     yield Check.of_subjects(subjects, subjects & (far | unseen | uncounted | untouched), describe)
 
 
+_LAST_OBSERVATIONS = 8
+"""Observations of two seconds, at one of which who is blocked stands."""
+
+
 @rule("BD-RES-002")
 def completion_agrees_with_progress(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """The share of the route that was driven is that of the last progress, and the whole where it is completed."""
-    bounds, rollouts = physical_bounds(), view.rollouts
+    """The share of the route is that of the furthest progress; who is blocked stands, and who deviates was away."""
+    bounds, rollouts, observations = physical_bounds(), view.rollouts, view.observations
+    subjects = subjects & observations.is_there
     fraction = rollouts["result_route_fraction"].astype(np.float64)
     furthest, length = last_progress_m(view)
     away = np.abs(fraction * length - furthest)
     most = bounds.route_end_m + bounds.route_fraction * length
     unfinished = rollouts.equals("result_completion", "completed") & (fraction < 1 - bounds.route_fraction)
+    is_last = np.arange(len(observations)) >= np.append(observations.stop, 0)[observations.rollout] - _LAST_OBSERVATIONS
+    stands = observations.by_rollout(is_last & (np.abs(observations["speed_mps"]) <= bounds.driving_mps)).any
+    drives = rollouts.equals("result_completion", "blocked") & ~stands
+    was_away = observations.by_rollout(np.abs(observations["route_offset_m"]) > bounds.deviated_m).any
+    stays = rollouts.equals("result_completion", "deviated") & ~was_away
 
     def describe(i: int) -> Mismatch:
-        place = {"table": "rollouts", "column": "result_route_fraction"}
+        place: Location = {"table": "rollouts", "column": "result_route_fraction"}
         if unfinished[i]:
             return Mismatch(
                 {**place}, f"at least {1 - bounds.route_fraction:g} of a completed route", f"{fraction[i]:g}"
             )
+        completion: Location = {"table": "rollouts", "column": "result_completion"}
+        if drives[i]:
+            expected = (
+                f"a vehicle not faster than {bounds.driving_mps:g} m/s in its last two seconds, as it is `blocked`"
+            )
+            return Mismatch(completion, expected, "faster at all of their observations")
+        if stays[i]:
+            expected = f"an offset from the route above {bounds.deviated_m:g} m, as the attempt is `deviated`"
+            return Mismatch(completion, expected, "none")
         return Mismatch(
             {**place}, f"within {most[i]:.0f} m of the progress {furthest[i]:.1f} m on a route of {length[i]:.1f} m",
             f"{fraction[i]:g}",
         )  # fmt: skip
 
-    yield Check.of_subjects(subjects, subjects & (unfinished | (away > most)), describe)
+    yield Check.of_subjects(subjects, subjects & (unfinished | drives | stays | (away > most)), describe)
+
+
+_FREE_OBSERVATIONS = 6
+"""Observations from one contact to the next between which a second without any surely lies."""
+
+
+@rule("BD-RES-005")
+def collisions_are_as_many_as_contacts(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """No kind is hit more often than actors of it are near at a contact, and each contact is counted."""
+    evidence, rollouts = view.stream("evidence"), view.rollouts
+    subjects = subjects & view.cached(is_covered)
+    rows = np.flatnonzero(evidence["collision"].astype(bool) & np.append(subjects, False)[evidence.rollout])
+    owner, tick = evidence.rollout[rows], evidence.tick[rows]
+    is_new = np.ones(len(rows), bool)
+    is_new[1:] = (owner[1:] != owner[:-1]) | (np.diff(tick) >= _FREE_OBSERVATIONS * OBSERVATION_STRIDE_TICKS)
+    contacts = np.bincount(owner[is_new], minlength=view.num_rollouts)
+    counts = {name: rollouts[name].astype(np.int64) for name in COLLISION_COUNTS}
+    known = np.logical_and.reduce([rollouts.valid(name) for name in COLLISION_COUNTS])
+    total = np.sum(list(counts.values()), axis=0)
+    hits_somebody = np.append(counts[COLLISION_COUNTS[0]] + counts[COLLISION_COUNTS[1]] > 0, False)
+    near = actors_within_reach(view, view.observations.rows_of(evidence)[rows[hits_somebody[owner]]])
+    is_counted = known | np.logical_or.reduce([rollouts.valid(name) for name in COLLISION_COUNTS[:2]])
+    subjects = subjects & (contacts > 0) & is_counted
+    more = {kind: counts[f"result_num_{kind}_collisions"] > most for kind, most in near.items()}
+    fewer = known & (total < contacts)
+
+    def describe(i: int) -> Mismatch:
+        if fewer[i]:
+            place: Location = {"table": "rollouts", "column": COLLISION_COUNTS[0]}
+            return Mismatch(
+                place, f"{contacts[i]} collisions, as so many contacts are apart", f"{total[i]} of all kinds"
+            )
+        kind = next(kind for kind in more if more[kind][i])
+        column = f"result_num_{kind}_collisions"
+        expected = f"at most {near[kind][i]}, as so many are within {physical_bounds().contact_reach_m:g} m at contacts"
+        return Mismatch({"table": "rollouts", "column": column}, expected, f"{counts[column][i]}")
+
+    yield Check.of_subjects(subjects, subjects & np.logical_or.reduce([fewer, *more.values()]), describe)

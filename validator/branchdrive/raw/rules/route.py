@@ -16,8 +16,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import RoutePosition, project
-from branchdrive.raw.motion import before_contact
-from branchdrive.raw.route_state import contradicts_route, misplaces_target_points, routes
+from branchdrive.raw.route_state import contradicts_route, has_judged_rows, misplaces_target_points, routes
 from branchdrive.raw.shard_view import ShardView
 
 _MIN_DRIVEN = 8
@@ -57,6 +56,7 @@ def route_state_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
         found = (observations[f"route_{name}"][row] for name in ("progress_m", "offset_m", "heading_error_rad"))
         return _state(place.progress_m[0], place.offset_m[0], error), _state(*found)
 
+    subjects = subjects & has_judged_rows(view)
     yield _of_observations(view, subjects, contradicts_route(view), "route_progress_m", text)
 
 
@@ -81,6 +81,7 @@ def target_points_lie_ahead(view: ShardView, subjects: Mask) -> Iterator[Check]:
         progress = float(observations["route_progress_m"][row])
         return f"points of the polyline, in order from {progress:.3f} m on", f"target point {', '.join(parts)}"
 
+    subjects = subjects & has_judged_rows(view)
     yield _of_observations(view, subjects, misplaces_target_points(view), "target_point_1_x_m", text)
 
 
@@ -88,8 +89,7 @@ def target_points_lie_ahead(view: ShardView, subjects: Mask) -> Iterator[Check]:
 def nominal_drives_near_its_route(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """The nominal is near the polyline around its branch, and does not drive against it."""
     observations, bounds = view.observations, physical_bounds()
-    lines = view.cached(routes)
-    subjects = subjects & view.role("nominal") & view.branched & (lines.of_rollout >= 0)
+    subjects = subjects & view.role("nominal") & has_judged_rows(view)
     offset_ticks = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
     rows = np.flatnonzero(
         np.append(subjects, False)[observations.rollout]
@@ -101,7 +101,7 @@ def nominal_drives_near_its_route(view: ShardView, subjects: Mask) -> Iterator[C
     drives[rows] = observations["speed_mps"][rows] > bounds.driving_mps
     goes_along[rows] = np.abs(observations["route_heading_error_rad"][rows]) < np.pi / 2
     far = _of_observations(
-        view, subjects, is_far & view.cached(before_contact), "route_offset_m",
+        view, subjects, is_far, "route_offset_m",
         lambda row: (
             f"the nominal within {bounds.route_distance_m:g} m of its route",
             f"{abs(float(observations['route_offset_m'][row])):.1f} m away from it",

@@ -281,4 +281,5 @@ def actors_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
         place: Location = {"table": "actors", "tick": int(evidence.tick[row])}
         return Mismatch(place, f"{recorded[row]} actor rows", f"{rows[row]}", int(summary.count[i]))
 
+    subjects = subjects & evidence.is_there
     yield Check.of_subjects(subjects, subjects & summary.any, describe)

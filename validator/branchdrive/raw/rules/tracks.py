@@ -1,4 +1,4 @@
-"""Actor rules: an actor stays what it is, is there once, is not the ego, has no gap, and moves as its velocity says.
+"""Actor rules: an actor stays what it is, is there once, is not the ego, has no gap, and moves as its velocities say.
 
 Source: spec/05-raw-streams.md#tracks.
 """
@@ -14,10 +14,11 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
-from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
+from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.risk import RANGE_M
+from branchdrive.raw.contact import is_free, touches
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacement_m, tracks
+from branchdrive.raw.tracks import actor_displacements, actor_returns, tracks
 
 Index = NDArray[np.int64]
 
@@ -26,10 +27,16 @@ _BOX = ("x_m", "y_m", "yaw_rad", "length_m", "width_m")
 
 
 def _of_actors(
-    view: ShardView, subjects: Mask, rows: NDArray[np.intp], column: str, text: Callable[[int], tuple[str, str]]
+    view: ShardView,
+    subjects: Mask,
+    compared: NDArray[np.intp],
+    rows: NDArray[np.intp],
+    column: str,
+    text: Callable[[int], tuple[str, str]],
 ) -> Check:
-    """Check of attempts by rows of the actors table."""
+    """Check of the attempts with rows of the actors table that are compared, by those of them that are wrong."""
     stream = view.stream("actors")
+    subjects = subjects & np.bincount(stream.rollout[compared], minlength=view.num_rollouts).astype(bool)
     marked = np.zeros(len(stream), bool)
     marked[rows] = True
     summary = stream.by_rollout(marked)
@@ -59,7 +66,7 @@ def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check
             was, found = (quote(stream[column][k]) for k in (source[row], row))
             return f"{was}, as at tick {stream.tick[source[row]]}", found
 
-        checks.append(_of_actors(view, subjects, rows[bad], column, text))
+        checks.append(_of_actors(view, subjects, rows, rows[bad], column, text))
     yield Check.of_any(*checks)
 
 
@@ -83,7 +90,7 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     near = np.hypot(stream["x_m"][rows] - observations["x_m"][frame], stream["y_m"][rows] - observations["y_m"][frame])
     away = dict(zip(rows.tolist(), near.tolist(), strict=True))
     ego = _of_actors(
-        view, subjects, rows[near <= physical_bounds().same_centre_m], "x_m",
+        view, subjects, rows, rows[near <= physical_bounds().same_centre_m], "x_m",
         lambda row: ("another road user than the ego", f"a box whose centre is {away[row]:.2f} m from that of the ego"),
     )  # fmt: skip
 
@@ -94,7 +101,7 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     repeats = np.flatnonzero(np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in boxes]))
     twin = dict(zip(rows[order[repeats + 1]].tolist(), rows[order[repeats]].tolist(), strict=True))
     twice = _of_actors(
-        view, subjects, rows[order[repeats + 1]], "actor_id",
+        view, subjects, row, rows[order[repeats + 1]], "actor_id",
         lambda row: (
             "a box of its own", f"the box of actor {stream['actor_id'][twin[row]]}",
         ),
@@ -104,31 +111,25 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
 
 @rule("BD-ACT-003")
 def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Who is there before and after a short gap, and in range on the straight way between, is there in between."""
+    """Who is in range on the way between two of its rows, however it got from one to the other, is there in between."""
     stream, observations, bounds = view.stream("actors"), view.observations, physical_bounds()
-    frame, (*_, resumed, left) = observations.rows_of(stream), view.cached(tracks)
+    frame, (row, _, resumed, left) = observations.rows_of(stream), view.cached(tracks)
     last, next_ = frame[left], frame[resumed]
+    whole_s = (observations.tick[next_] - observations.tick[last]) * TICK_S
     missing = np.full(len(resumed), -1)
-    for step in range(1, int(bounds.gap_observations) + 1):
-        share = step / np.maximum(next_ - last, 1)
-        here = np.minimum(last + step, len(observations) - 1)
+    for step in range(1, int((next_ - last).max(initial=1))):
+        here = np.minimum(last + step, next_)
+        gone_s = (observations.tick[here] - observations.tick[last]) * TICK_S
+        share = gone_s / whole_s
         away = [
             (1 - share) * stream[name][left] + share * stream[name][resumed] - observations[name][here]
             for name in ("x_m", "y_m")
         ]
-        offset = observations.tick[here] - view.branch_tick[observations.rollout[here]]
-        is_missing = (
-            (last + step < next_)
-            & (next_ - last <= bounds.gap_observations + 1)
-            & (np.hypot(*away) <= RANGE_M - bounds.gap_margin_m)
-            & view.branched[observations.rollout[here]]
-            & (offset >= HISTORY_OFFSETS[0])
-            & (offset <= FUTURE_OFFSETS[-1])
-        )
-        missing = np.where(is_missing & (missing < 0), here, missing)
+        margin_m = np.maximum(bounds.gap_margin_m, bounds.road_user_mps2 * gone_s * (whole_s - gone_s) / 2)
+        missing = np.where((missing < 0) & (here < next_) & (np.hypot(*away) <= RANGE_M - margin_m), here, missing)
     tick = dict(zip(resumed[missing >= 0].tolist(), observations.tick[missing[missing >= 0]].tolist(), strict=True))
     yield _of_actors(
-        view, subjects, resumed[missing >= 0], "actor_id",
+        view, subjects, row, resumed[missing >= 0], "actor_id",
         lambda row: (f"a row at tick {tick[row]}, too, where the actor is in range", "none"),
     )  # fmt: skip
 
@@ -136,14 +137,35 @@ def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
 @rule("BD-ACT-004")
 def actors_move_as_their_velocity_says(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """The way of an actor between two observations is that of its velocities."""
-    rows, residual, way = actor_displacement_m(view)
-    bounds = physical_bounds()
-    far = np.flatnonzero(residual > bounds.displacement_m + bounds.displacement_share * way)
+    steps, bounds = view.cached(actor_displacements), physical_bounds()
+    free = view.cached(is_free)[view.observations.rows_of(view.stream("actors"))[steps.row]]
+    rows, residual = steps.row[free], steps.residual_m[free]
+    far = np.flatnonzero(residual > steps.most_m[free])
     away = dict(zip(rows[far].tolist(), residual[far].tolist(), strict=True))
     yield _of_actors(
-        view, subjects, rows[far], "vel_x_mps",
+        view, subjects, rows, rows[far], "vel_x_mps",
         lambda row: (
             f"a displacement within {bounds.displacement_m:g} m and {bounds.displacement_share:.0%} of what the "
             "velocity gives", f"{away[row]:.2f} m away from it",
+        ),
+    )  # fmt: skip
+
+
+@rule("BD-ACT-005")
+def actors_come_back_where_they_can(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """The way of an actor over a gap of its track is one that a road user can take."""
+    back = view.cached(actor_returns)
+    frame = view.observations.rows_of(view.stream("actors"))
+    rows, left = frame[back.row], frame[view.cached(tracks).left]
+    num_touched = np.cumsum(view.cached(touches))
+    free = view.cached(is_free)[left] & (num_touched[left] == num_touched[rows])
+    far = np.flatnonzero(free & (back.residual_m > back.most_m))
+    step = dict(zip(back.row[far].tolist(), far.tolist(), strict=True))
+    yield _of_actors(
+        view, subjects, back.row[free], back.row[far], "actor_id",
+        lambda row: (
+            f"after {back.time_s[step[row]]:.2f} s a place within {back.most_m[step[row]]:.1f} m of where its "
+            "velocities lead",
+            f"{back.residual_m[step[row]]:.1f} m away from it",
         ),
     )  # fmt: skip

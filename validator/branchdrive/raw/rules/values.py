@@ -44,6 +44,11 @@ def _numbers(table: TableView, column: Column) -> tuple[NDArray[np.float64], NDA
     return items, np.repeat(np.arange(len(table)), lengths)
 
 
+def _num_values(table: TableView, column: Column) -> int:
+    """Rows in which a column has a value: those that are compared."""
+    return len(table) - table.num_nulls(column.name)
+
+
 def _rows(bad: NDArray[np.bool_], owner: NDArray[np.int64] | None) -> NDArray[np.intp]:
     places = np.flatnonzero(bad)
     return places if owner is None else np.unique(owner[places])
@@ -61,7 +66,9 @@ def values_are_finite(view: Tables) -> Iterator[Check]:
         if not np.isfinite(table.extremes(column.name)).all():
             numbers, owner = _numbers(table, column)
             bad = _rows(~np.isfinite(numbers), owner)
-        yield Check.of_rows(table.name, column.name, len(table), bad, _describe("a finite number", table, column))
+        yield Check.of_rows(
+            table.name, column.name, _num_values(table, column), bad, _describe("a finite number", table, column)
+        )
 
 
 @rule("BD-VAL-002")
@@ -78,7 +85,11 @@ def values_lie_in_range(view: Tables) -> Iterator[Check]:
             bad = _rows(outside & table.valid(column.name) if owner is None else outside, owner)
         unit = f" {column.unit}" if column.unit else ""
         yield Check.of_rows(
-            table.name, column.name, len(table), bad, _describe(f"{low:g} .. {high:g}{unit}", table, column)
+            table.name,
+            column.name,
+            _num_values(table, column),
+            bad,
+            _describe(f"{low:g} .. {high:g}{unit}", table, column),
         )
 
 
@@ -95,7 +106,11 @@ def categories_are_declared(view: Tables) -> Iterator[Check]:
         vocabulary = set(column.values)
         bad = _rejected_rows(table, column, vocabulary.__contains__)
         yield Check.of_rows(
-            table.name, column.name, len(table), bad, _describe(f"one of {list(column.values)}", table, column)
+            table.name,
+            column.name,
+            _num_values(table, column),
+            bad,
+            _describe(f"one of {list(column.values)}", table, column),
         )
 
 
@@ -111,7 +126,9 @@ def text_matches_pattern(view: Tables) -> Iterator[Check]:
         pattern = _pattern(str(column.pattern))
         bad = _rejected_rows(table, column, lambda category, p=pattern: p.fullmatch(category) is not None)  # type: ignore[misc]
         expected = f"text like {PATTERNS[str(column.pattern)]}"
-        yield Check.of_rows(table.name, column.name, len(table), bad, _describe(expected, table, column))
+        yield Check.of_rows(
+            table.name, column.name, _num_values(table, column), bad, _describe(expected, table, column)
+        )
 
 
 @rule("BD-VAL-005")
@@ -136,6 +153,15 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
             f"{len(xs[row])} x and {len(ys[row])} y values",
         ),
     )
+
+
+@rule("BD-VAL-007")
+def zeros_are_positive(view: Tables) -> Iterator[Check]:
+    """No zero of a floating-point column has a sign, which nobody sees and equality does not tell apart."""
+    for table, column in _columns(view, lambda c: "float" in c.type):
+        numbers, owner = _numbers(table, column)
+        bad = _rows((numbers == 0) & np.signbit(numbers), owner)
+        yield Check.of_rows(table.name, column.name, len(table), bad, lambda _: ("0.0", "-0.0"))
 
 
 @rule("BD-VAL-006")

@@ -1,0 +1,44 @@
+-- What attempts count of infractions, and what their evidence and the maps of their towns show of them.
+create or replace temp table moment as
+select e.*, p.on_road as was_on_road, p.traffic_light_available as was_governed, p.traffic_light as light_before
+from evidence e join attempt a using (run) left join evidence p on p.run = e.run and p.tick = e.tick - 5;
+
+create or replace temp table infraction as
+with seen as (
+    select run, count(*) as rows_of_evidence, count(*) filter (not on_road and was_on_road is distinct from false) as left_road,
+        bool_or(traffic_light = 'red' or (not traffic_light_available and coalesce(was_governed, false))) as lit,
+    from moment group by run
+), observed as (
+    select run, count(*) as num_observed from observations group by run
+)
+select run, rollout_id, group_id, result_num_off_road_infractions as off_road, result_num_red_light_infractions as red,
+    result_num_stop_sign_infractions as stop, off_road is not null as departures, red is not null as lights,
+    stop is not null as stops, $has_evidence and coalesce(rows_of_evidence, 0) >= coalesce(num_observed, 0) as whole,
+    coalesce(left_road, 0) as left_road, coalesce(lit, false) as lit, $has_map as has_map,
+    $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'signal') as no_signal,
+    $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'stop_sign') as no_sign
+from attempt a left join seen using (run) left join observed using (run);
+
+create or replace temp table within_reach as  -- actors that a contact may be with: then, or at the observation before
+select distinct e.run, e.tick, c.actor_id, if(c.actor_class = 'cycle', 'vehicle', c.actor_class) as kind
+from moment e join attempt a using (run)
+join observations o on o.run = e.run and o.tick in (e.tick, e.tick - 5)
+join actors c on c.run = o.run and c.tick = o.tick
+where e.collision and sqrt(pow(c.x_m - o.x_m, 2) + pow(c.y_m - o.y_m, 2)) <= $contact_reach_m
+    + (sqrt(pow(c.length_m::double, 2) + pow(c.width_m::double, 2))
+        + sqrt(pow(a.ego_length_m::double, 2) + pow(a.ego_width_m::double, 2))) / 2;
+
+create or replace temp table passed as
+select run, rollout_id, group_id, red from infraction
+where lights and run in (
+    select run from moment join observations using (run, tick)
+    where light_before = 'red' and was_governed and not traffic_light_available and abs(speed_mps) > $driving_mps
+);
+
+-- What attempts count of collisions, and whether evidence tells of all their contacts, or of any.
+create or replace temp table collisions as
+select run, a.rollout_id, result_num_vehicle_collisions as vehicles, result_num_pedestrian_collisions as pedestrians,
+    vehicles + pedestrians + result_num_static_collisions is not null
+        or coalesce(greatest(vehicles, pedestrians, result_num_static_collisions) > 0, false) as is_counted,
+    whole, run in (select run from evidence) as is_shown, run in (select run from evidence where collision) as touches
+from attempt a join infraction using (run);

@@ -1,0 +1,56 @@
+"""What became of one branch group, for people who ask which of theirs fail and why. Source: spec/07-rules.md#report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from branchdrive.contract.rule import CATALOGUE, cause_order
+from branchdrive.contract.text import printable
+from branchdrive.raw.funnel import STAGES, GroupOutcome
+
+__all__ = ["GroupResult"]
+
+_NO_BRANCH = "no attempt has a branch: nothing happened on this drive that calls for one, and nothing is to be done"
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """How far one group gets in the funnel.
+
+    Attributes:
+        group_id: The group, safe to print.
+        stage: Title of the stage that it is lost at; ``None`` where it qualifies.
+        rules: Rules that it fails there, causes before their consequences.
+        reason: What it lacks in words; empty where it qualifies.
+    """
+
+    group_id: str
+    stage: str | None
+    rules: tuple[str, ...]
+    reason: str
+
+    @classmethod
+    def of(cls, outcome: GroupOutcome) -> GroupResult:
+        """Result of a group from its outcome in the funnel."""
+        group_id = printable(outcome.group_id[:128])
+        if outcome.lost_at is None:
+            return cls(group_id, None, (), "")
+        rules = tuple(sorted(outcome.rules, key=cause_order))
+        reason = f"does not hold: {CATALOGUE[rules[0]].title}" if outcome.is_branched else _NO_BRANCH
+        return cls(group_id, STAGES[outcome.lost_at], rules, reason)
+
+    @property
+    def qualifies(self) -> bool:
+        """Whether it passes every stage."""
+        return self.stage is None
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as the report schema has it."""
+        return {
+            "id": self.group_id,
+            "qualifies": self.qualifies,
+            "stage": self.stage,
+            "rules": list(self.rules),
+            "reason": self.reason,
+        }

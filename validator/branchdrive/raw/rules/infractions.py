@@ -1,0 +1,95 @@
+"""Infraction rules: departures from the road, red lights and stop signs that are counted are those of the rows.
+
+Source: spec/05-raw-streams.md#results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.limits import physical_bounds
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.rule import rule
+from branchdrive.raw.contact import is_covered
+from branchdrive.raw.motion import follows
+from branchdrive.raw.shard_view import ShardView
+
+
+def _infractions(view: ShardView, kind: str) -> NDArray[np.int64]:
+    """Infractions of a kind that each attempt counts, -1 where they are not monitored ``[rollouts]``."""
+    column = f"result_num_{kind}_infractions"
+    return np.where(view.rollouts.valid(column), view.rollouts[column].astype(np.int64), -1)
+
+
+def _departures(view: ShardView) -> NDArray[np.int64]:
+    """Observations off the road whose predecessor is none or on it, by attempt."""
+    evidence = view.stream("evidence")
+    is_off = ~evidence["on_road"].astype(bool)
+    return evidence.by_rollout(is_off & ~(follows(evidence) & np.append(False, is_off[:-1]))).count
+
+
+def _lights(view: ShardView) -> tuple[Mask, Mask]:
+    """Observations with a red light, and those that are the first without a signal ``[evidence]``."""
+    evidence = view.stream("evidence")
+    is_governed = evidence["traffic_light_available"].astype(bool)
+    is_left = follows(evidence) & ~is_governed & np.append(False, is_governed[:-1])
+    return is_governed & evidence.equals("traffic_light", "red"), is_left
+
+
+def _lacks(view: ShardView, kind: str) -> Mask:
+    """Attempts in towns whose map holds no element of a kind; none without maps."""
+    if "map" not in view:
+        return np.zeros(view.num_rollouts, bool)
+    towns = set(view.map["town"][view.map.equals("kind", kind)])
+    return np.array([town not in towns for town in view.rollouts["town"]], bool)
+
+
+@rule("BD-RES-004")
+def infractions_agree_with_the_rows(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Departures from the road are those of ``on_road``; lights and stop signs that are run are there."""
+    off_road, red, stop = (_infractions(view, kind) for kind in ("off_road", "red_light", "stop_sign"))
+    has_map, no_signal, no_sign = "map" in view, _lacks(view, "signal"), _lacks(view, "stop_sign")
+    covered, departures, lit = (np.zeros(view.num_rollouts, kind) for kind in (bool, np.int64, bool))
+    if "evidence" in view:
+        covered, departures = view.cached(is_covered), _departures(view)
+        lit = view.stream("evidence").by_rollout(np.logical_or(*_lights(view))).any
+    subjects = subjects & (((red >= 0) | (off_road >= 0)) & covered | ((red >= 0) | (stop >= 0)) & has_map)
+    found = {  # attempts at fault, what their rows show, and what they count
+        "off_road": ((off_road >= 0) & covered & (off_road != departures), departures, off_road),
+        "red_light": ((red > 0) & (no_signal | covered & ~lit), np.zeros_like(red), red),
+        "stop_sign": ((stop > 0) & no_sign, np.zeros_like(stop), stop),
+    }
+
+    def describe(i: int) -> Mismatch:
+        kind = next(kind for kind, (is_bad, _, _) in found.items() if is_bad[i])
+        _, shown, counted = found[kind]
+        why = {
+            "off_road": "as `on_road` becomes false so often",
+            "red_light": "as no signal is red, and none governs up to its line",
+            "stop_sign": "as the map of the town holds none",
+        }[kind]
+        place: Location = {"table": "rollouts", "column": f"result_num_{kind}_infractions"}
+        return Mismatch(place, f"{shown[i]}, {why}", f"{counted[i]}")
+
+    yield Check.of_subjects(subjects, subjects & np.logical_or.reduce([bad for bad, _, _ in found.values()]), describe)
+
+
+@rule("BD-RES-006")
+def red_lights_are_counted(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Who drives on, and is governed by a red light at an observation and by none at the next, has run it."""
+    evidence, observations = view.stream("evidence"), view.observations
+    is_red, is_left = _lights(view)
+    speed = np.append(np.abs(observations["speed_mps"]), 0.0)[observations.rows_of(evidence)]
+    run = evidence.by_rollout(is_left & np.append(False, is_red[:-1]) & (speed > physical_bounds().driving_mps))
+    counted = _infractions(view, "red_light")
+
+    def describe(i: int) -> Mismatch:
+        place: Location = {"table": "rollouts", "column": "result_num_red_light_infractions"}
+        tick = int(evidence.tick[run.first_row[i]])
+        return Mismatch(place, f"a red light that was run, as none governs any more at tick {tick}", "0")
+
+    subjects = subjects & run.any & (counted >= 0)
+    yield Check.of_subjects(subjects, subjects & (counted == 0), describe)
