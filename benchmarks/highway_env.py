@@ -16,11 +16,12 @@ from typing import Any
 from benchmarks.row import Row
 from benchmarks.simulator import Rollouts
 from branchdrive.contract.timing import TICK_S
+from branchdrive.environment import install_command
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 __all__ = ["INSTALL", "Comparison", "compare", "rows"]
 
-INSTALL = "pip install 'branchdrive[bench]'"
+INSTALL = install_command("bench")
 _SEED = 7
 _IDLE = 1
 _WHAT = "simulator + expert / highway-env, one core"

@@ -22,6 +22,7 @@ import branchdrive as bd
 
 TICK_S = 0.05  # a step of the world; finer steps of a simulator within it are fine
 ROUTE_M = 200.0
+NUM_ROADS, ROAD_GAP_M = 40, 100.0
 EGO_BOX = {"ego_length_m": 4.5, "ego_width_m": 2.0, "ego_height_m": 1.5}  # full extents
 PARKED_CAR = bd.Actor(
     actor_id=1, actor_class="vehicle", x_m=100.0, y_m=-2.25, yaw_rad=0.0, length_m=4.5, width_m=2.0, height_m=1.5,
@@ -30,23 +31,31 @@ PARKED_CAR = bd.Actor(
 
 
 class StraightRoad:
-    """The simulator: an ego vehicle on a straight road along x, and a car parked half in its lane."""
+    """The simulator: an ego vehicle on a straight road along x, and a car parked half in its lane.
+
+    The seed chooses among forty roads. Groups of one road are one cluster of routes, which a release never divides
+    between train, val and test: a collection wants many routes.
+    """
 
     def reset(self, seed: int) -> bd.Scene:
         """Go to tick 0 of the scenario that the seed stands for; what all rollouts of a group share."""
         random = np.random.default_rng(seed)
-        self.x_m, self.y_m, self.yaw_rad, self.speed_mps = 0.0, 0.0, 0.0, random.uniform(7.0, 9.0)
-        self.parked = replace(PARKED_CAR, x_m=random.uniform(90.0, 120.0), y_m=random.uniform(-2.5, -2.25))
-        route = {"route_id": "straight-200", "route_x_m": [0.0, ROUTE_M], "route_y_m": [0.0, 0.0]}
+        speed_mps, parked_x_m, beside_m = random.uniform((7.0, 90.0, -2.5), (9.0, 120.0, -2.25))
+        road = int(random.integers(NUM_ROADS))
+        self.road_y_m = ROAD_GAP_M * road
+        self.x_m, self.y_m, self.yaw_rad, self.speed_mps = 0.0, self.road_y_m, 0.0, speed_mps
+        self.parked = replace(PARKED_CAR, x_m=parked_x_m, y_m=self.road_y_m + beside_m)
+        route_y_m = [self.road_y_m, self.road_y_m]
+        route = {"route_id": f"road-{road}", "route_x_m": [0.0, ROUTE_M], "route_y_m": route_y_m}
         return bd.Scene(town="StraightRoad", environment="ClearNoon", **route, **EGO_BOX)
 
     def observe(self) -> bd.Observation:
         """The ego at the present tick; rates of change and the place on the route are derived from it."""
         is_touching = abs(self.parked.x_m - self.x_m) < 4.5 and abs(self.parked.y_m - self.y_m) < 2.0
-        is_on = abs(self.y_m) <= 5.25
+        is_on = abs(self.y_m - self.road_y_m) <= 5.25
         return bd.Observation(
             x_m=self.x_m, y_m=self.y_m, yaw_rad=self.yaw_rad, speed_mps=self.speed_mps, on_road=is_on,
-            lane_id="lane-1" if is_on else None,  # None is null: unavailable, no stand-in value
+            lane_id=f"lane-{self.road_y_m:.0f}" if is_on else None,  # None is null: unavailable, no stand-in value
             speed_limit_mps=13.5, command="follow", contacts=[self.parked.actor_id] if is_touching else [],
         )  # fmt: skip
 
@@ -60,7 +69,8 @@ class StraightRoad:
         target_mps = 3.0 if is_near else 8.0
         missing_mps = target_mps - self.speed_mps
         return bd.Decision(
-            steer=float(np.clip(0.1 * self.y_m + 0.5 * self.yaw_rad, -1, 1)),  # too far to the left: to the right
+            # too far to the left: steer to the right
+            steer=float(np.clip(0.1 * (self.y_m - self.road_y_m) + 0.5 * self.yaw_rad, -1, 1)),
             throttle=float(np.clip(0.5 * missing_mps, 0, 1)), brake=float(np.clip(-0.5 * missing_mps, 0, 1)),
             target_speed_mps=target_mps, vehicle_hazard=is_near, pedestrian_hazard=False, traffic_light_hazard=False,
         )  # fmt: skip
