@@ -16,7 +16,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -25,8 +25,11 @@ if TYPE_CHECKING:
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-settings.register_profile("default", max_examples=20, deadline=None, derandomize=True, database=None)
-settings.register_profile("thorough", max_examples=2000, deadline=None, derandomize=False, database=None)
+_COMMON: dict[str, Any] = {"deadline": None, "database": None, "suppress_health_check": [HealthCheck.too_slow]}
+"""What Hypothesis would hold against a busy machine is left out."""
+
+settings.register_profile("default", max_examples=20, derandomize=True, **_COMMON)
+settings.register_profile("thorough", max_examples=2000, derandomize=False, **_COMMON)
 settings.load_profile("default")
 
 

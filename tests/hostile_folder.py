@@ -8,7 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["infest", "marks", "run_command", "run_commands"]
+from tests.waiting import PATIENCE_S
+
+__all__ = ["infest", "marks", "run_command", "run_commands", "run_module"]
 
 _NAMES = (
     "_bootlocale", "asyncio", "branchdrive", "branchdrive_reference", "collections", "concurrent", "ctypes", "cvxpy",
@@ -62,6 +64,11 @@ def run_command(
     return _run([Path(sys.executable).with_name(script), *map(str, arguments)], cwd, path)
 
 
+def run_module(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """``python -P -m branchdrive.cli``, in the folder `cwd` and without a `PYTHONPATH`."""
+    return _run([sys.executable, "-P", "-m", "branchdrive.cli", *map(str, arguments)], cwd, "")
+
+
 def run_commands(*commands: tuple[object, ...], cwd: Path) -> tuple[list[int], str]:
     """Commands one after another in one process, which sees the same modules as a script; exit codes, and all it said.
 
@@ -77,4 +84,6 @@ def run_commands(*commands: tuple[object, ...], cwd: Path) -> tuple[list[int], s
 def _run(words: list[str | Path], cwd: Path, path: str | None) -> subprocess.CompletedProcess[str]:
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
     environment |= {} if path is None else {"PYTHONPATH": path}
-    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, env=environment)
+    return subprocess.run(
+        words, cwd=cwd, capture_output=True, text=True, timeout=PATIENCE_S, check=False, env=environment
+    )

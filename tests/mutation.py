@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from tests.validator.engine.rules.case import REGISTRY, Boundary, Mutant, new_draft
 from tests.validator.engine.rules.cases import (
+    archives,
     attempts,
     axis,
     battery,
@@ -16,13 +17,18 @@ from tests.validator.engine.rules.cases import (
     canonical,
     companions,
     controls,
+    copies,
+    counts,
+    coverage,
     documents,
     evidence,
+    experts,
     extents,
     features,
     fidelity,
     groups,
     histories,
+    image_replays,
     keys,
     layers,
     layout,
@@ -36,6 +42,7 @@ from tests.validator.engine.rules.cases import (
     release,
     replays,
     responses,
+    results,
     semantic_maps,
     split,
     tables,
@@ -53,8 +60,9 @@ __all__ = [
 
 AREAS = (
     layout, places, companions, documents, tables, values, nulls, keys, attempts, controls, axis, windows, evidence,
-    extents, world, trigger, groups, media, semantic_maps, maps, layers, canonical, quality, split, fidelity, model,
-    targets, features, leakage, histories, battery, release, replays, responses, benchmark, benchmark_results,
+    extents, world, coverage, results, trigger, groups, media, archives, semantic_maps, maps, layers, canonical,
+    quality, split, fidelity, model, targets, features, leakage, histories, battery, release, replays, responses,
+    copies, experts, image_replays, benchmark, benchmark_results, counts,
 )  # fmt: skip
 """Modules that define cases; the first mutant of a rule is that of the first of them that has one."""
 

@@ -17,6 +17,7 @@ from tests.synthetic import Tables, concat, descriptor, make_group, shared, to_t
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import Scene, group_name
+from branchdrive.testing.group import by_key
 from branchdrive.testing.media import frame_columns, media_document
 
 __all__ = [
@@ -88,7 +89,7 @@ def _made_tables() -> dict[str, Tables]:
     d = Draft(shards, raw_descriptor())
     _lose_groups(d)
     _repeat_attempts(d)
-    return d.tables
+    return {folder: {name: by_key(name, table) for name, table in shard.items()} for folder, shard in d.tables.items()}
 
 
 def _lose_groups(d: Draft) -> None:

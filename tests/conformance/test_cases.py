@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -12,6 +13,7 @@ from tests.conformance_cases import case_names
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive_conformance.case import Case, cases_dir, load_cases
+from branchdrive_conformance.score import Answer, score
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,6 +57,15 @@ def test_every_verdict_and_status_of_a_dataset_is_reached(cases: list[Case]) -> 
     assert {case.expected.verdict for case in cases} == {"valid", "valid-with-waivers", "partial", "invalid"}
     statuses = {outcome.status for case in cases for outcome in case.expected.rules.values()}
     assert statuses == {"pass", "fail", "skipped", "not-claimed"}
+
+
+def test_a_validator_that_counts_one_violation_of_a_rule_at_most_is_wrong(cases: list[Case]) -> None:
+    for case in cases:
+        judged = {rule: outcome for rule, outcome in case.expected.rules.items() if rule not in case.expected.free}
+        most = max((outcome.violations for outcome in judged.values() if outcome.status == "fail"), default=0)
+        capped = {rule: replace(outcome, violations=min(outcome.violations, 1)) for rule, outcome in judged.items()}
+        departures = score(case, Answer(case.expected.verdict, capped), CATALOGUE, is_whole=True)
+        assert {departure.what for departure in departures} == ({"count"} if most > 1 else set()), case.name
 
 
 def test_a_case_that_fails_says_so(cases: list[Case]) -> None:

@@ -12,7 +12,9 @@ from typing import Any
 
 import jsonschema
 import pytest
-from tests.sampling import THOROUGH
+from tests.mutation import new_draft
+from tests.sampling import THOROUGH, sampled
+from tests.validator.engine.rules.empty_subjects import EMPTIED
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive_conformance.case import cases_dir, load_case
@@ -83,6 +85,16 @@ def test_it_says_what_cases_expect_of_every_rule_that_it_claims(
     assert found == {name: [] for name in cases}
 
 
+@pytest.mark.parametrize("name", sampled(EMPTIED, 6))
+def test_it_skips_rules_without_a_subject(name: str, claims: list[str], tmp_path: Path) -> None:
+    draft = new_draft(EMPTIED[name].base)
+    EMPTIED[name].edit(draft)
+    report = json.loads(_run("--batch", draft.write(tmp_path / "dataset")))
+    status = {rule["id"]: rule["status"] for rule in report["rules"]}
+    judged = [rule for rule in EMPTIED[name].rules if rule in claims]
+    assert {rule: status[rule] for rule in judged} == dict.fromkeys(judged, "skipped")
+
+
 def test_rules_and_places_have_the_form_of_the_report_schema(reports: dict[str, dict[str, Any]]) -> None:
     schema = json.loads((ROOT / "schemas" / "v0.1" / "report.schema.json").read_text(encoding="utf-8"))
     for report in reports.values():
@@ -91,16 +103,37 @@ def test_rules_and_places_have_the_form_of_the_report_schema(reports: dict[str, 
             jsonschema.validate(finding["location"], schema["$defs"]["finding"]["properties"]["location"])
 
 
-RECOMMENDED = {"BD-RPN-004", "BD-FRM-004", "BD-FRM-010", "BD-FRM-011"}
+RECOMMENDED = {
+    "BD-TAB-007",
+    "BD-VAL-007",
+    "BD-RSP-016",
+    "BD-RPN-004",
+    "BD-RPN-006",
+    "BD-FRM-004",
+    "BD-FRM-010",
+    "BD-FRM-011",
+}
 """Not written in SQL; they recommend, and decide nothing."""
 
-OF_IMAGES = {"BD-FRM-005", "BD-FRM-006", "BD-FRM-008", "BD-FRM-009", "BD-FRM-012"}
-"""Not written in SQL: bytes and pixels of images."""
+OF_IMAGES = {
+    "BD-FRM-005",
+    "BD-FRM-006",
+    "BD-FRM-008",
+    "BD-FRM-009",
+    "BD-FRM-012",
+    "BD-FRM-016",
+    "BD-FRM-017",
+    "BD-RSP-014",
+}
+"""Not written in SQL: bytes and pixels of images, and what they show after a response."""
+
+OF_WHOLE_DATASETS = {"BD-ACT-006", "BD-ACT-007", "BD-MAP-010", "BD-MOT-006", "BD-GRP-010"}
+"""Not written in SQL: what nearly all tracks of a dataset do, which way lanes are driven, and motion by attempts."""
 
 
 def test_it_claims_every_raw_rule_but_those_of_images_and_some_recommendations(claims: list[str]) -> None:
     raw = [rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None]
-    assert claims == [rule_id for rule_id in raw if rule_id not in RECOMMENDED | OF_IMAGES]
+    assert claims == [rule_id for rule_id in raw if rule_id not in RECOMMENDED | OF_IMAGES | OF_WHOLE_DATASETS]
     assert {CATALOGUE[rule_id].level for rule_id in RECOMMENDED} == {"SHOULD"}
 
 

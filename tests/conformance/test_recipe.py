@@ -12,8 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.parquet import encode_table
+from branchdrive_conformance.case import cases_dir
 from branchdrive_conformance.difference import equal_tables, recipe_between, tree
 from branchdrive_conformance.recipe import apply_recipe, read_table
 
@@ -112,3 +114,39 @@ def test_an_operation_that_does_not_fit_is_refused(operation: dict[str, Any], tm
     (tmp_path / FILE).write_bytes(encode_table(BASE))
     with pytest.raises(ValueError, match=r"within|values for|no column|no operation"):
         apply_recipe([{"file": FILE, **operation}], tmp_path)
+
+
+def _another(cell: Any, kind: pa.DataType) -> Any:
+    """A cell of a type that differs from a cell."""
+    if cell is None:
+        filled = {pa.types.is_list: [], pa.types.is_boolean: False, pa.types.is_string: "", pa.types.is_dictionary: ""}
+        return next((value for is_kind, value in filled.items() if is_kind(kind)), 0)
+    if isinstance(cell, list):
+        return [*cell, *cell[-1:]] if cell else [_another(None, kind.value_type)]
+    return not cell if isinstance(cell, bool) else f"{cell}x" if isinstance(cell, str) else cell + 1 if cell < 1 else 0
+
+
+def test_one_changed_cell_of_any_table_is_one_operation(tmp_path: Path) -> None:
+    """And so a case says what it is about."""
+    tables = {
+        path.stem.partition("-")[0]: table.slice(0, 5)
+        for path in sorted((cases_dir() / "bases").rglob("*.parquet"))
+        if len(table := read_table(path.read_bytes()))
+    }
+    base, changed = tmp_path / "base", tmp_path / "changed"
+    for folder in (base, changed):
+        folder.mkdir()
+    for stem, table in tables.items():
+        name = f"{stem}.parquet"
+        (base / name).write_bytes(encode_table(table))
+        for column in table.column_names:
+            kind = table.schema.field(column).type
+            first, *others = table[column].to_pylist()
+            cells = pa.array([_another(first, kind), *others], kind)
+            edited = table.set_column(table.column_names.index(column), table.schema.field(column), cells)
+            (changed / name).write_bytes(encode_table(edited))
+            operations = recipe_between(base, changed)
+            assert [(one["op"], one["column"], one["rows"]) for one in operations] == [("set", column, [[0, 1]])]
+        (base / name).unlink()
+        (changed / name).unlink()
+    assert {*TABLES} <= {*tables}

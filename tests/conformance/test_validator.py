@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.sampling import THOROUGH
+from tests.waiting import PATIENCE_S
 
 from branchdrive.cli.main import run_script
 from branchdrive.contract.rule import CATALOGUE
@@ -155,19 +156,18 @@ def test_a_command_computes_in_one_thread(few_cases: str, tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize(
-    ("line", "found"),
+    ("line", "limit_s", "found"),
     [
-        ("echo {dataset}", "no report"),
-        ("false {dataset}", "no report"),
-        ("SLEEP {dataset}", "no end within 1 s"),
-        ("echo {cases}", "1 reports for"),
+        ("echo {dataset}", PATIENCE_S, "no report"),
+        ("false {dataset}", PATIENCE_S, "no report"),
+        ("SLEEP {dataset}", 1, "no end within 1 s"),
+        ("echo {cases}", PATIENCE_S, "1 reports for"),
     ],
 )
-def test_a_program_that_prints_no_report_is_told_so(line: str, found: str, few_cases: str) -> None:
+def test_a_program_that_prints_no_report_is_told_so(line: str, limit_s: float, found: str, few_cases: str) -> None:
     line = line.replace("SLEEP", f"{sys.executable} -c 'import time; time.sleep(60)'")
-    code, text, _ = run(
-        "validator", "--command", line, "--select", "BD-VAL-003", "--limit-s", "1", "--cases", few_cases
-    )
+    options = ("--select", "BD-VAL-003", "--limit-s", f"{limit_s:g}", "--cases", few_cases)
+    code, text, _ = run("validator", "--command", line, *options)
     assert code == 1
     assert found in text
 

@@ -10,7 +10,7 @@ import pytest
 
 import branchdrive as bd
 
-pytest.importorskip("vehiclemodels", reason="vehicle models are not installed: pip install 'branchdrive[examples]'")
+pytest.importorskip("vehiclemodels", reason="vehicle models are not installed: pip install -e '.[examples]'")
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 

@@ -13,7 +13,7 @@ from branchdrive.collector.drive import drive
 from branchdrive.driving.projection import map_pixels
 from branchdrive.formats.image_codec import decode_image
 
-pytest.importorskip("highway_env", reason="highway-env is not installed: pip install 'branchdrive[examples]'")
+pytest.importorskip("highway_env", reason="highway-env is not installed: pip install -e '.[examples]'")
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 SEED = 2

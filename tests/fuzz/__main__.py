@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz.base import write_bases
+from tests.fuzz.case import MAX_CPU_S, Fuzz
 from tests.fuzz.pool import Lost, run_cases
 from tests.fuzz.report import render, summary
 
@@ -36,6 +37,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--output", type=Path, default=Path("build/fuzz"), help="folder of results (default: build/fuzz)"
     )
+    parser.add_argument(
+        "--limit-s", type=float, default=LIMIT_S, help=f"time after which a case is a hang (default: {LIMIT_S:g})"
+    )
+    parser.add_argument(
+        "--max-cpu-s", type=float, default=MAX_CPU_S, help=f"processor time of a case at most (default: {MAX_CPU_S:g})"
+    )
     parser.add_argument("--case", type=int, help="run one case, keep its dataset and print what came of it")
     args = parser.parse_args(argv)
     bases = write_bases(args.output / "bases")
@@ -46,10 +53,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def _one(args: argparse.Namespace, bases: dict[str, Path]) -> int:
     """One case as users run the validator: shards in a process with a limit on memory."""
-    from tests.fuzz.case import Fuzz
-
     work = args.output / f"case-{args.case}"
-    result = Fuzz(args.seed, bases, work).run(args.case, executor=isolated(1), is_kept=True)
+    result = Fuzz(args.seed, bases, work, max_cpu_s=args.max_cpu_s).run(args.case, executor=isolated(1), is_kept=True)
     sys.stdout.write(f"{json.dumps(result.to_json(), indent=2)}\n")
     sys.stderr.write(f"the dataset is {work / 'case/dataset'}\n")
     return int(bool(result.failure))
@@ -63,7 +68,10 @@ def _all(args: argparse.Namespace, bases: dict[str, Path]) -> int:
     num_failures = sum(bool(row["failure"]) for row in rows.values())
     try:
         with path.open("a") as file:
-            found = run_cases(rest, args.seed, bases, args.output / "work", jobs=args.jobs, limit_s=LIMIT_S)
+            work = args.output / "work"
+            found = run_cases(
+                rest, args.seed, bases, work, jobs=args.jobs, limit_s=args.limit_s, max_cpu_s=args.max_cpu_s
+            )
             for count, (index, result) in enumerate(found, 1):
                 row = _again(args, index, result) if isinstance(result, Lost) else result.to_json()
                 rows[index] = row
@@ -102,10 +110,10 @@ def _again(args: argparse.Namespace, index: int, reason: Lost) -> dict[str, Any]
     What takes too long, and what has no result then either, is a failure.
     """
     output = ("--output", str(args.output), "--seed", str(args.seed))
-    command = [sys.executable, "-m", "tests.fuzz", "--case", str(index), *output]
+    command = [sys.executable, "-m", "tests.fuzz", "--case", str(index), *output, "--max-cpu-s", str(args.max_cpu_s)]
     if reason.is_death:
         with suppress(subprocess.TimeoutExpired, json.JSONDecodeError):
-            done = subprocess.run(command, stdout=subprocess.PIPE, timeout=10 * LIMIT_S, check=False)
+            done = subprocess.run(command, stdout=subprocess.PIPE, timeout=10 * args.limit_s, check=False)
             row: dict[str, Any] = json.loads(done.stdout)
             return row
     return {

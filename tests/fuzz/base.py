@@ -14,7 +14,7 @@ from branchdrive.release.stage import BuildOptions
 from branchdrive.testing.dataset import SmallDataset
 from branchdrive.testing.drive import CAR_M, CONE_M, PERSON_M, Actor, Route, Scene
 
-__all__ = ["WEIGHTS", "write_bases"]
+__all__ = ["WEIGHTS", "write_base", "write_bases"]
 
 WEIGHTS = {"raw": 24, "release": 7, "benchmark": 1}
 """Share of the cases that damages each dataset."""
@@ -59,12 +59,13 @@ def write_bases(folder: Path) -> dict[str, Path]:
     for name, root in roots.items():
         if not root.exists():
             shutil.rmtree(aside := folder / f"{name}.unfinished", ignore_errors=True)
-            _write(name, aside)
+            write_base(name, aside)
             aside.rename(root)
     return roots
 
 
-def _write(name: str, root: Path) -> None:
+def write_base(name: str, root: Path) -> None:
+    """Write one of the datasets into the new folder `root`."""
     if name == "benchmark":
         # Its layers come from the builder and its predictions from the tests of the benchmark.
         from tests.mutation import new_draft

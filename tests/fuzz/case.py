@@ -21,6 +21,7 @@ from tests.fuzz.cell import Place, edit_cell, places
 from tests.fuzz.damage import DAMAGES, OUTSIDE, put
 from tests.fuzz.draw import Draw
 from tests.fuzz.guard import Guard
+from tests.fuzz.media import damage_media
 
 from branchdrive.cli.text import render_report
 from branchdrive.contract.layout import MANIFEST_FILE
@@ -35,12 +36,14 @@ __all__ = ["MAX_CPU_S", "MAX_MEMORY_BYTES", "Fuzz", "Result"]
 MAX_CPU_S = 60.0
 """Processor time that one damaged dataset may take; the valid ones take about a second at most."""
 
-MAX_MEMORY_BYTES = 3 * 2**29
-"""Resident memory that the process may reach: several times the decoded size that a table may have."""
+MAX_MEMORY_BYTES = 2**30
+"""Resident memory that a validation may add to what its process holds: several times the decoded size of a table."""
+
+_DAMAGES = {**DAMAGES, "media": damage_media}
 
 DAMAGE_WEIGHTS = {
     "bytes": 5, "table": 3, "document": 4, "no_document": 1, "manifest": 2, "checkpoint": 1, "exchanged": 2,
-    "removed": 1, "special": 3, "name": 2, "tree": 1, "while_read": 3,
+    "removed": 1, "special": 3, "name": 2, "tree": 1, "while_read": 3, "media": 8,
 }  # fmt: skip
 
 LAYERS_EDITED = {"raw": ("raw",), "release": ("canonical", "quality", "model"), "benchmark": ("benchmark",)}
@@ -64,7 +67,7 @@ class Result:
         verdict: Verdict; ``refused`` for wrong usage, empty where there is none.
         rules: Rules whose status or number of findings differs from those of the valid dataset.
         cpu_s: Processor time of the validation.
-        memory_bytes: Largest resident memory of the process meanwhile.
+        memory_bytes: Resident memory that the validation added, at its largest.
         failure: How the validator misbehaved; empty if it did not.
     """
 
@@ -134,10 +137,10 @@ def _reset_peak() -> None:
 
 
 class Fuzz:
-    """Cases under a seed, in the folder `work`, which is this process's own."""
+    """Cases under a seed, in the folder `work`, which is this process's own; each may take `max_cpu_s`."""
 
-    def __init__(self, seed: int, bases: Mapping[str, Path], work: Path) -> None:
-        self._seed, self._bases, self._work = seed, bases, work
+    def __init__(self, seed: int, bases: Mapping[str, Path], work: Path, *, max_cpu_s: float = MAX_CPU_S) -> None:
+        self._seed, self._bases, self._work, self._max_cpu_s = seed, bases, work, max_cpu_s
         shutil.rmtree(work, ignore_errors=True)
         (work / "tmp").mkdir(parents=True)
         tempfile.tempdir = str(work / "tmp")
@@ -181,7 +184,7 @@ class Fuzz:
             if damage == "while_read":
                 what, victim, change = _while_read(draw, root)
             else:
-                what = DAMAGES[damage](draw, root)
+                what = _DAMAGES[damage](draw, root)
             is_sealed = bool(draw.below(2)) and damage not in ("manifest", "while_read")
             known |= {"damage": damage, "what": what, "is_sealed": is_sealed}
         if known["is_sealed"]:
@@ -201,7 +204,7 @@ class Fuzz:
         is_changed = change is not None or own != self._listings[base]
         verdict, rules, failure = "", (), ""
         _reset_peak()
-        start = time.process_time()
+        start, held_bytes = time.process_time(), _peak_bytes()
         with self._guard.watching(victim, change) as violations:
             try:
                 report = validate(root, executor=executor)
@@ -218,14 +221,14 @@ class Fuzz:
                 failure = traceback.format_exc()
                 if "KeyboardInterrupt" in failure:
                     raise
-        cpu_s, memory = time.process_time() - start, _peak_bytes()
+        cpu_s, memory = time.process_time() - start, _peak_bytes() - held_bytes
         if violations:
             failure += f" touched: {'; '.join(violations[:5])}"
         if change is None and _listing(root.parent) != before:
             failure += " the dataset or what lies beside it is another one now"
         if not is_sealed and is_changed and change is None and verdict == "valid":
             failure += " a change behind the manifest is valid"
-        if cpu_s > MAX_CPU_S or memory > MAX_MEMORY_BYTES:
+        if cpu_s > self._max_cpu_s or memory > MAX_MEMORY_BYTES:
             failure += f" over its bounds: {cpu_s:.0f} s, {memory / 2**20:.0f} MiB"
         return {
             "is_changed": is_changed, "verdict": verdict, "rules": rules, "cpu_s": cpu_s, "memory_bytes": memory,

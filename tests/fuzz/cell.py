@@ -51,15 +51,11 @@ class CellEdit:
 
 
 def places(root: Path) -> list[Place]:
-    """Columns of all table files of a dataset, one file for each table."""
+    """Columns of all table files of a dataset."""
     declared = {**TABLES, **LAYER_TABLES}
-    paths = sorted(root.rglob("*.parquet"), reverse=True)
-    first = {TABLE_OF_PATH.get(path.relative_to(root).as_posix(), path.stem): path for path in paths}
-    return [
-        Place(path.relative_to(root).as_posix(), name, column)
-        for name, path in sorted(first.items())
-        for column in declared[name].columns
-    ]
+    paths = sorted(path.relative_to(root).as_posix() for path in root.rglob("*.parquet"))
+    tables = {path: TABLE_OF_PATH.get(path, Path(path).stem) for path in paths}
+    return [Place(path, name, column) for path, name in tables.items() for column in declared[name].columns]
 
 
 def _near(draw: Draw, column: Column, old: Any) -> Any:

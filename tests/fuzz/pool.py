@@ -28,14 +28,14 @@ class Lost:
     is_death: bool
 
 
-def _work(connection: Connection, seed: int, bases: Mapping[str, Path], work: Path) -> None:
+def _work(connection: Connection, seed: int, bases: Mapping[str, Path], work: Path, max_cpu_s: float) -> None:
     """Run the cases whose numbers come, until none comes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"
     from tests.fuzz.case import Fuzz
 
-    fuzz = Fuzz(seed, bases, work)
+    fuzz = Fuzz(seed, bases, work, max_cpu_s=max_cpu_s)
     with suppress(EOFError, ConnectionError):  # the run is over
         while True:
             connection.send(fuzz.run(connection.recv()))
@@ -44,9 +44,9 @@ def _work(connection: Connection, seed: int, bases: Mapping[str, Path], work: Pa
 class _Worker:
     """A process with the case it is at."""
 
-    def __init__(self, seed: int, bases: Mapping[str, Path], work: Path) -> None:
+    def __init__(self, seed: int, bases: Mapping[str, Path], work: Path, max_cpu_s: float) -> None:
         self.connection, theirs = _CONTEXT.Pipe()
-        self.process = _CONTEXT.Process(target=_work, args=(theirs, seed, bases, work), daemon=True)
+        self.process = _CONTEXT.Process(target=_work, args=(theirs, seed, bases, work, max_cpu_s), daemon=True)
         self.process.start()
         theirs.close()
 
@@ -62,7 +62,14 @@ class _Worker:
 
 
 def run_cases(
-    indices: Iterable[int], seed: int, bases: Mapping[str, Path], work: Path, *, jobs: int, limit_s: float
+    indices: Iterable[int],
+    seed: int,
+    bases: Mapping[str, Path],
+    work: Path,
+    *,
+    jobs: int,
+    limit_s: float,
+    max_cpu_s: float,
 ) -> Iterator[tuple[int, Any]]:
     """Results of cases, as they come, each with its number; `Lost` where there is none.
 
@@ -73,6 +80,7 @@ def run_cases(
         work: Folder for the processes.
         jobs: Number of processes.
         limit_s: Time after which a case is given up; the first of a process gets ten times as much.
+        max_cpu_s: Processor time above which a case is a failure.
     """
     waiting, workers, folders = iter(indices), dict[int, _Worker](), list[Path]()
     try:
@@ -81,7 +89,7 @@ def run_cases(
         for number in range(jobs):
             if (index := next(waiting, None)) is None:
                 break
-            workers[number] = _Worker(seed, bases, folders[number])
+            workers[number] = _Worker(seed, bases, folders[number], max_cpu_s)
             workers[number].start(index, 10 * limit_s)
         while workers:
             by_connection = {worker.connection: number for number, worker in workers.items()}
@@ -107,7 +115,7 @@ def run_cases(
                     del workers[number]
                 if index is not None:
                     if is_lost:
-                        workers[number] = _Worker(seed, bases, folders[number])
+                        workers[number] = _Worker(seed, bases, folders[number], max_cpu_s)
                     workers[number].start(index, (10 if is_lost else 1) * limit_s)
     finally:
         for worker in workers.values():

@@ -19,6 +19,7 @@ from tests.fuzz.draw import Draw
 from tests.fuzz.guard import Guard
 from tests.fuzz.pool import Lost, run_cases
 from tests.fuzz.report import render, summary
+from tests.waiting import PATIENCE_S
 
 from branchdrive.contract.columns import TABLES, table_schema
 
@@ -87,7 +88,8 @@ def test_damaged_datasets_end_in_verdicts(
     output = tmp_path / "fuzz"
     output.mkdir()
     (output / "bases").symlink_to(next(iter(bases.values())).parent)
-    arguments = ["--output", str(output), "--jobs", "1", "--seed", "1"]
+    patience = ["--limit-s", str(PATIENCE_S), "--max-cpu-s", str(PATIENCE_S)]
+    arguments = ["--output", str(output), "--jobs", "1", "--seed", "1", *patience]
     assert command.main([*arguments, "--cases", str(NUM_CASES // 2)]) == 0
     assert command.main([*arguments, "--cases", str(NUM_CASES)]) == 0  # goes on where it stopped
     figures = json.loads((output / "report.json").read_text())
@@ -102,7 +104,7 @@ def test_damaged_datasets_end_in_verdicts(
 
 def test_a_case_is_the_same_again(bases: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", None)  # a process of the fuzz has its own
-    first, again = (Fuzz(3, bases, tmp_path / name).run(4).to_json() for name in ("one", "two"))
+    first, again = (Fuzz(3, bases, tmp_path / name, max_cpu_s=PATIENCE_S).run(4).to_json() for name in ("one", "two"))
     for row in (first, again):
         del row["cpu_s"], row["memory_bytes"]
     assert first == again
@@ -110,9 +112,9 @@ def test_a_case_is_the_same_again(bases: dict[str, Path], tmp_path: Path, monkey
 
 def test_a_case_that_takes_too_long_or_dies_is_lost_alone(bases: dict[str, Path], tmp_path: Path) -> None:
     missing = dict.fromkeys(bases, tmp_path / "nowhere")
-    ((index, lost),) = run_cases([5], 0, missing, tmp_path / "died", jobs=1, limit_s=60)
+    ((index, lost),) = run_cases([5], 0, missing, tmp_path / "died", jobs=1, limit_s=PATIENCE_S, max_cpu_s=PATIENCE_S)
     assert (index, lost) == (5, Lost("its process died with 1", is_death=True))
-    ((index, lost),) = run_cases([5], 0, bases, tmp_path / "slow", jobs=1, limit_s=0.01)
+    ((index, lost),) = run_cases([5], 0, bases, tmp_path / "slow", jobs=1, limit_s=0.01, max_cpu_s=PATIENCE_S)
     assert (index, lost) == (5, Lost("it took more than 0.01 s", is_death=False))
 
 
@@ -124,7 +126,8 @@ def test_a_process_that_dies_is_tried_again_as_users_run_the_validator(
 
     (tmp_path / "bases").symlink_to(next(iter(bases.values())).parent)
     monkeypatch.setattr(command, "run_cases", all_die)
-    assert command.main(["--output", str(tmp_path), "--cases", "1"]) == 0
+    patience = ["--limit-s", str(PATIENCE_S), "--max-cpu-s", str(PATIENCE_S)]
+    assert command.main(["--output", str(tmp_path), "--cases", "1", *patience]) == 0
     (row,) = map(json.loads, (tmp_path / "results-0.jsonl").read_text().splitlines())
     assert (row["index"], row["failure"]) == (0, "")
     assert row["verdict"] in ("valid", "invalid")

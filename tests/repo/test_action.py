@@ -16,6 +16,7 @@ from tests.repo.checkout import ROOT
 from tests.sampling import THOROUGH, sampled
 from tests.validator.cli.formats.reading import annotations
 from tests.validator.engine import datasets
+from tests.waiting import PATIENCE_S
 
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text("utf-8"))
 STEPS: dict[str, Any] = {step["id"]: step for step in ACTION["runs"]["steps"]}
@@ -40,7 +41,7 @@ def run_step(step: str, runner: Path, **inputs: str) -> subprocess.CompletedProc
     return subprocess.run(
         ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", STEPS[step]["run"]],
         cwd=runner, env={**os.environ, **values, **files, "RUNNER_TEMP": str(runner)},
-        capture_output=True, text=True, check=False, timeout=300,
+        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
     )  # fmt: skip
 
 

@@ -4,34 +4,57 @@ from __future__ import annotations
 
 import re
 import tomllib
+from email.message import Message
 from importlib.util import module_from_spec, spec_from_file_location
+from types import ModuleType
 from typing import Any
 
+import pytest
 import yaml
 from tests.each import each
 from tests.repo.checkout import ROOT
 
-from branchdrive.contract.resources import PROJECT_URL
+from branchdrive.contract import resources
+from branchdrive.contract.resources import project_url
+from branchdrive.contract.rule import CATALOGUE
 
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 CITATION: dict[str, Any] = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
 
 
-def test_the_homepage_is_where_the_library_says() -> None:
-    assert PROJECT["urls"]["Homepage"] == PROJECT_URL
+def test_links_go_where_the_metadata_say_or_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert project_url() == PROJECT.get("urls", {}).get("Homepage", "")
+    for declared, base in (
+        ([], ""),
+        (["Homepage, https://x.example/p/", "Docs, https://y.example"], "https://x.example/p"),
+    ):
+        message = Message()
+        for line in declared:
+            message["Project-URL"] = line
+        monkeypatch.setattr(resources, "metadata", lambda name, message=message: message)
+        project_url.cache_clear()
+        rule = CATALOGUE["BD-MOT-001"]
+        assert (project_url(), rule.url) == (base, f"{base}/docs/rules/BD-MOT-001.md" if base else None)
+        assert rule.explained == (rule.url or "`branchdrive rules BD-MOT-001` explains it")
+    project_url.cache_clear()
 
 
-@each(("name", "url"), PROJECT["urls"].items())
-def test_a_url_is_a_file_of_the_repository(name: str, url: str) -> None:
-    assert (ROOT / url.removeprefix(PROJECT_URL).lstrip("/")).exists()
+def test_the_page_has_relative_links_while_there_is_no_homepage() -> None:
+    metadata: dict[str, Any] = {}
+    hatch_build().ReadmeHook(str(ROOT), {}).update(metadata)
+    assert metadata["readme"]["text"] == (ROOT / "README.md").read_text("utf-8")
 
 
-def absolute_links(text: str) -> str:
+def hatch_build() -> ModuleType:
     spec = spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    return str(module.absolute_links(text, "https://x.example"))
+    return module
+
+
+def absolute_links(text: str) -> str:
+    return str(hatch_build().absolute_links(text, "https://x.example"))
 
 
 @each(
@@ -59,7 +82,7 @@ def test_the_citation_has_what_its_format_demands() -> None:
     assert CITATION["cff-version"] == "1.2.0"
     assert {"message", "title", "authors"} <= set(CITATION)
     known = {
-        "cff-version", "message", "title", "abstract", "type", "authors", "version", "license", "url", "keywords",
+        "cff-version", "message", "title", "abstract", "type", "authors", "version", "license", "keywords",
     }  # fmt: skip
     assert set(CITATION) <= known
     assert CITATION["type"] in ("software", "dataset")
@@ -70,7 +93,6 @@ def test_the_citation_has_what_its_format_demands() -> None:
 def test_the_citation_agrees_with_the_metadata() -> None:
     assert CITATION["version"] == PROJECT["version"]
     assert CITATION["license"] == PROJECT["license"]
-    assert CITATION["url"] == PROJECT_URL
     assert CITATION["keywords"] == PROJECT["keywords"]
     assert CITATION["title"].casefold() == f"BranchDrive: {PROJECT['description']}".casefold()
 

@@ -70,6 +70,7 @@ def test_the_minimal_collector_writes_a_group_that_qualifies(tmp_path: Path) -> 
     for done, groups in zip(runs, collected, strict=True):  # a finished dataset is left as it is
         lines = done.stdout.splitlines()
         assert [*lines[:2], lines[-1]] == ends
+        assert lines[-2].startswith("routes    1 route cluster in 1 branched group; a release parts whole clusters")
         assert lines[2] == f"groups    {groups} finished"
     assert (report.dataset.num_groups, report.dataset.num_rollouts) == (1, 15)
     rollouts = open_dataset(root).rollouts().to_pylist()

@@ -8,6 +8,7 @@ from tests.each import each
 from tests.repo.checkout import ROOT
 
 from branchdrive.contract.generate.page import AREAS_FILE, EXAMPLES_FILE
+from branchdrive.contract.resources import rule_page
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 
 PAGES = ROOT / "docs" / "rules"
@@ -26,7 +27,7 @@ def test_a_page_has_all_its_parts(info: RuleInfo) -> None:
     assert f"](../../{info.clause})" in page
     assert info.remedy in page
     assert page.count("\n- [") >= 1
-    assert info.url.endswith(f"/docs/rules/{info.id}.md")
+    assert rule_page(info.id) == page
 
 
 def test_the_index_leads_to_every_page() -> None:

@@ -37,6 +37,14 @@ def test_no_text_names_a_place_on_one_machine() -> None:
     assert found == []
 
 
+def test_no_test_reads_a_clock() -> None:
+    """What a test says would depend on how busy a machine is; `tests.waiting` has what ends one that hangs."""
+    pattern = re.compile(r"\b(monotonic|perf_counter|process_time|thread_time|time\.time)\(")
+    tests = [path for path in files(".py") if path.name.startswith("test_") and path.name != Path(__file__).name]
+    assert len(tests) > 100
+    assert [name(path) for path in tests if pattern.search(path.read_text("utf-8"))] == []
+
+
 def written_docstring(value: Any) -> str | None:
     """The docstring that stands in the source; not one that a class inherits or a dataclass or tuple generates."""
     definition = ast.parse(textwrap.dedent(inspect.getsource(value))).body[0]

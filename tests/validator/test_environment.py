@@ -7,6 +7,7 @@ import os
 import sys
 from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.validator.engine import datasets
@@ -81,12 +82,46 @@ def test_a_platform_without_the_calls_we_need_says_so_at_once(tmp_path: Path, mo
             getattr(branchdrive, name)
 
 
-def test_an_extra_is_blamed_for_what_it_brings_alone() -> None:
+def test_extras_come_from_where_the_distribution_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = {
+        None: "pip install 'branchdrive[media,sim]'",
+        '{"url": "file:///a%20b/checkout", "dir_info": {"editable": true}}': ("pip install '/a b/checkout[media,sim]'"),
+        '{"url": "file:///x/branchdrive-0.1.0-py3-none-any.whl", "archive_info": {}}': (
+            "pip install 'branchdrive[media,sim] @ file:///x/branchdrive-0.1.0-py3-none-any.whl'"
+        ),
+        '{"url": "https://x.example/r.git", "vcs_info": {"vcs": "git", "commit_id": "abc"}}': (
+            "pip install 'branchdrive[media,sim] @ git+https://x.example/r.git@abc'"
+        ),
+    }
+    for recorded, command in commands.items():
+        made = SimpleNamespace(read_text=lambda name, recorded=recorded: recorded)
+        monkeypatch.setattr(environment, "distribution", lambda name, made=made: made)
+        environment._origin.cache_clear()
+        assert environment.install_command("media", "sim") == command
+    environment._origin.cache_clear()
+
+
+def test_modules_are_known_by_their_distribution() -> None:
+    """Of every library that is installed here, a module is found under the name that messages look for."""
+    names: dict[str, set[str]] = {}
+    for module, found in metadata.packages_distributions().items():
+        for name in found:
+            names.setdefault(name.lower(), set()).add(module.lower())
+    for one in requirements():
+        if one.extra not in ("dev", "test") and (modules := names.get(one.name.lower())):
+            assert environment.MODULES.get(one.name, one.name.replace("-", "_")).lower() in modules, one.name
+
+
+def test_an_extra_is_blamed_for_what_it_brings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environment, "_origin", lambda: "")
+
     def missing(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
     messages = {
         "torch": r"a thing needs the package 'torch': pip install 'branchdrive\[models\]', or go without$",
+        "PIL": r"a thing needs the package 'pillow': pip install 'branchdrive\[models\]', or go without$",
+        "cv2": r"a thing needs the package 'opencv-python-headless': pip install 'branchdrive\[models\]', or",
         "torch.nowhere": "a thing cannot be loaded: No module named 'torch.nowhere'; reinstall",
         "llvmlite": "a thing cannot be loaded: No module named 'llvmlite'; reinstall",
     }

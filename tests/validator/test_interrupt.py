@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.waiting import PATIENCE_S
 
 from branchdrive.interrupt import (
     TerminationInterrupt,
@@ -91,6 +92,6 @@ def test_a_shielded_child_outlives_signals_and_none_is_lost(number: signal.Signa
         pytest.fail("the signal is lost")
     assert is_reached
     assert (caught.type is TerminationInterrupt) == (number is signal.SIGTERM)
-    assert child.communicate("alive\n", timeout=30)[0] == "alive\n"
+    assert child.communicate("alive\n", timeout=PATIENCE_S)[0] == "alive\n"
     assert child.returncode == 0
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()

@@ -15,6 +15,7 @@ import pytest
 from tests.hostile_folder import infest, marks
 from tests.repo.checkout import ROOT
 from tests.validator.engine import datasets
+from tests.waiting import PATIENCE_S
 
 from branchdrive.process import ARRAY_WORK, spawn_context
 
@@ -40,7 +41,7 @@ def test_workers_of_a_script_import_nothing_from_the_folder_it_changes_to(tmp_pa
     infest(datasets.write(tmp_path / "hostile"), tmp_path / "marks")
     done = subprocess.run(
         [sys.executable, "script.py", tmp_path / "hostile"],
-        cwd=tmp_path / "elsewhere", capture_output=True, text=True, check=False, timeout=120,
+        cwd=tmp_path / "elsewhere", capture_output=True, text=True, check=False, timeout=PATIENCE_S,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "", "packages"])},
     )  # fmt: skip
     assert (done.stdout, done.stderr) == ("1 0\n", "")

@@ -16,9 +16,14 @@ import pyarrow.parquet as pq
 import pytest
 from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
 from tests.sampling import sampled
+from tests.waiting import PATIENCE_S
 
 from branchdrive import DatasetError, UsageError, open_model
 from branchdrive.driving.target import TARGETS, TRAJECTORY
+from branchdrive.environment import install_command
+from branchdrive_reference.benchmark.document import published_protocol
+from branchdrive_reference.benchmark.foreign import mean_predictions
+from branchdrive_reference.benchmark.release import benchmark_data, open_release, published_predictions
 
 Columns = dict[str, list[Any]]
 
@@ -71,8 +76,21 @@ def test_perfect_predictions_have_no_error_and_a_warning(done: Path, columns: Co
 def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp_path: Path) -> None:
     file = _write(tmp_path / "mine.parquet", columns | {"seed": [7] * len(columns["group_id"])})
     results = json.loads(invoke("evaluate", bare, "--predictions", file, "--name", "Mine", "--format", "json"))
-    assert [(model["id"], model["seeds"]) for model in results["models"]] == [("Mine", [7])]
+    assert [(model["id"], model["seeds"]) for model in results["models"]] == [("M0", [0]), ("Mine", [7])]
     assert results["guard"]["reason"] == "No risk was fitted."
+    said = invoke("evaluate", bare, "--predictions", file, "--name", "Mine")
+    assert "M0" in said and "Guard" not in said
+    assert " ".join(said.split()).count("Predictions of Mine come from no locked checkpoint.") == 1
+
+
+def test_the_mean_beside_them_is_the_locked_one(done: Path) -> None:
+    release = open_release(done)
+    data, protocol = benchmark_data(release), published_protocol(release)
+    (locked,) = published_predictions(release, protocol, data).by_model["M0"].values()
+    (mean,) = mean_predictions(data, protocol).by_model["M0"].values()
+    report = protocol.partitions.report
+    np.testing.assert_allclose(mean[report].scalars, locked[report].scalars, rtol=1e-7)  # training is in float32
+    np.testing.assert_allclose(mean[report].paths, locked[report].paths, rtol=1e-6, atol=1e-6)
 
 
 def test_what_was_not_evaluated_is_not_evaluated_by_the_way(release: Path, columns: Columns, tmp_path: Path) -> None:
@@ -85,12 +103,12 @@ def test_what_was_not_evaluated_is_not_evaluated_by_the_way(release: Path, colum
     invoke("train", release, "--protocol", write_protocol(tmp_path / "protocol.json", document), "--no-guard")
     invoke("lock", release)
     invoke("predict", release)
-    assert models()[0] == ["Mine"] and "have not been evaluated yet" in models()[1]
+    assert models()[0] == ["M0", "Mine"] and "have not been evaluated yet" in models()[1]
     invoke("evaluate", release, "--no-figures")
     assert len(models()[0]) == 3 and "left out" not in models()[1]
     write_protocol(tmp_path / "other.json", {**document, "version": "9.0.0"})
     options += ("--protocol", tmp_path / "other.json")
-    assert models()[0] == ["Mine"] and "locked under another protocol" in models()[1]
+    assert models()[0] == ["M0", "Mine"] and "locked under another protocol" in models()[1]
     assert "no record of the release counts it" in models()[1]
 
 
@@ -191,7 +209,7 @@ def ended_without(missing: str, *commands: tuple[object, ...]) -> list[Ended]:
     """)
     words = json.dumps([[str(word) for word in command] for command in commands])
     command = [sys.executable, "-P", "-c", program, words]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert (done.returncode, done.stderr) == (0, "")
     return [Ended(*found) for found in json.loads(done.stdout)]
 
@@ -210,7 +228,7 @@ def test_figures_that_cannot_be_drawn_open_nothing(benchmarked: Path) -> None:
     before = contents(benchmarked)
     for ended in ended_without(WITHOUT_MATPLOTLIB, ("evaluate", benchmarked), ("benchmark", benchmarked)):
         assert (ended.code, ended.stdout) == (4, "")
-        assert "pip install 'branchdrive[plots]', or use `--no-figures`" in ended.stderr
+        assert f"{install_command('plots')}, or use `--no-figures`" in ended.stderr
     assert contents(benchmarked) == before
 
 

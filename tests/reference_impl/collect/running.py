@@ -6,8 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -36,14 +35,6 @@ def start(
         env={**os.environ, **({"PYTHONPATH": str(loaded_first)} if loaded_first else {})},
         preexec_fn=heed_interrupts,
     )
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
-    """Return when the condition holds; fail if it does not in time."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def finished_rollouts(root: Path) -> int:

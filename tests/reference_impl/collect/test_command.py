@@ -11,8 +11,9 @@ from types import SimpleNamespace
 
 import pytest
 from tests.reference_impl.collect.kept_collection import kept_collection
-from tests.reference_impl.collect.running import finished_rollouts, start, wait_for
+from tests.reference_impl.collect.running import finished_rollouts, start
 from tests.sampling import THOROUGH
+from tests.waiting import wait_for
 
 from branchdrive import DatasetWriter, open_dataset, validate
 from branchdrive.cli.main import run
@@ -75,6 +76,7 @@ def test_the_summary_reads_well(tmp_path: Path) -> None:
     assert re.fullmatch(
         r"disk      about \d MiB needed, [\d,.]+ [GM]iB free\n"
         r"groups    1 collected, 0 found finished\n"
+        r"routes    1 route cluster in 1 branched group; a release parts .* takes at least 5: .*\n"
         r"rollouts  15 simulated, 0 found finished\n"
         r"ticks     [\d,]+ in [\d.]+ s with 1 job, writing included: [\d,]+ ticks/s\n"
         r"dataset   \S+\n"

@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 from tests.content_cache import remembered
 from tests.reference_impl.collect.kept_collection import identity_of
-from tests.reference_impl.collect.running import finished_rollouts, session_of, start, wait_for
+from tests.reference_impl.collect.running import finished_rollouts, session_of, start
 from tests.sampling import THOROUGH, sampled
+from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.cli.main import run
 from branchdrive.contract.layout import DESCRIPTOR_FILE
@@ -42,7 +43,7 @@ def test_a_killed_collection_is_resumed_at_once(tmp_path: Path, identity: str) -
     report = collect(root, num_groups=GROUPS, seed=SEED)
     assert report.identity == identity
     assert sum(group.num_reused for group in report.groups) + 15 * report.num_found >= 4
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(process.pid))
 
 
 RESUME_LINE = r"interrupted; \d+ of \d+ groups are finished. To go on, run: branchdrive collect .*\n"
@@ -82,11 +83,11 @@ def test_a_stopped_collection_keeps_what_is_finished(
     process = start(root, seed=SEED, jobs=jobs, groups=GROUPS)
     wait_for(lambda: finished_rollouts(root) >= 2)
     os.killpg(process.pid, stop)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == STOPS[stop]
     assert "identity" not in out
     assert re.fullmatch(RESUME_LINE, err)
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(process.pid))
     report = collect(root, num_groups=GROUPS, seed=SEED)
     assert report.identity == identity
     assert sum(group.num_reused for group in report.groups) + 15 * report.num_found >= 2
@@ -111,10 +112,10 @@ def test_workers_that_begin_are_stopped_in_silence(tmp_path: Path, delay_s: floa
     wait_for((root / DESCRIPTOR_FILE).exists)  # written right before the workers are started
     time.sleep(delay_s)
     os.killpg(process.pid, stop)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == STOPS[stop]
     assert re.fullmatch(RESUME_LINE, err)
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(process.pid))
 
 
 WAITING = """
@@ -136,11 +137,11 @@ def test_further_interrupts_wait_for_no_rollout_and_leave_no_worker_behind(tmp_p
         os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.2)
     gate.touch()
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert re.fullmatch(RESUME_LINE, err)
     assert finished_rollouts(root) == 0
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(process.pid))
 
 
 def test_a_worker_that_dies_ends_the_collection_in_one_line(tmp_path: Path) -> None:
@@ -148,8 +149,8 @@ def test_a_worker_that_dies_ends_the_collection_in_one_line(tmp_path: Path) -> N
     process = start(root, seed=SEED, jobs=2, groups=30)
     wait_for(lambda: finished_rollouts(root) >= 1)
     os.kill(max(session_of(process.pid)), signal.SIGKILL)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 4
     assert "a worker process died; make room in memory or use fewer `--jobs`, and run the same command again" in err
     assert err.count("\n") == 1
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(process.pid))

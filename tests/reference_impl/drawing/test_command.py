@@ -19,6 +19,7 @@ from tests.synthetic import BRANCH_TICK, bare_descriptor, bare_tables, base_tabl
 
 from branchdrive import Rollout, open_dataset
 from branchdrive.cli.main import run
+from branchdrive.environment import install_command
 from branchdrive_reference.drawing.picture import SIZE_PX, draw_scene, title
 
 SEED, GROUPS = 3, 2
@@ -204,5 +205,5 @@ def test_without_the_extra_the_error_is_the_line_that_installs_it(
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, _, err = draw(invented, "--output", tmp_path / "p")
-    message = "branchdrive: `draw` needs the package 'matplotlib': pip install 'branchdrive[sim,plots]'\n"
+    message = f"branchdrive: `draw` needs the package 'matplotlib': {install_command('sim', 'plots')}\n"
     assert (code, err) == (4, message)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import importlib
 import io
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +20,7 @@ from tests.validator.benchmark.guard.banks import banks
 from branchdrive.benchmark.protocol import default_protocol
 from branchdrive.cli.main import run
 from branchdrive.driving.utility import fit_scale
+from branchdrive.environment import install_command
 from branchdrive.errors import ToolError
 from branchdrive_reference.guard.regression import LOGISTIC, Regression, polished
 
@@ -197,5 +199,5 @@ def test_without_cvxpy_the_remedy_is_the_extra(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(importlib, "import_module", missing)
     source = program.__spec__.loader.get_source(program.__name__)
-    with pytest.raises(ModuleNotFoundError, match=r"pip install 'branchdrive\[guard\]'"):
+    with pytest.raises(ModuleNotFoundError, match=re.escape(install_command("guard"))):
         exec(builtins.compile(source, "program.py", "exec"), {"__name__": "without_cvxpy"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from tests.model_release import CANDIDATES, make_frames, write_release
 from torch.utils.data import DataLoader
 
 from branchdrive import InputContract, ModelLayer, UsageError, open_model
+from branchdrive.environment import install_command
 from branchdrive_reference.learning.groups import BranchGroupDataset
 
 KEYS = {
@@ -113,5 +115,6 @@ def test_it_shows_its_size_and_shapes(layer: ModelLayer) -> None:
 def test_without_torch_the_error_is_the_line_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "branchdrive_reference.learning.groups")
-    with pytest.raises(ModuleNotFoundError, match=r"needs the package 'torch': pip install 'branchdrive\[models\]'"):
+    message = f"needs the package 'torch': {install_command('models')}"
+    with pytest.raises(ModuleNotFoundError, match=re.escape(message)):
         importlib.import_module("branchdrive_reference.learning.groups")

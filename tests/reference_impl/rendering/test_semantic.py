@@ -9,7 +9,7 @@ import pytest
 from tests.reference_impl.rendering.stage_set import CAR, moved, snapshot, straight_town
 
 from branchdrive.contract.camera import TopDownCamera
-from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass, classes_of
+from branchdrive.contract.semantic_bev import ROUTE_WIDTH_M, SemanticChannel, SemanticClass, classes_of
 from branchdrive.driving.projection import ground_of_pixels
 from branchdrive_reference.rendering.patch import Tile
 from branchdrive_reference.rendering.rig import cameras_of
@@ -98,7 +98,18 @@ def test_the_rest_of_the_route_begins_at_the_ego() -> None:
     view = drawn(snapshot())
     route = (view & SemanticChannel.REMAINING_ROUTE) != 0
     assert route[(np.abs(LEFT_M) < 0.7) & (AHEAD_M > 0.6)].all()
-    assert not route[(np.abs(LEFT_M) > 1.6) | (AHEAD_M < -1.6)].any()
+    assert not route[(np.abs(LEFT_M) > 1.4) | (AHEAD_M < -1.4)].any()
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 0.3, 0.8, 1.2, 2.5])
+def test_the_route_is_a_band_of_its_width(heading_rad: float) -> None:
+    """Straight on and round bends, as its area says it."""
+    steps = np.concatenate([np.full(20, heading_rad), heading_rad + np.linspace(0.0, 1.0, 20)])
+    places = np.cumsum(2.0 * np.stack([np.cos(steps), np.sin(steps)], axis=1), axis=0) - (0.0, 1.75)
+    view = drawn(moved(snapshot(), route_m=np.concatenate([[[0.0, -1.75]], places])))
+    route = ((view & SemanticChannel.REMAINING_ROUTE) != 0) & (np.hypot(AHEAD_M, LEFT_M) < 50.0)
+    ways = np.hypot(places[:, 0], places[:, 1] + 1.75)
+    assert route.sum() / BEV.px_per_m**2 / (2.0 * (ways < 50.0).sum()) == pytest.approx(ROUTE_WIDTH_M, rel=0.1)
 
 
 @pytest.mark.parametrize(

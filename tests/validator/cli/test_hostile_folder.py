@@ -7,15 +7,17 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tests.hostile_folder import infest, marks, run_command
+from tests.hostile_folder import infest, marks, run_command, run_module
 
 from branchdrive import validate
 
 
 def report_of(root: Path | str, cwd: Path) -> dict[str, Any]:
-    done = run_command("branchdrive-validate", root, "--jobs", 1, "--format", "json", cwd=cwd, path="")
-    assert done.stderr == ""
-    return without_path(json.loads(done.stdout))
+    arguments = (root, "--jobs", 1, "--format", "json")
+    script = run_command("branchdrive-validate", *arguments, cwd=cwd, path="")
+    module = run_module("validate", *arguments, cwd=cwd)
+    assert (script.stderr, module.stderr, module.stdout) == ("", "", script.stdout)
+    return without_path(json.loads(script.stdout))
 
 
 def without_path(document: dict[str, Any]) -> dict[str, Any]:

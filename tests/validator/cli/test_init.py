@@ -31,6 +31,7 @@ def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path, qui
     assert (code, err) == (0, "")
     assert out.splitlines() == [
         f"created   {folder}: 7 files, of which my_world/collector.py is the one to change",
+        "note      the workflow leaves open where branchdrive comes from; --from LOCATION says it",
         f"next      cd {folder} && pip install -e . pytest && pytest",
     ]
     collected = python(folder, "my_world.collector", "build/dataset")
@@ -41,7 +42,16 @@ def test_the_package_collects_validates_and_passes_its_tests(tmp_path: Path, qui
     assert "my-world 0.1.0" in validated.getvalue()
     tested = python(folder, "pytest", "-q", "-p", "no:cacheprovider")
     assert tested.returncode == 0, tested.stdout
-    assert "2 passed" in tested.stdout
+    assert "3 passed" in tested.stdout
+
+
+def test_a_location_is_pinned_where_the_user_gives_one(tmp_path: Path) -> None:
+    where = "git+https://x.example/branchdrive.git@abc"
+    for location, url in ((where, where), (str(tmp_path), tmp_path.as_uri())):
+        files = skeleton("my-world", "my_world", location)
+        assert f"branchdrive @ {url}" in tomllib.loads(files["pyproject.toml"])["project"]["dependencies"]
+        assert f'pip install "branchdrive @ {url}"' in files[".github/workflows/validate.yml"]
+    assert 'pip install "./vendor/branchdrive.whl"' in skeleton("a", "a")[".github/workflows/validate.yml"]
 
 
 def test_the_workflow_runs_what_the_readme_says() -> None:
@@ -54,7 +64,7 @@ def test_the_workflow_runs_what_the_readme_says() -> None:
 
 def test_no_placeholder_and_nothing_of_the_example_is_left() -> None:
     for place, text in skeleton("my-world", "my_world").items():
-        assert "@module@" not in text and "@name@" not in text and "@version@" not in text, place
+        assert "@module@" not in text and "@name@" not in text and "@location@" not in text, place
         assert "minimal_collector.py" not in text and '"minimal' not in text, place
 
 

@@ -123,7 +123,6 @@ def test_failed_attempts_are_kept_and_made_again(tmp_path: Path) -> None:
     report = bd.collect_dataset(root, descriptor(), {"Parked": BrittleRoad}, num_groups=1)
     made = [(row["action_key"], row["attempt"], row["status"]) for row in rollouts(root)]
     assert made == [
-        ("nominal", 1, "complete"),
         ("accelerate_0.30", 1, "partial"),
         ("accelerate_0.30", 2, "partial"),
         ("accelerate_0.30", 3, "complete"),
@@ -131,9 +130,52 @@ def test_failed_attempts_are_kept_and_made_again(tmp_path: Path) -> None:
         ("accelerate_0.80", 1, "partial"),
         ("accelerate_0.80", 2, "partial"),
         ("accelerate_0.80", 3, "partial"),
+        ("nominal", 1, "complete"),
     ]
     assert report.groups[0].stopped_because == "no attempt at accelerate_0.80 was complete: 3 made"
     assert bd.validate(root).verdict == "valid"
+
+
+def test_a_start_that_failed_leaves_nothing_in_the_way_of_the_next(tmp_path: Path) -> None:
+    class Unready(ShortRoad):
+        def observe(self) -> bd.Observation:
+            raise bd.UsageError("not yet")
+
+    root = tmp_path / "dataset"
+    with pytest.raises(bd.UsageError, match="not yet"):
+        bd.collect_dataset(root, descriptor(), {"Parked": Unready}, num_groups=2, groups_per_shard=4)
+    changed = descriptor(title="Another title", streams=("ego_route_state", "controls", "route_result"))
+    worlds = {"Car": ShortRoad}
+    again = bd.collect_dataset(root, changed, worlds, num_groups=1)
+    assert bd.open_dataset(root).groups == ("g00000-car",)
+    assert again.identity == bd.collect_dataset(tmp_path / "fresh", changed, worlds, num_groups=1).identity
+    with pytest.raises(bd.UsageError, match="holds a dataset with another descriptor"):
+        bd.collect_dataset(root, descriptor(), worlds, num_groups=1)
+
+
+def test_the_summary_says_how_many_route_clusters_there_are(collected: tuple[Path, bd.CollectionReport]) -> None:
+    assert (collected[1].num_branched, collected[1].num_route_clusters) in ((2, 1), (2, 2))
+    many = replace(collected[1], num_branched=9, num_route_clusters=5)
+    assert many.routes_text.startswith("5 route clusters in 9 branched groups; a release takes at least 5")
+
+
+class LitRoad(ShortRoad):
+    """Reports a traffic light that its map does not have."""
+
+    def observe(self) -> bd.Observation:
+        seen: bd.Observation = super().observe()
+        return replace(seen, traffic_light="green")
+
+
+def test_a_nominal_that_breaks_a_rule_on_the_map_costs_no_replays(tmp_path: Path) -> None:
+    roads = [bd.lane_element(f"lane-{y}", [-100.0, 400.0], [y, y], 10.5, 13.5) for y in range(0, 4000, 100)]
+    streams = ("ego_route_state", "actor_risk_evidence", "controls", "route_result", "map")
+    report = bd.collect_dataset(
+        tmp_path / "dataset", descriptor(streams=streams), {"Lit": LitRoad}, num_groups=1,
+        maps={"StraightRoad": roads},
+    )  # fmt: skip
+    assert report.groups[0].refused_because.startswith("BD-MAP-009")
+    assert report.groups[0].num_simulated == 1
 
 
 def test_a_finished_dataset_stays_as_it_is(collected: tuple[Path, bd.CollectionReport]) -> None:
@@ -172,7 +214,8 @@ def test_the_program_says_what_it_did_and_what_comes_next(tmp_path: Path, capsys
     lines = capsys.readouterr().out.splitlines()
     assert lines[2] == "groups    1 collected: 0 with a branch, 1 without, 0 refused; 0 found finished"
     assert lines[4].startswith("          g00000-empty has no branch: the trigger found no manoeuvre")
-    assert lines[5] == f"next      branchdrive-validate {root}"
+    assert lines[5].startswith("routes    0 route clusters in 0 branched groups; a release parts whole clusters")
+    assert lines[6] == f"next      branchdrive-validate {root}"
 
 
 class DriftingRoad(ShortRoad):

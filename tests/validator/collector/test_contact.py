@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import branchdrive as bd
+from branchdrive.collector.contact import num_contacts
 
 SCENE = bd.Scene(
     town="T", route_id="r", route_x_m=[0, 9], route_y_m=[0, 0], environment="e", ego_length_m=4.0, ego_width_m=2.0
@@ -30,3 +31,15 @@ def test_headings_count() -> None:
 
 def test_nobody_touches_an_empty_road() -> None:
     assert bd.touched(SCENE, 0.0, 0.0, 0.0, []) == []
+
+
+def test_what_is_touched_again_within_a_second_is_one_collision() -> None:
+    touching = np.zeros((20, 3), bool)
+    touching[[2, 3, 7, 12], 0] = True  # 4 observations are a second, 5 are more
+    touching[0, 1] = True
+    assert num_contacts(touching).tolist() == [2, 1, 0]
+
+
+def test_nothing_is_touched_in_a_drive_without_observations() -> None:
+    assert num_contacts(np.zeros((0, 2), bool)).tolist() == [0, 0]
+    assert num_contacts(np.zeros((4, 0), bool)).tolist() == []

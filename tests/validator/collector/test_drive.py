@@ -98,7 +98,8 @@ def test_a_map_says_what_the_world_leaves_open() -> None:
     open_run = replace(
         RUN, observations=[replace(e, on_road=None, lane_id=None, speed_limit_mps=None) for e in RUN.observations]
     )
-    lane = bd.lane_element("a", [0.0, 40.0], [0.0, 0.0], 3.5, 9.0)
+    y_m = RUN.observations[0].y_m
+    lane = bd.lane_element("a", [0.0, 40.0], [y_m, y_m], 3.5, 9.0)
     recorded = record(open_run, town=[lane])
     is_on = recorded.observations["x_m"] <= 40.0
     assert recorded.evidence["on_road"][: is_on.sum()].all() and not recorded.evidence["on_road"][-1]

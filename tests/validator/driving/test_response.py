@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -27,11 +28,17 @@ def test_first_response_is_counted_from_the_branch() -> None:
     assert first_response(differs, 3).tolist() == [NO_RESPONSE, 0, 2, BEFORE_BRANCH]
 
 
+def interventions(num: int, **columns: object) -> Responses:
+    """Interventions of one group and policy on a moving nominal, that do nothing but what is said."""
+    none = Responses.none()
+    values = {field.name: getattr(none, field.name) for field in fields(Responses)}
+    still = {name: np.zeros((num, *value.shape[1:]), value.dtype) for name, value in values.items()}
+    said = {name: np.array(value, still[name].dtype) for name, value in columns.items()}
+    return replace(Responses(**still), **{"moves": np.ones(num, bool), **said})
+
+
 def responses(steer: list[float], drive: list[float], lateral_m: list[float], speed_mps: list[float]) -> Responses:
-    index = np.arange(len(steer))
-    values = (np.array(column) for column in (steer, drive, lateral_m, speed_mps))
-    zero = np.zeros(len(steer), np.int64)
-    return Responses(index, zero, *values, zero, np.ones(len(steer), bool), np.zeros((len(steer), 2)), zero)
+    return interventions(len(steer), steer=steer, drive=drive, lateral_m=lateral_m, speed_mps=speed_mps)
 
 
 def test_agreement_counts_one_command_at_a_time_and_no_small_effect() -> None:
@@ -42,20 +49,21 @@ def test_agreement_counts_one_command_at_a_time_and_no_small_effect() -> None:
 
 
 def test_policies_are_compared_in_the_groups_that_have_both() -> None:
-    group, policy = np.array([1, 2, 3, 1, 2, 4]), np.array([5, 5, 5, 6, 6, 6])
-    steer, zero = np.array([0.1, 0.1, 0.1, 0.2, 0.12, 0.2]), np.zeros(6)
-    first, future = np.array([1, 1, 1, 1, NO_RESPONSE, 1]), np.array([7, 8, 9, 7, 8, 9])
-    every = Responses(group, policy, steer, zero, zero, zero, first, np.ones(6, bool), np.zeros((6, 2)), future)
+    every = interventions(
+        6, group=[1, 2, 3, 1, 2, 4], policy=[5, 5, 5, 6, 6, 6], steer=[0.1, 0.1, 0.1, 0.2, 0.12, 0.2],
+        first=[1, 1, 1, 1, NO_RESPONSE, 1], future=[7, 8, 9, 7, 8, 9],
+    )  # fmt: skip
     differs, is_one = every.others(5, 6)
     assert differs.tolist() == [True, False]
     assert is_one.tolist() == [True, True]
 
 
 def test_only_steering_and_braking_must_have_an_effect() -> None:
-    index, steer, drive = np.arange(4), np.array([0.05, 0.0, 0.0, 0.0]), np.array([0.0, -0.3, 0.5, -0.1])
-    nothing = np.full(4, NO_RESPONSE)
-    every = Responses(index, index, steer, drive, drive, drive, nothing, np.ones(4, bool), np.zeros((4, 2)), index)
-    assert every.is_ignored.tolist() == [True, True, False, False]
+    every = interventions(
+        4, group=[1, 2, 3, 4], policy=[1, 2, 3, 4], steer=[0.05, 0.0, 0.0, 0.0], drive=[0.0, -0.3, 0.5, -0.1],
+        future=[7] * 4, nominal_future=[7] * 4,
+    )  # fmt: skip
+    assert every.copies(nominal=0) == [(1, frozenset({0, 1})), (2, frozenset({0, 2}))]
 
 
 def test_responses_of_shards_add_up() -> None:

@@ -118,7 +118,11 @@ def outcome(report: Report) -> dict[str, Any]:
     return {
         "verdict": report.verdict,
         "errors": report.errors,
-        "rules": {tally.rule_id: (tally.status, tally.num_findings) for tally in report.tallies},
+        "rules": {
+            tally.rule_id: (tally.status, tally.num_findings)
+            for tally in report.tallies
+            if tally.rule_id != "BD-TAB-007"  # it recommends an order, which no other rule may see
+        },
         "funnel": report.funnel.to_json() if report.funnel else None,
         "groups": report.dataset.num_groups,
         "rollouts": report.dataset.num_rollouts,

@@ -6,6 +6,7 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from tests import synthetic
 from tests.sampling import sampled
 from tests.validator.engine.datasets import FOLDER, failing, write
 
+from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
@@ -226,17 +228,28 @@ def _remove_deep(folder: Path) -> None:
     os.chdir(previous)
 
 
-def test_too_many_names_end_in_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
-    from branchdrive.contract.limits import spec_limits
-
-    limits = replace(spec_limits(), max_files=4)
+@pytest.mark.parametrize("number", [20, 40], ids=["listed to the end", "cut off"])
+def test_too_many_names_end_in_a_finding(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = replace(spec_limits(), max_files=20)
     monkeypatch.setattr("branchdrive.files.survey.spec_limits", lambda: limits)
-    monkeypatch.setattr("branchdrive.files.rules.spec_limits", lambda: limits)
-    report = validate(write(tmp_path / "dataset"))
+    root = write(tmp_path / "dataset")
+    for index in range(number):
+        (root / FOLDER / f"{index:02d}").touch()
+    report = validate(root)
     assert (report.verdict, report.errors) == ("invalid", ())
-    assert "BD-LAY-007" in failing(report)
+    assert failing(report) == {"BD-LAY-007"}
+    status = {tally.rule_id: tally.status for tally in report.tallies}
+    assert {status[rule_id] for rule_id in ("BD-LAY-003", "BD-LAY-009", "BD-TAB-001", "BD-KEY-001")} == {"skipped"}
+    assert report.funnel is None
+
+
+@pytest.mark.parametrize("name", ["Branchdrive.JSON", "RAW", "MANIFEST.SHA256", "raw\N{COMBINING ACUTE ACCENT}"])
+def test_an_ignore_file_hides_no_name_that_some_systems_take_for_the_datasets_own(name: str, tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    (root / name).mkdir()
+    (root / ".branchdriveignore").write_text("*\n")
+    is_another = name.startswith("raw")
+    assert failing(validate(root)) == (frozenset() if is_another else {"BD-LAY-005", "BD-LAY-009"})
 
 
 # --- what cannot be read (access rights mean nothing to a superuser, so errors are injected)

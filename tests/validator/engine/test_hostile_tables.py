@@ -30,6 +30,7 @@ from tests.validator.engine.datasets import (
     write,
     write_with,
 )
+from tests.waiting import PATIENCE_S
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.validate import validate
@@ -259,7 +260,7 @@ def test_decompression_bombs_are_a_finding_in_bounded_memory(content: bytes, tmp
     script = tmp_path / "measure.py"
     script.write_text(VALIDATE_AND_MEASURE)
     done = subprocess.run(
-        [sys.executable, script, root], capture_output=True, text=True, check=True, timeout=120, cwd=tmp_path
+        [sys.executable, script, root], capture_output=True, text=True, check=True, timeout=PATIENCE_S, cwd=tmp_path
     )
     verdict, errors, rules, worker_kib, own_kib = json.loads(done.stdout)
     assert (verdict, errors, done.stderr) == ("invalid", [], "")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,8 @@ from tests import synthetic
 from tests.validator.engine.datasets import FOLDER, failing, write
 from tests.validator.engine.rules.release import release_draft
 
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.mismatch import Location
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, UsageError
@@ -44,6 +48,10 @@ def cached(plain: Path, folder: Path) -> Path:
 
 def snapshot_of(cache: Path) -> Path:
     return cache / "snapshots" / "0123abcd"
+
+
+def places(report: Report, rule_id: str) -> list[Location]:
+    return [finding.location for finding in report.findings if finding.rule == rule_id]
 
 
 def messages(report: Report) -> str:
@@ -119,6 +127,66 @@ def test_links_in_a_circle_end(tmp_path: Path) -> None:
     (root / "loop").symlink_to("loop")
     report = validate(root, follow_links=True)
     assert (report.verdict, report.errors) == ("invalid", ())
+
+
+def test_links_do_not_multiply_a_folder(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    for number in range(10):
+        (root / f"loop{number}").symlink_to(".")
+    report = validate(root, follow_links=True)
+    assert (report.verdict, report.errors) == ("invalid", ())
+    assert failing(report) == {"BD-LAY-006"}
+    assert {place["file"] for place in places(report, "BD-LAY-006")} == {f"loop{number}" for number in range(10)}
+
+
+def test_a_folder_that_several_links_lead_to_is_entered_once(tmp_path: Path) -> None:
+    """Without a circle: each of eight folders holds ten links to the next one."""
+    root, chain = write(tmp_path / "dataset"), tmp_path / "chain"
+    for number in range(9):
+        (chain / str(number)).mkdir(parents=True)
+        for link in range(10 if number < 8 else 0):
+            (chain / str(number) / f"link{link}").symlink_to(f"../{number + 1}")
+    (root / "chain").symlink_to(chain / "0")
+    report = validate(root, follow_links=True, allow=[chain])
+    assert (report.verdict, report.errors) == ("invalid", ())
+    assert len(places(report, "BD-LAY-006")) == 8 * 9
+
+
+def test_it_is_the_link_that_is_refused(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    (root / "raw" / "a-link").symlink_to("shard-00000")
+    (root / ".git" / "objects").mkdir(parents=True)
+    (root / "raw" / "shard-00009").symlink_to("../.git/objects")
+    (root / "raw" / "shard-00010").symlink_to("../.git/objects")
+    report = validate(root, follow_links=True)
+    assert {place["file"] for place in places(report, "BD-LAY-006")} == {"raw/a-link", "raw/shard-00010"}
+
+
+@pytest.mark.parametrize("add", [os.link, os.symlink], ids=["names", "links"])
+def test_bytes_of_files_with_several_paths_are_bounded(
+    add: Callable[[Path, Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = write(tmp_path / "dataset")
+    large = root / FOLDER / "actors.parquet"
+    size = large.stat().st_size
+    limits = replace(spec_limits(), max_repeated_bytes=2 * size)
+    monkeypatch.setattr("branchdrive.files.survey.spec_limits", lambda: limits)
+    opened: list[str] = []
+    monkeypatch.setattr("branchdrive.files.survey._digest", lambda root, path, links: opened.append(path) or "0" * 64)
+
+    for name in ("second", "third"):
+        add(large, root / name)
+    within = validate(root, follow_links=True)
+    assert failing(within) == {"BD-LAY-004", "BD-LAY-009"}
+    assert opened == ["second"]  # and not the other name of the same file
+
+    add(large, root / "fourth")
+    opened.clear()
+    beyond = validate(root, follow_links=True)
+    assert failing(beyond) == {"BD-LAY-007"}
+    assert f"{3 * size} bytes" in messages(beyond)
+    assert beyond.dataset.identity is None
+    assert opened == []
 
 
 def test_a_link_that_appears_after_it_was_resolved_is_not_followed(

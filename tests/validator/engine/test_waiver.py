@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 from datetime import date
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.each import each
+from tests.repo.checkout import ROOT
 
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.engine.finding import Finding
+from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.waiver import Waiver, apply_waivers, load_waivers
 from branchdrive.errors import UsageError
@@ -31,6 +34,16 @@ def write(path: Path, *entries: dict[str, Any]) -> Path:
     return path
 
 
+def test_the_example_of_the_specification_is_a_waiver(tmp_path: Path) -> None:
+    chapter = (ROOT / "spec/07-rules.md").read_text("utf-8")
+    (block,) = [text for text in re.findall(r"```json\n(.*?)```", chapter, re.DOTALL) if '"waivers"' in text]
+    path = tmp_path / "waivers.json"
+    path.write_text(block)
+    (waiver,) = load_waivers(path)
+    place = {"table": "observations", "column": "speed_mps", "rollout_id": "g00003-cut-in.nominal.a1", "tick": 15}
+    assert fnmatchcase(location_text(place), waiver.location)
+
+
 def test_entries_become_waivers(tmp_path: Path) -> None:
     (waiver,) = load_waivers(write(tmp_path / "waivers.json", ENTRY))
     assert waiver == Waiver("BD-VAL-002", ENTRY["location"], ENTRY["reason"], date(2026, 12, 31), 3)  # type: ignore[arg-type]
@@ -40,8 +53,8 @@ def test_entries_become_waivers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"rule": "BD-XXX-999"}, "'BD-XXX-999' is not a structure or claim rule"),
-        ({"rule": "BD-CTL-008"}, "'BD-CTL-008' is not a structure or claim rule; others need no waiver"),
+        ({"rule": "BD-VAL-999"}, "no rule 'BD-VAL-999'; did you mean 'BD-VAL-00"),
+        ({"rule": "BD-CTL-008"}, "'BD-CTL-008' is of the kind qualification; it needs no waiver"),
         ({"rule": "everything"}, "/waivers/0/rule: expected pattern"),
         ({"location": ""}, "/waivers/0/location: expected minLength 1"),
         ({"reason": "because"}, "/waivers/0/reason: expected minLength 10"),
@@ -51,7 +64,7 @@ def test_entries_become_waivers(tmp_path: Path) -> None:
         ({"max_count": 0}, "/waivers/0/max_count: expected minimum 1, found 0"),
         ({"max_count": "3"}, "/waivers/0/max_count: expected type 'integer'"),
         ({"max_count": 1.5}, "/waivers/0/max_count: expected type 'integer'"),
-        ({"note": "x"}, "/waivers/0: expected no undeclared property"),
+        ({"note": "x"}, "declared are expires, location, max_count, reason, rule, found"),
     ],
 )
 def test_wrong_entries_are_wrong_usage(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
@@ -90,7 +103,7 @@ def test_rules_that_decide_and_no_others_can_be_waived(rule_id: str, tmp_path: P
     if CATALOGUE[rule_id].decides:
         assert load_waivers(path)[0].rule == rule_id
     else:
-        with pytest.raises(UsageError, match="is not a structure or claim rule"):
+        with pytest.raises(UsageError, match="it needs no waiver, since only structure and claim rules"):
             load_waivers(path)
 
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 from tests import synthetic
-from tests.reference_impl.collect.running import wait_for
 from tests.repo.checkout import ROOT
 from tests.sampling import sampled
 from tests.validator.engine.datasets import DEPARTURES, cells, write, write_with
@@ -31,6 +30,7 @@ from tests.validator.engine.tasks import (
     leave_quietly,
     raise_on_three,
 )
+from tests.waiting import wait_for
 
 from branchdrive.engine.validate import validate
 from branchdrive.engine.worker import Died, Executor, Failed, in_process, isolated
@@ -209,7 +209,7 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
         wait_for(lambda: place.exists() and place.read_text() != "")
         parent.kill()
-    wait_for(lambda: not Path(f"/proc/{place.read_text()}").exists(), timeout_s=10.0)
+    wait_for(lambda: not Path(f"/proc/{place.read_text()}").exists())
 
 
 def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import struct
 import sys
 import zlib
+from io import BytesIO
 
+import numpy as np
 import pytest
+from PIL import Image, ImageOps
+from tests.each import each
 from tests.validator.formats.image_files import jpeg, noise, png
 
 from branchdrive.errors import DecodeError
@@ -44,6 +48,40 @@ OF_FORM = {
     "many segments": JPEG[:2] + JPEG[2:SCAN] + b"\xff\xfe\x00\x02" * 20_000 + JPEG[SCAN:],
 }
 
+XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><a tiff:Orientation="6"/></x:xmpmeta>'
+
+
+def _turned(form: str, **options: object) -> bytes:
+    """The pixels of a PNG with a note on how they are to be turned, as Pillow writes it."""
+    stream = BytesIO()
+    Image.open(BytesIO(PNG)).save(stream, form, **options)
+    return stream.getvalue()
+
+
+def _segment(marker: bytes, body: bytes) -> bytes:
+    return b"\xff" + marker + struct.pack(">H", len(body) + 2) + body
+
+
+def _exif(orientation: int) -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    return exif.tobytes()
+
+
+def _raw_profile(name: bytes) -> bytes:
+    exif = _exif(6)
+    return _chunk(b"zTXt", name + b"\0\0" + zlib.compress(b"\nexif\n%8d\n%s\n" % (len(exif), exif.hex().encode())))
+
+
+TURNED = {
+    **{f"jpeg turned by {number}": _turned("JPEG", exif=_exif(number)) for number in range(2, 9)},
+    **{f"png turned by {number}": _turned("PNG", exif=_exif(number)) for number in range(2, 9)},
+    "jpeg turned by XMP": JPEG[:2] + _segment(b"\xe1", b"http://ns.adobe.com/xap/1.0/\0" + XMP) + JPEG[2:],
+    "png turned by a profile": _with(_raw_profile(b"Raw profile type exif")),
+    "png turned by XMP": _with(_chunk(b"iTXt", b"XML:com.adobe.xmp\0\0\0\0\0" + XMP)),
+    "png turned by a text": _with(_chunk(b"tEXt", b"exif\0" + _exif(6))),
+}
+
 DAMAGED = {
     "cut": PNG[:-14],
     "bit flipped": PNG[:50] + bytes([PNG[50] ^ 1]) + PNG[51:],
@@ -65,6 +103,19 @@ def test_another_form_is_told_from_damage(name: str) -> None:
     flaw = find_flaw(OF_FORM[name], read_header(OF_FORM[name]).encoding)
     assert flaw is not None
     assert flaw.is_of_form
+
+
+@each("name", TURNED)
+def test_an_image_that_some_readers_turn_is_refused(name: str) -> None:
+    image = TURNED[name]
+    with Image.open(BytesIO(image)) as opened:
+        is_turned = np.asarray(ImageOps.exif_transpose(opened)).tobytes() != np.asarray(opened).tobytes()
+    assert is_turned or name == "jpeg turned by XMP"  # which readers turn depends on their version
+    flaw = find_flaw(image, read_header(image).encoding)
+    assert flaw is not None
+    assert flaw.is_of_form
+    with pytest.raises(DecodeError, match="EXIF and XMP"):
+        image_header(image)
 
 
 @pytest.mark.parametrize("name", DAMAGED)
@@ -109,7 +160,7 @@ NOTES = {
     "packed text": _with(_chunk(b"zTXt", b"note\0\0" + zlib.compress(bytes(5_000_000)))),
     "packed profile": _with(_chunk(b"iCCP", b"note\0\0" + zlib.compress(bytes(5_000_000)))),
     "text behind the pixels": PNG[:-12] + _chunk(b"iTXt", b"note") + PNG[-12:],
-    "broken orientation": JPEG[:2] + b"\xff\xe1\x00\x10Exif\0\0MM\0*\0\0" + b"\0\0" + JPEG[2:],
+    "broken profile": JPEG[:2] + b"\xff\xe2\x00\x10ICC_PROFILE\0\1\1" + JPEG[2:],
     "comment": JPEG[:2] + b"\xff\xfe\x00\x06\xff\xd9\xff\xd9" + JPEG[2:],
     "fill": JPEG[:2] + b"\xff" * 9 + JPEG[2:] + bytes(3),
 }

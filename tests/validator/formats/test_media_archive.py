@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from branchdrive.formats.media_archive import HEADER_BYTES, MAX_CAMERA_NAME, MediaArchive, holds_member, member_name
+from branchdrive.formats.media_archive import (
+    MAX_CAMERA_NAME,
+    MediaArchive,
+    Member,
+    block_text,
+    member_header,
+    member_name,
+    read_member,
+)
 
 names = st.builds(
     member_name,
@@ -57,25 +65,30 @@ def test_longer_names_of_cameras_do_not_fit() -> None:
         MediaArchive(BytesIO()).add(member_name("a" * 128, 1_000_000, "c" * (MAX_CAMERA_NAME + 1), "jpeg"), b"")
 
 
-@pytest.mark.parametrize("form", [tarfile.USTAR_FORMAT, tarfile.GNU_FORMAT, tarfile.PAX_FORMAT])
-def test_members_of_archives_of_any_program_have_a_header(form: int) -> None:
-    stream = BytesIO()
-    member = tarfile.TarInfo("drive/" + "long/" * 40 + "000080.front.png")
-    member.size = 700
-    with tarfile.open(fileobj=stream, mode="w", format=form) as tar:
-        tar.addfile(member, BytesIO(bytes(700)))
-    content = stream.getvalue()
-    with tarfile.open(fileobj=BytesIO(content)) as tar:
-        offset = tar.getmembers()[0].offset_data
-    header = content[offset - HEADER_BYTES : offset]
-    assert holds_member(header, 700)
-    assert not holds_member(header, 699)
-    assert not holds_member(b"?" + header[1:], 700)
-    assert not holds_member(header[1:], 700)
+@pytest.mark.parametrize("form", [tarfile.USTAR_FORMAT, tarfile.PAX_FORMAT])
+def test_members_of_archives_of_other_programs_are_plain(form: int) -> None:
+    member = tarfile.TarInfo("g0.nominal.a1/000080.front.png")
+    member.size, member.mtime, member.uid, member.uname = 700, 1_700_000_000, 1000, "me"
+    header = member.tobuf(form)
+    assert read_member(header) == Member(member.name, 700)
+    assert read_member(b"?" + header[1:]) is None
+    assert read_member(header[1:]) is None
 
 
-@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.DIRTYPE, tarfile.CHRTYPE])
-def test_links_folders_and_devices_are_no_members_with_bytes(kind: bytes) -> None:
-    member = tarfile.TarInfo("front.png")
-    member.type, member.size = kind, 700
-    assert not holds_member(member.tobuf(tarfile.USTAR_FORMAT), 700)
+@given(names, st.integers(0, 2**33 - 1))
+def test_the_header_of_a_member_is_that_of_python(name: str, num_bytes: int) -> None:
+    member = tarfile.TarInfo(name)
+    member.size = num_bytes
+    header = member_header(name, num_bytes)
+    assert header == member.tobuf(tarfile.USTAR_FORMAT)
+    assert read_member(header) == Member(name, num_bytes)
+
+
+@given(st.binary(min_size=512, max_size=512), st.integers(0, 511))
+def test_any_block_is_a_plain_member_or_none(block: bytes, place: int) -> None:
+    assert read_member(block) is None
+    header = member_header("g0.nominal.a1/000080.front.png", 700)
+    changed = header[:place] + block[:1] + header[place + 1 :]
+    assert (read_member(changed) is None) == (changed != header)
+    for one in (block, changed, b"", bytes(512)):
+        assert block_text(one).isprintable()

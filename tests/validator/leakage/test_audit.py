@@ -157,7 +157,7 @@ def test_the_key_of_parts_changes_with_all_that_they_depend_on() -> None:
 
 
 def test_without_a_classifier_it_says_what_could_not_run(parts: dict[str, Any]) -> None:
-    reason = "needs the package `torch`: pip install 'branchdrive[models]'"
+    reason = "needs the package `torch`, which the extra `models` brings"
     document = audited(CLEAN, Unavailable(reason), remember=only(parts, "5-way", "4-way"))
     assert document["not_run"] == [
         {"test": f"{way}/{name}", "reason": reason} for way in ("5-way", "4-way") for name in SEQUENCE_TESTS

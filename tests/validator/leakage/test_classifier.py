@@ -74,7 +74,7 @@ def test_none_of_several_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_missing_package_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     offer(monkeypatch, "no_such_package.gru:gru")
-    reason = "needs the package `no_such_package`: pip install 'branchdrive[models]'"
+    reason = "needs the package `no_such_package`, which the extra `models` brings"
     assert sequence_classifier() == Unavailable(reason)
 
 
@@ -82,4 +82,4 @@ def test_nothing_installed_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPat
     offer(monkeypatch)
     found = sequence_classifier()
     assert isinstance(found, Unavailable)
-    assert "pip install 'branchdrive[models]'" in found.reason
+    assert "the extra `models` brings one" in found.reason

@@ -12,7 +12,7 @@ from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.leakage.recording import recorded_numbers
-from branchdrive.leakage.streams import COUNT, StreamColumn, Streams, ranked, stream_columns
+from branchdrive.leakage.streams import COUNT, DIFFERENT, StreamColumn, Streams, num_different, ranked, stream_columns
 from branchdrive.raw.shard_view import ShardView
 
 BRAKE, FOLDER = "g0.brake_0.50.a1", "raw/shard-00000"
@@ -40,7 +40,7 @@ def changed_by(edit: Callable[[Draft], object]) -> set[StreamColumn]:
 
 def test_every_declared_column_has_a_number_at_every_time() -> None:
     found = numbers(draft())
-    assert len(found) == 17 * 20 + 16 * 17 + 16 * 11 + 80 * 14
+    assert len(found) == 17 * 20 + 16 * 17 + 16 * 11 + 80 * 14 + 20 + 17 + 11 + 14
     d = draft()
     assert found["observations", "speed_mps", 0] == d.value(
         "observations", "speed_mps", rollout_id=BRAKE, tick=BRANCH_TICK
@@ -64,7 +64,23 @@ def test_every_declared_column_has_a_number_at_every_time() -> None:
 )
 def test_a_code_in_one_moment_changes_one_number(table: str, column: str, value: object) -> None:
     found = changed_by(lambda d: d.set(table, column, value, rollout_id=BRAKE, tick=BRANCH_TICK - 10))
-    assert found == {(table, column, -10)}
+    assert found - {(table, f"{column} {DIFFERENT}", None)} == {(table, column, -10)}
+
+
+def test_a_value_that_repeats_lowers_the_number_of_different_ones() -> None:
+    d = draft()
+    for tick in range(BRANCH_TICK - 75, BRANCH_TICK + 5, 5):
+        d.set("observations", "accel_lateral_mps2", 0.25 * tick, rollout_id=BRAKE, tick=tick)
+    key = ("observations", f"accel_lateral_mps2 {DIFFERENT}", None)
+    before = numbers(d)[key]
+    for tick in (BRANCH_TICK - 40, BRANCH_TICK - 35):
+        d.set("observations", "accel_lateral_mps2", 0.25 * (BRANCH_TICK - 5), rollout_id=BRAKE, tick=tick)
+    assert numbers(d)[key] == before - 2
+
+
+def test_a_null_and_both_zeros_are_two_values() -> None:
+    values = np.array([[np.nan, np.nan, 0.0, -0.0], [np.nan, 1.0, 2.0, 1.0]])
+    assert num_different(values).tolist() == [2.0, 3.0]
 
 
 def test_what_follows_the_branch_changes_nothing() -> None:

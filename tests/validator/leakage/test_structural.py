@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from tests.validator.statistics import random_words
 
-from branchdrive.leakage.structural import affine_targets, neighbours_p, ranked_targets, revealed_outcomes
+from branchdrive.leakage.structural import affine_targets, neighbours_p, ranked_targets
 
 GROUPS, ACTIONS = 40, 3
 
@@ -73,63 +72,3 @@ def test_p_of_neighbours_is_that_of_orders_in_whole_numbers() -> None:
 def test_identities_that_run_by_partition_tell_it() -> None:
     assert neighbours_p(["train"] * 30 + ["val"] * 30) == 1 / 2_000
     assert neighbours_p(["train", "val"] * 30) > 0.5
-
-
-def outcomes(num_groups: int = 60) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(11)
-    return rng.normal(size=(num_groups, 4, 1)) ** 2 + 0.1, np.ones((num_groups, 4, 1), np.bool_)
-
-
-@pytest.mark.parametrize(
-    ("hidden", "how"),
-    [
-        (lambda y: y[:, 2] + 1e-3 * np.sin(np.arange(len(y))), "the value, at action 2,"),
-        (lambda y: np.round(y[:, 1], 2), "the value, at action 1,"),
-        (lambda y: -(y[:, 3] ** 2), "the value, at action 3,"),
-        (lambda y: y.min(axis=1), "the least value"),
-        (lambda y: y.mean(axis=1), "the mean value"),
-        (lambda y: np.exp(y.max(axis=1)), "the largest value"),
-        (lambda y: y.argmax(axis=1), "the place of the largest value"),
-        (lambda y: 10.0 - y.argmin(axis=1), "the place of the least value"),
-    ],
-)
-def test_a_variable_that_tells_an_outcome_is_found(hidden: Callable[[np.ndarray], np.ndarray], how: str) -> None:
-    targets, available = outcomes()
-    others = np.random.default_rng(12).normal(size=(60, 5))
-    variables = np.concatenate([others, np.asarray(hidden(targets[..., 0]), float)[:, None]], axis=1)
-    (found,) = revealed_outcomes(variables, list("abcdef"), targets, available)
-    assert (found.variable, found.target) == (5, 0)
-    assert found.how.endswith(how)
-
-
-def test_a_speed_may_follow_an_outcome() -> None:
-    targets, available = outcomes()
-    noisy = targets[:, 0] + 0.2 * np.random.default_rng(13).normal(size=(60, 1))
-    assert revealed_outcomes(noisy, ["a"], targets, available) == []
-
-
-def test_outcomes_of_few_groups_or_of_few_places_are_not_examined() -> None:
-    targets, available = outcomes(11)
-    assert revealed_outcomes(targets[:, 0], ["a"], targets, available) == []
-    targets, available = outcomes()
-    targets[:, 2] += 100.0
-    assert revealed_outcomes(targets[..., 0].argmax(axis=1)[:, None] * 1.0, ["a"], targets, available) == []
-
-
-def test_an_outcome_that_follows_from_the_motion_is_no_secret() -> None:
-    targets, available = outcomes()
-    copies = np.repeat(targets[:, 0], 3, axis=1)
-    for columns, hidden in (
-        (["a", "b", "state speed_mps"], []),
-        (["a", "b", "c"], []),
-        (["a", "a", "b"], [0, 1, 2]),
-    ):
-        assert [leak.variable for leak in revealed_outcomes(copies, columns, targets, available)] == hidden
-
-
-def test_noise_may_order_equal_outcomes_as_it_likes() -> None:
-    targets, available = outcomes()
-    targets[::3, 1] = 0.0
-    noisy = targets[:, 1] + 1e-4 * np.random.default_rng(14).normal(size=(60, 1))
-    (leak,) = revealed_outcomes(noisy, ["a"], targets, available)
-    assert leak.how.endswith("the value, at action 1,")

@@ -195,3 +195,15 @@ def test_wrong_arguments_are_refused() -> None:
             nearest_other([[0.0, value]], [0])
     with pytest.raises(ValueError, match="histories of shapes"):
         history_vectors(np.zeros((2, 16, 21)), np.zeros((3, 80, 3)))
+
+
+@pytest.mark.parametrize(("num_train", "flagged"), [(9, [10]), (10, [10, 11])])
+def test_few_training_groups_have_no_threshold_and_only_equal_histories_count(
+    num_train: int, flagged: list[int]
+) -> None:
+    others = [[0.0, 0.0, 0.0], [3.0, 0.5, 0.0]]  # equal to a training group, and closer than they are to each other
+    found = near_duplicates(np.concatenate([grid(num_train), others]), ["train"] * num_train + ["val"] * 2)
+    assert found.threshold == (1 if num_train >= 10 else 0)
+    assert [row for row in np.flatnonzero(found.flagged).tolist() if row >= num_train] == [
+        row - (10 - num_train) for row in flagged
+    ]

@@ -45,6 +45,7 @@ from branchdrive.model.normalisation_document import normalisation_document, sca
 from branchdrive.quality.variants import Variant
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import take
+from branchdrive.testing.edit import with_cells
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)
@@ -226,6 +227,15 @@ def test_files_of_a_table_are_joined_whatever_the_order_of_their_columns() -> No
     first, *others = parts_of("state", to_arrow("state", FRAMES["state"])).values()
     turned = [first, *(part.select(part.column_names[::-1]) for part in others)]
     assert join_parts(turned).equals(join_parts([first, *others]))
+
+
+@each("column", table_schema("scalars").names)
+def test_files_of_a_table_are_joined_whichever_of_them_holds_a_null(column: str) -> None:
+    parts = [part for part in parts_of("scalars", to_arrow("scalars", FRAMES["scalars"])).values() if len(part)]
+    for place, part in enumerate(parts):
+        joined = join_parts([*parts[:place], with_cells(part, column, {0: None}), *parts[place + 1 :]])
+        assert joined[column].null_count - join_parts(parts)[column].null_count in (0, 1)
+        assert joined[column][sum(map(len, parts[:place]))].as_py() is None
 
 
 @pytest.mark.parametrize("table", ["records", "controls", "../state"])

@@ -1,21 +1,22 @@
 """A collector that copies finished groups into a dataset, one shard each, with one mistake or none.
 
-Usage: ``copying_collector.py SOURCE OUT MISTAKE GROUPS SECONDS``. `SOURCE` holds a folder of tables for each group and
-the descriptor, `GROUPS` is a list of ids with commas or ``all``; every group takes `SECONDS` until it is in place.
+Usage: ``copying_collector.py SOURCE OUT MISTAKE GROUPS DIES``. `SOURCE` holds a folder of tables for each group and the
+descriptor, `GROUPS` is a list of ids with commas or ``all``. Where the folder `OUT` is called `DIES`, the process kills
+itself in its second group, once.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import signal
 import sys
-import time
 from pathlib import Path
 
 MISTAKES = ("none", "process", "seed", "order", "begun", "lock")
 
 
-def main(source: Path, out: Path, mistake: str, groups: str, seconds: float) -> int:
+def main(source: Path, out: Path, mistake: str, groups: str, dies: str) -> int:
     every = sorted(path.name for path in source.iterdir() if path.is_dir())
     wanted = every if groups == "all" else groups.split(",")
     out.mkdir(exist_ok=True)
@@ -37,7 +38,10 @@ def main(source: Path, out: Path, mistake: str, groups: str, seconds: float) -> 
         aside = out.parent / f"{out.name}.aside"
         shutil.rmtree(aside, ignore_errors=True)
         shutil.copytree(source / name, aside)
-        time.sleep(seconds)
+        died = out.parent / f"{out.name}.died"
+        if out.name == dies and num_before == 1 and not died.exists():
+            died.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
         off = {"process": os.getpid(), "seed": num_before, "order": last > name}.get(mistake, 0)
         if off:
             _disturb(aside / "observations.parquet", float(off))
@@ -67,4 +71,4 @@ def _disturb(path: Path, off: float) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4], float(sys.argv[5])))
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], *sys.argv[4:6]))

@@ -62,7 +62,7 @@ def test_figures_are_of_the_pilot(report: PilotReport) -> None:
     assert figures["funnel"]["stages"]["eligibility"]["groups"] == 3
     assert figures["routes"]["clusters"] == 3
     assert figures["physics"]["signs"]["applied_steer"]["contrary"] == 0
-    assert figures["physics"]["ratios"]["displacement"] == pytest.approx(1, abs=0.05)
+    assert figures["physics"]["figures"]["speed"]["median"] == pytest.approx(1, abs=0.01)
     assert abs(figures["response"]["onset_s"]) < 0.05
     assert figures["conformance"]["verdict"] == "valid"
 

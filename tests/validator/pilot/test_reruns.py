@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
-import os
 import shlex
+import signal
 import subprocess
 import sys
-import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from tests.validator.pilot import copying_collector
+from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.errors import UsageError
 from branchdrive.pilot.crash_drill import crash_drill
 from branchdrive.pilot.determinism import determinism
 from branchdrive.pilot.pilot import Pilot, read_pilot
-from branchdrive.pilot.rerun import Command
+from branchdrive.pilot.rerun import Command, Run
 from branchdrive.pilot.reruns import Reruns
 from branchdrive.pilot.section import Section
 
 
-def command(source: Path, mistake: str, groups: str = "{groups}", seconds: float = 0.0) -> str:
-    words = [sys.executable, copying_collector.__file__, str(source), "{out}", mistake, groups, str(seconds)]
+def command(source: Path, mistake: str, groups: str = "{groups}", dies: str = "") -> str:
+    words = [sys.executable, copying_collector.__file__, str(source), "{out}", mistake, groups, dies]
     return shlex.join(words)
 
 
 def collect(source: Path, mistake: str, root: Path) -> Pilot:
     """A pilot as the collector with a mistake makes it."""
-    assert Command.parse(command(source, mistake, "all")).run(root, [], limit_s=60).failure is None
+    assert Command.parse(command(source, mistake, "all")).run(root, [], limit_s=PATIENCE_S).failure is None
     return read_pilot(root)
 
 
@@ -38,8 +42,8 @@ def collected(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Pilot:
     return collect(source, "none", tmp_path_factory.mktemp("collected") / "dataset")
 
 
-def reruns(pilot: Pilot, text: str, folder: Path) -> Reruns:
-    return Reruns(pilot, Command.parse(text), folder, limit_s=60, note=lambda what: None)
+def reruns(pilot: Any, text: str, folder: Path) -> Reruns:
+    return Reruns(pilot, Command.parse(text), folder, limit_s=PATIENCE_S, note=lambda what: None)
 
 
 def said(section: Section) -> str:
@@ -127,6 +131,14 @@ def test_a_command_that_fails_is_a_problem(collected: Pilot, tmp_path: Path) -> 
     assert drill.result == "not examined"
 
 
+class Cut(Command):
+    """A command that is killed at one place of its work, by itself, and not after some time."""
+
+    def run(self, out: Path, group_ids: Sequence[str], *, limit_s: float, is_reversed: bool = False) -> Run:
+        found = super().run(out, group_ids, limit_s=PATIENCE_S, is_reversed=is_reversed)
+        return replace(found, exit_code=None) if found.exit_code == -signal.SIGKILL else found
+
+
 @pytest.mark.parametrize(
     ("mistake", "what"),
     [
@@ -138,8 +150,8 @@ def test_a_command_that_fails_is_a_problem(collected: Pilot, tmp_path: Path) -> 
 def test_a_crash_drill_names_what_a_resume_loses(
     mistake: str, what: str, source: Path, collected: Pilot, tmp_path: Path
 ) -> None:
-    text = command(source, mistake, "all", seconds=1.0)
-    runs = reruns(collected, text, tmp_path)
+    cut = Cut(Command.parse(command(source, mistake, "all", dies="killed")).words)
+    runs = Reruns(collected, cut, tmp_path, limit_s=PATIENCE_S, note=lambda what: None)
     assert runs.fresh.failure is None
     for leftover in tmp_path.glob("fresh.*"):
         leftover.unlink()
@@ -150,20 +162,73 @@ def test_a_crash_drill_names_what_a_resume_loses(
     assert section.figures["equal"] is (mistake == "none")
 
 
-def test_a_command_ends_with_the_report_that_is_asked_to_terminate(tmp_path: Path) -> None:
-    waits = "import os, time; open('{out}', 'w').write(str(os.getpid())); time.sleep(60)"
-    words = [sys.executable, "-c", waits, "{out}"]
-    out = tmp_path / "out"
-    script = (
-        "import os\nfrom pathlib import Path\nfrom branchdrive.pilot.rerun import Command\n"
-        "from branchdrive.interrupt import heeded_termination\n"
-        f"with heeded_termination():\n    Command({tuple(words)!r}).run(Path({str(out)!r}), [], limit_s=60)\n"
-    )
+FAMILY = """
+import os, subprocess, sys, time
+from pathlib import Path
+role, *others = sys.argv[2].split(",")
+if others:
+    subprocess.Popen([sys.executable, *sys.argv[:2], ",".join(others)], start_new_session=others[0] == "leaves")
+if role != "orphans":
+    Path(sys.argv[1], str(os.getpid())).touch()
+while role != "orphans" and not (role == "returns" and len(os.listdir(sys.argv[1])) == 4):
+    time.sleep(0.02)
+"""
+"""A process that starts the rest of its family and notes its number: in a session of its own where it `leaves`, its
+child without a parent where it `orphans`, and only until all are there where it `returns`."""
+
+REPORT = """
+from pathlib import Path
+from branchdrive.interrupt import heeded_termination
+from branchdrive.pilot.rerun import Command
+with heeded_termination():
+    Command({words!r}).run(Path({out!r}), [], limit_s=100_000)
+"""
+
+
+def alive(pids: Path) -> list[str]:
+    return [pid.name for pid in pids.iterdir() if Path("/proc", pid.name).exists()]
+
+
+@pytest.fixture
+def family(tmp_path: Path) -> tuple[Callable[[str], Command], Path]:
+    """What makes a command that starts further processes, and the folder in which all four note their numbers."""
+    (tmp_path / "family.py").write_text(FAMILY)
+    (tmp_path / "pids").mkdir()
+
+    def command_of(role: str) -> Command:
+        family = [tmp_path / "family.py", tmp_path / "pids", f"{role},leaves,orphans,stays,leaves"]
+        return Command((sys.executable, *map(str, family), "{out}"))
+
+    return command_of, tmp_path / "pids"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot find those that left their process group")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
+def test_all_that_a_command_starts_ends_with_the_report(
+    number: signal.Signals, family: tuple[Callable[[str], Command], Path], tmp_path: Path
+) -> None:
+    command_of, pids = family
+    script = REPORT.format(words=command_of("stays").words, out=str(tmp_path / "out"))
     with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL) as report:
-        while not (out.exists() and out.read_text()):
-            assert report.poll() is None
-            time.sleep(0.05)
-        report.terminate()
-        report.wait(30)
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(out.read_text()), 0)
+        wait_for(lambda: len(list(pids.iterdir())) == 4)
+        report.send_signal(number)
+        report.wait(PATIENCE_S)
+    wait_for(lambda: not alive(pids))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot find those that left their process group")
+def test_all_that_a_command_starts_ends_with_it(family: tuple[Callable[[str], Command], Path], tmp_path: Path) -> None:
+    command_of, pids = family
+    assert command_of("returns").run(tmp_path / "out", [], limit_s=PATIENCE_S).exit_code == 0
+    assert len(list(pids.iterdir())) == 4
+    assert alive(pids) == []
+
+
+def test_ids_that_have_not_the_form_of_an_id_reach_no_command(collected: Pilot, tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    hostile = SimpleNamespace(group_ids=["g0", f"g1; touch {mark}"])
+    for text in ("sh -c 'echo {groups}' {out}", "true {out} --only={groups}"):
+        with pytest.raises(UsageError, match=r"g1; touch .* is no id of a group, and is not handed to a command"):
+            assert reruns(hostile, text, tmp_path).fresh is None
+    assert reruns(hostile, "true {out} {order}", tmp_path).fresh.failure is None
+    assert not mark.exists()

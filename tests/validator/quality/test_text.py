@@ -56,10 +56,15 @@ def test_what_the_population_leaves_out_is_said() -> None:
     ]
     assert population_sentences({"partitions": ["train", "val"], "stages": stages}) == [
         "2 core-valid groups are left out as near duplicates of another partition.",
-        "The frozen population has no group in: Validation. Collect more groups.",
+        "The frozen population has no group in: Validation. A benchmark takes groups in train, val and test. "
+        "Collect more groups.",
     ]
     stages[1] = {"stage": "frozen", "groups": {"train": 3, "val": 2}, "total": 5}
     assert population_sentences({"partitions": ["train", "val"], "stages": stages}) == []
+    stages[1]["groups"] = {"train": 3, "test": 2}
+    assert population_sentences({"partitions": ["train", "test"], "stages": stages}) == [
+        "With 2 test groups a benchmark concludes nothing: intervals and tests of 95 % take 6 route clusters or more."
+    ]
 
 
 def test_what_was_not_audited_is_said() -> None:
@@ -77,11 +82,12 @@ def test_a_pass_comes_with_its_minimum_detectable_effect() -> None:
         "at most 0.4 standard deviations.",
         "Minimum detectable effect as such a dose in one group of ten: 6.4 standard deviations.",
         "Minimum detectable effect as such a dose in one group of thirty: above 6.4 standard deviations.",
-        "Not examined by the gate: camera frames, which actor is which, spreads of recorded columns that are no "
-        "features, digits below the noise, relations between columns other than products of two commands, relations "
-        "between actions, orders of actions that groups do not share, and a code in fewer than one group of thirty "
-        "that hides in noise. A smaller effect, or one of another form, may be there; in one column of few groups it "
-        "takes more than in a quarter of the features.",
+        "No images that models may read were recorded.",
+        "Not examined by the gate: which actor is which, spreads of recorded columns that are no features, digits "
+        "below the noise, relations between columns other than products of two commands, relations between actions, "
+        "orders of actions that groups do not share, and a code in fewer than one group of thirty that hides in noise. "
+        "A smaller effect, or one of another form, may be there; in one column of few groups it takes more than in a "
+        "quarter of the features.",
         "The battery of classifiers, a diagnostic beside the gate: 2 pass, 2 inconclusive, 2 not run.",
         "PyTorch is not installed.",
     ]

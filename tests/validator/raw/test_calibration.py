@@ -1,30 +1,98 @@
-"""Sign, unit and clock of recorded motion, against analytic cases."""
+"""Sign, unit and clock of recorded motion and the place of the pose, against analytic cases."""
 
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
 import pytest
-from tests.synthetic import base_tables, descriptor
+from tests.synthetic import Tables, base_tables, descriptor
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.raw.calibration import QUANTITIES, calibration
+from branchdrive.raw.calibration import QUANTITIES, calibration, calibration_between_contacts
 from branchdrive.raw.shard_view import ShardView
+
+TABLES = next(iter(base_tables().values()))
+WHEELBASE_M = 2.5
+
+
+def _view(tables: Tables, *, has_axles: bool = False) -> ShardView:
+    vehicle = {"vehicle": {"wheelbase_m": WHEELBASE_M}} if has_axles else {}
+    return ShardView(tables, Descriptor.model_validate({**descriptor(), **vehicle}))
+
+
+def _with(table: str, **columns: np.ndarray) -> Tables:
+    rows = TABLES[table]
+    for name, values in columns.items():
+        place = rows.schema.get_field_index(name)
+        rows = rows.set_column(place, rows.schema.field(place), pa.array(values, rows.schema.field(place).type))
+    return {**TABLES, table: rows}
+
+
+def _of(view: ShardView) -> dict[str, np.ndarray]:
+    return {name: values[np.isfinite(values)] for name, values in calibration(view).items()}
 
 
 @pytest.fixture(scope="module")
 def view() -> ShardView:
-    return ShardView(next(iter(base_tables().values())), Descriptor.model_validate(descriptor()))
+    return _view(TABLES)
 
 
 def test_a_consistent_world_is_right_in_every_quantity(view: ShardView) -> None:
-    found = calibration(view, np.zeros(view.num_rollouts, bool))
-    assert set(found) == set(QUANTITIES)
+    """Without axles nothing is said of the pose, and nothing of pedestrians who creep; nobody obeys commands."""
+    found = _of(view)
+    del found["command"]
+    assert set(found) == set(QUANTITIES) - {"pivot", "command"}
     for name, values in found.items():
-        assert len(values)
+        assert bool(len(values)) == (name not in ("pedestrian_speed", "pedestrian_sense"))
         assert (values >= QUANTITIES[name].least).all()
         assert (values <= QUANTITIES[name].most).all()
 
 
-def test_attempts_that_break_a_structure_rule_say_nothing(view: ShardView) -> None:
-    found = calibration(view, np.ones(view.num_rollouts, bool))
-    assert [len(values) for values in found.values()] == [0] * len(QUANTITIES)
+def test_what_contacts_do_to_motion_is_left_out_between_them() -> None:
+    """A blow that doubles the recorded way of an observation, and nothing else, in attempts with one contact."""
+    evidence, rows = TABLES["evidence"], TABLES["observations"]
+    blow = rows["tick"].to_numpy() == 50
+    tables = _with("observations", x_m=rows["x_m"].to_numpy() + np.where(blow, 3.0, 0.0))
+    place = evidence.schema.get_field_index("collision")
+    touches = pa.array(evidence["tick"].to_numpy() == 50)
+    tables["evidence"] = evidence.set_column(place, evidence.schema.field(place), touches)
+    view = _view(tables)
+    assert np.nanmax(calibration(view)["step"]) > QUANTITIES["step"].most
+    assert np.nanmax(calibration_between_contacts(view)["step"]) <= QUANTITIES["step"].most
+
+
+@pytest.mark.parametrize("ahead_m", [0.0, 1.0, 2.5, -0.5])
+def test_the_pose_is_as_far_ahead_of_the_axle_as_it_is_moved(ahead_m: float) -> None:
+    """On an arc of 1 rad/s a point swings out by its distance from the axle, and an observation is no tick."""
+    rows = TABLES["observations"]
+    radius_m, yaw = 5.0, (rows["tick"].to_numpy() * 0.05 + np.pi) % (2 * np.pi) - np.pi
+    x = radius_m * np.sin(yaw) + ahead_m * np.cos(yaw)
+    y = -radius_m * np.cos(yaw) + ahead_m * np.sin(yaw)
+    tables = _with("observations", x_m=x, y_m=y, yaw_rad=yaw, speed_mps=np.full(len(yaw), radius_m))
+    found = _of(_view(tables, has_axles=True))["pivot"]
+    assert len(found) > 20
+    np.testing.assert_allclose(found, ahead_m * 2 * np.sin(0.125) / 0.25 / WHEELBASE_M, atol=1e-5)
+
+
+def test_fast_turns_say_nothing_of_the_pose() -> None:
+    rows = TABLES["observations"]
+    tables = _with("observations", speed_mps=np.full(len(rows), 8.1))
+    assert not len(_of(_view(tables, has_axles=True))["pivot"])
+
+
+def test_angles_and_speeds_of_actors_are_measured() -> None:
+    rows, turned = TABLES["actors"], np.radians(10.0)
+    vel_x, vel_y, time_s = rows["vel_x_mps"].to_numpy(), rows["vel_y_mps"].to_numpy(), rows["tick"].to_numpy() * 0.05
+    is_walker = np.array([kind == "pedestrian" for kind in rows["actor_class"].to_pylist()])
+    tables = _with(
+        "actors",
+        x_m=np.where(is_walker, 1.5 * time_s, rows["x_m"].to_numpy()),
+        y_m=np.where(is_walker, 2.0 * time_s, rows["y_m"].to_numpy()),
+        vel_x_mps=np.where(is_walker, 0.3, 1.25 * (np.cos(turned) * vel_x - np.sin(turned) * vel_y)),
+        vel_y_mps=np.where(is_walker, 0.4, 1.25 * (np.cos(turned) * vel_y + np.sin(turned) * vel_x)),
+    )
+    found = _of(_view(tables))
+    np.testing.assert_allclose(found["actor_heading"], 10.0, atol=1e-3)
+    np.testing.assert_allclose(found["actor_sense"], np.cos(turned), atol=1e-5)
+    np.testing.assert_allclose(found["actor_speed"], 1.25, rtol=0.02)
+    np.testing.assert_allclose(found["pedestrian_speed"], 0.2, rtol=1e-5)

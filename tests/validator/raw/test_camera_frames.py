@@ -171,8 +171,10 @@ HOSTILE: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize(("change", "message"), HOSTILE.values(), ids=HOSTILE)
 def test_hostile_entries_stay_in_the_shard_and_are_refused(copied: Path, change: dict[str, Any], message: str) -> None:
     (copied.parent / "secret").write_bytes(b"secret")
-    edit(copied, lambda rows: rows[0].update(change))
-    frames = nominal(copied).frames(open_dataset(copied).table("frames").read().to_pylist()[0]["camera"])
+    drive = nominal(copied)
+    edit(copied, lambda rows: next(row for row in rows if row["rollout_id"] == drive.rollout_id).update(change))
+    index = open_dataset(copied).table("frames").read().to_pylist()
+    frames = nominal(copied).frames(next(row["camera"] for row in index if row["rollout_id"] == drive.rollout_id))
     with pytest.raises(DatasetError, match=message):
         frames[0].read()
     assert len(frames[1].read()) > 0

@@ -104,6 +104,13 @@ def test_wrong_names_are_refused_in_words(written: Path) -> None:
     dataset = open_dataset(written)
     with pytest.raises(UsageError, match=r"no table 'frames' in this dataset; its streams have \['rollouts'"):
         dataset.table("frames")
+    tables = dataset.group("g0").nominal.tables
+    for name, answer in (("obs", "did you mean 'observations'"), ("zzz", "there are `controls`, `observations`")):
+        with pytest.raises(UsageError, match=f"^no table {name!r} in this rollout; {answer}"):
+            tables[name]
+        assert name not in tables and tables.get(name) is None
+    with pytest.raises(UsageError, match="no column 'speed' in 'observations'; did you mean 'speed_mps'"):
+        tables.column("observations", "speed")
     with pytest.raises(UsageError, match="no group 'g9' among the 5 groups of this dataset; there are 'g"):
         dataset.group("g9")
 

@@ -46,7 +46,7 @@ def test_pixels_off_the_route_are_found(px_per_m: float) -> None:
             if np.hypot(40.0 - row - 0.5, 45.5 - column - 0.5) / px_per_m < RANGE_M - SLACK_PX / px_per_m
             and not ((np.abs(rows - row) <= reach) & (np.abs(columns - column) <= reach)).any()
         ]
-        found = _off_route(frame(px_per_m), pixels, rows, columns)
+        found = _off_route(frame(px_per_m), pixels.shape, *np.nonzero(pixels), rows, columns)
         assert found == (expected[0] if expected else None)
         outcomes.add(found is None)
     assert outcomes == {True, False}

@@ -14,10 +14,12 @@ from tests.validator.engine.rules.case import BRAKE, SHARD_0, new_draft
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.raw.motion import before_contact, displacement_m, lateral_mps2, longitudinal_mps2, turn_rad
+from branchdrive.raw.contact import is_free, knows_contacts, touches
+from branchdrive.raw.motion import displacement, lateral, longitudinal, turn
+from branchdrive.raw.prevalence import broken_relations, num_in_contact
 from branchdrive.raw.route_state import contradicts_route, last_progress_m, misplaces_target_points
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacement_m, tracks
+from branchdrive.raw.tracks import actor_displacements, tracks
 
 
 def view_of(tables: Mapping[str, pa.Table]) -> ShardView:
@@ -42,11 +44,11 @@ def base() -> ShardView:
 
 
 def test_sound_drives_stay_below_the_bounds(base: ShardView) -> None:
-    residuals = (displacement_m(base), turn_rad(base), longitudinal_mps2(base), lateral_mps2(base))
+    residuals = [relation(base).residual for relation in (displacement, turn, longitudinal, lateral)]
     assert [bool(np.nanmax(values) < most) for values, most in zip(residuals, (0.5, 0.15, 7.5, 5), strict=True)] == [
         True
     ] * 4
-    assert np.isnan(displacement_m(base)[base.observations.tick == 0]).all()
+    assert np.isnan(displacement(base).residual[base.observations.tick == 0]).all()
     assert not contradicts_route(base).any()
     assert not misplaces_target_points(base).any()
 
@@ -58,37 +60,66 @@ def test_residuals_are_those_of_the_formulas() -> None:
     )
     base = view_of(base_tables()[SHARD_0])
     change = [
-        of_brake(view, after(view))[20:22] - of_brake(base, after(base))[20:22]
-        for after in (displacement_m, turn_rad, longitudinal_mps2)
+        of_brake(view, of(view).residual)[20:22] - of_brake(base, of(base).residual)[20:22]
+        for of in (displacement, turn, longitudinal)
     ]
     assert np.abs(change[0] - 1.0).max() < 0.1  # 8 m/s in one of two observations, 0.25 s apart
     assert np.abs(change[1] - 0.1).max() < 0.01
     assert np.abs(change[2] - 32.0).max() < 4
-    lateral = of_brake(view, lateral_mps2(view))[20]
+    found = of_brake(view, lateral(view).residual)[20]
     speed = of_brake(view, view.observations["speed_mps"])[20]
-    assert math.isclose(lateral, 0.8 * speed, rel_tol=0.1)
+    assert math.isclose(found, 0.8 * speed, rel_tol=0.1)
 
 
-def test_nothing_is_compared_from_the_first_contact_on() -> None:
-    view = edited(("evidence", "collision", True, {"tick": 100}))
-    free = of_brake(view, before_contact(view))
-    assert free.tolist() == [True] * 20 + [False] * 21
-    assert np.isfinite(of_brake(view, displacement_m(view))).tolist() == [False, *free[1:].tolist()]
-    rows, *_ = actor_displacement_m(view)
+def test_a_contact_ends_relations_for_two_seconds(base: ShardView) -> None:
+    view = edited(("evidence", "collision", True, {"tick": [100, 110]}))
+    free = of_brake(view, is_free(view))
+    assert free.tolist() == [True] * 20 + [False] * 11 + [True] * 10
+    assert np.isfinite(of_brake(view, displacement(view).residual)).tolist() == [False] + [True] * 40
+    others = view.observations.rollout != view.rollout_ids.index(BRAKE)
+    assert (is_free(view) == is_free(base))[others].all()
+    rows = actor_displacements(view).row
     stream = view.stream("actors")
-    mine = stream.rollout[rows] == view.rollout_ids.index(BRAKE)
-    assert stream.tick[rows][mine].max() == 95
+    assert stream.tick[rows][stream.rollout[rows] == view.rollout_ids.index(BRAKE)].max() == 150
 
 
-def test_without_evidence_only_attempts_without_collisions_are_compared() -> None:
+def test_a_contact_of_one_attempt_ends_with_it() -> None:
+    view = edited(("evidence", "collision", True, {"tick": 200}))
+    after = view.rollout_ids.index(BRAKE) + 1
+    first = view.observations.start[after]
+    assert touches(view)[first - 1]
+    assert is_free(view)[first] == (not touches(view)[first])
+
+
+def test_without_evidence_contacts_are_known_where_all_kinds_were_monitored_and_none_is_counted() -> None:
     tables = {name: rows for name, rows in base_tables()[SHARD_0].items() if name not in ("actors", "evidence")}
     draft = Draft({SHARD_0: tables}, descriptor())
     draft.set("rollouts", "result_num_static_collisions", None, rollout_id=BRAKE)
     document = descriptor()
     document["streams"].remove("actor_risk_evidence")
     view = ShardView(draft.tables[SHARD_0], Descriptor.model_validate(document))
-    assert not of_brake(view, before_contact(view)).any()
-    assert before_contact(view).any()
+    assert is_free(view).all()
+    unknown = {
+        rollout_id for rollout_id, known in zip(view.rollout_ids, knows_contacts(view), strict=True) if not known
+    }
+    rows = draft.take("rollouts").to_pylist()
+    kinds = [f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static")]
+    assert unknown == {BRAKE, *(row["rollout_id"] for row in rows if any(row[kind] for kind in kinds))}
+
+
+def test_relations_are_counted_in_contacts_too() -> None:
+    view = edited(
+        ("evidence", "collision", True, {}),
+        ("observations", "accel_lateral_mps2", 99.0, {"tick": 100}),
+        ("actors", "vel_x_mps", 99.0, {"tick": 100}),
+    )
+    every = np.ones(view.num_rollouts, bool)
+    found = broken_relations(view, every)
+    assert found["BD-MOT-003"] == (1, view.num_rollouts)
+    assert found["BD-MOT-001"] == (0, view.num_rollouts)
+    assert found["BD-ACT-004"][0] == 1
+    assert broken_relations(view, ~every) == dict.fromkeys(found, (0, 0))
+    assert num_in_contact(view, every)[1] == view.num_rollouts
 
 
 def test_tracks_follow_every_actor_in_any_order_of_rows(base: ShardView) -> None:

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.hostile_folder import infest, marks
-from tests.reference_impl.collect.running import session_of, wait_for
+from tests.reference_impl.collect.running import session_of
 from tests.repo.checkout import ROOT
 from tests.validator.engine.tasks import sleep_and_tell
 from tests.validator.release.running import QUICK
+from tests.waiting import wait_for
 
 from branchdrive.engine.worker import in_process
 from branchdrive.errors import ToolError
@@ -144,7 +145,7 @@ def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.Monk
     with pytest.raises(KeyboardInterrupt):
         audit_in_own_process(task_of(NOBODY), Parts(), interrupt)
     (pid,) = started
-    wait_for(lambda: not session_of(pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(pid))
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ def test_it_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     assert session_of(pid) == [pid]
     parent.kill()
     parent.wait()
-    wait_for(lambda: not session_of(pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(pid))
 
 
 def test_it_runs_nothing_of_the_current_folder(task_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.reference_impl.collect.running import heed_interrupts, session_of, wait_for
+from tests.reference_impl.collect.running import heed_interrupts, session_of
 from tests.sampling import THOROUGH
 from tests.synthetic_release import SEED
 from tests.validator.release.running import build, call, contents, raw_state
+from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.errors import UsageError
@@ -210,7 +211,7 @@ def test_a_build_that_is_interrupted_from_the_keyboard_stops_in_one_line(dataset
     process = start(dataset)
     wait_for(lambda: len(session_of(process.pid)) >= 2)  # with a worker, which reads the raw layer
     os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, out, err) == (130, "", "branchdrive: interrupted\n")
     assert contents(dataset) == before
-    wait_for(lambda: not session_of(process.pid), timeout_s=5.0)
+    wait_for(lambda: not session_of(process.pid))

@@ -19,6 +19,7 @@ from tests.validator.writer.invented import (
     write_group,
     write_rollout,
 )
+from tests.waiting import PATIENCE_S
 
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.errors import ContractError
@@ -127,7 +128,7 @@ def test_several_processes_write_the_same_bytes(tmp_path: Path, expected: bytes)
             subprocess.Popen([sys.executable, "-c", WORKER, str(tmp_path), *shares], cwd=REPOSITORY)
             for shares in (["2", "1"], ["1", "0"])
         ]
-        assert [worker.wait(timeout=60) for worker in workers] == [0, 0]
+        assert [worker.wait(timeout=PATIENCE_S) for worker in workers] == [0, 0]
         assert writer.commit() == 1
         writer.finalize()
     assert manifest(tmp_path) == expected
@@ -141,7 +142,7 @@ def test_a_second_writer_of_a_group_waits_for_the_first(tmp_path: Path) -> None:
             worker.wait(timeout=1)
         write_rollout(group, *ATTEMPTS[0])
         group.close()
-        assert worker.wait(timeout=60) == 0
+        assert worker.wait(timeout=PATIENCE_S) == 0
         with writer.begin_group("g0") as group:
             assert len(group.rollouts) == len(ATTEMPTS)
 

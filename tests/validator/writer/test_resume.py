@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from tests.validator.writer import crashing
+from tests.waiting import PATIENCE_S
 
 from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 
@@ -23,7 +24,7 @@ REPOSITORY = Path(__file__).parents[3]
 def test_killed_before_any_change_of_names_it_resumes_to_the_same_bytes(tmp_path: Path, step: int) -> None:
     """Before every one of them, or before every thirteenth."""
     command = [sys.executable, "-m", crashing.__name__, "sweep", str(tmp_path), str(step)]
-    outcome = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, cwd=REPOSITORY)
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False, cwd=REPOSITORY)
     assert outcome.returncode == 0, outcome.stderr
     sweeps = {sweep["name"]: sweep for sweep in map(json.loads, outcome.stdout.splitlines())}
     assert {name: sweep["differing"] for name, sweep in sweeps.items()} == {"collect": [], "retry": []}
@@ -41,7 +42,7 @@ def test_killed_at_random_moments_it_resumes_to_the_same_bytes(tmp_path: Path) -
         child.stdout.readline()  # it has imported everything and begins
         time.sleep(rng.uniform(0, 0.25))
         os.kill(child.pid, signal.SIGKILL)
-        child.communicate(timeout=60)
+        child.communicate(timeout=PATIENCE_S)
         if root.exists():
             crashing.check_visible(root)
     assert crashing.collect(root, num_groups=8) == identity

@@ -97,7 +97,7 @@ def test_what_is_written_is_read_back(data: st.DataObject) -> None:
 def test_counts_and_identities_are_filled_in(tmp_path: Path) -> None:
     write_dataset(tmp_path, 1)
     records = open_dataset(tmp_path).rollouts().to_pylist()
-    expected = ["g0.nominal.v1.a1", "g0.brake_0.50.v1.a1", "g0.nominal_replay.v1.a1"]
+    expected = ["g0.brake_0.50.v1.a1", "g0.nominal.v1.a1", "g0.nominal_replay.v1.a1"]
     assert [record["rollout_id"] for record in records] == expected
     assert {(record["num_ticks"], record["num_observations"], record["attempt"]) for record in records} == {(12, 3, 1)}
 
@@ -123,6 +123,19 @@ def test_what_is_written_is_valid(tmp_path: Path) -> None:
         "valid",
         [],
     )
+
+
+def test_zeros_are_stored_without_a_sign(tmp_path: Path) -> None:
+    columns = control_rows(generator(), 3, np.zeros(3, bool))
+    columns |= {"expert_steer": np.full(3, -0.0), "expert_brake": [-0.0, 0.0, 0.5]}
+    identity = identity_fields("nominal", "nominal", None) | {"route_y_m": [-0.0, -1.0], "route_x_m": [0.0, 1.0]}
+    with DatasetWriter(tmp_path, make_descriptor(has_evidence=False)) as writer, writer.begin_group("g") as group:
+        rollout = group.begin_rollout(**identity)
+        rollout.append_ticks(**columns)
+        finished = rollout.finish(**result_fields(), **branch_fields("g.nominal.v1.a1"))
+    for name in ("expert_steer", "expert_brake"):
+        assert not np.signbit(finished.column("controls", name)).any()
+    assert np.signbit(finished.record["route_y_m"]).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1]])

@@ -16,7 +16,7 @@ from branchdrive.cli.main import run, validate_run
 from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 from branchdrive.writer.staging import abandon_group, close_group, snapshot, staged_groups
 
-TOWN = [bd.lane_element("lane-1", [-50.0, 250.0], [0.0, 0.0], 10.5, 13.5)]
+TOWN = [bd.lane_element(f"lane-{y}", [-50.0, 250.0], [y, y], 10.5, 13.5) for y in range(0, 4000, 100)]
 STREAMS = ("ego_route_state", "actor_risk_evidence", "map", "controls", "route_result")
 DESCRIPTOR = descriptor(streams=STREAMS)
 OPTIONS: dict[str, Any] = {"num_groups": 2, "maps": {"StraightRoad": TOWN}, "groups_per_shard": 1, "num_replays": 0}
@@ -144,6 +144,16 @@ def test_a_group_that_is_written_is_left_alone(root: Path, settle: Any) -> None:
         group.release()
     with pytest.raises(bd.UsageError, match="has no staged group 'other'"):
         settle(root, "other")
+
+
+def test_an_unfinished_collection_is_no_fault_of_its_manifest(tmp_path: Path) -> None:
+    root = tmp_path / "dataset"
+    with bd.DatasetWriter(root, DESCRIPTOR, groups_per_shard=1, maps={"StraightRoad": TOWN}) as writer:
+        writer.begin_group("g00001-parked").release()
+        report = bd.validate(root)
+    (found,) = [finding for finding in report.findings if finding.rule == "BD-LAY-001"]
+    assert found.found == "no manifest: writing was interrupted or goes on, as its working area says"
+    assert found.to_json()["remedy"].startswith("Where a collection was interrupted, run the same command again")
 
 
 def test_without_a_staging_area_or_a_rollout_there_is_nothing_to_look_at(tmp_path: Path) -> None:

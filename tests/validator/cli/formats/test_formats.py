@@ -21,7 +21,6 @@ from tests.validator.engine.test_report import SITUATIONS
 
 from branchdrive.cli.formats.outcome import level_of, verdict_level
 from branchdrive.cli.formats.table import FORMATS, renderer
-from branchdrive.contract.resources import PROJECT_URL
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
@@ -87,12 +86,14 @@ def test_markdown_tells_the_verdict_first_and_names_pages(report: Report) -> Non
     assert (sign == "✅") == (report.verdict == "valid" and not report.exit_code)
     for tally in report.tallies:
         if tally.status in ("fail", "error"):
-            assert f"### [{tally.rule_id}]({PROJECT_URL}/docs/rules/{tally.rule_id}.md)" in text
+            assert f"### {tally.rule_id} {tally.info.title}" in text
 
 
 def test_json_names_the_page_of_every_rule(report: Report) -> None:
     document = json.loads(renderer("json")(report))
-    assert {rule["url"] for rule in document["rules"]} == {f"{PROJECT_URL}/docs/rules/{rule}.md" for rule in CATALOGUE}
+    assert {rule["id"]: rule["url"] for rule in document["rules"]} == {
+        rule: info.url for rule, info in CATALOGUE.items()
+    }
 
 
 def test_refusals_of_strictness_are_errors(tmp_path: Path) -> None:

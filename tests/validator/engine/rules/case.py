@@ -40,9 +40,20 @@ STEER_LEFT = "g0.steer_left_0.10.a1"
 INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
 """Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 
-NO_SUBJECT = frozenset({"BD-CTL-015", "BD-DOC-006", "BD-RPN-001", "BD-RPN-003", "BD-RPN-004", "BD-RSP-004"})
-"""Rules without a subject: of one axis and of exact replays, which nothing declares, and on the first observation that
-differs, where attempts differ from the start."""
+NO_SUBJECT = frozenset(
+    {
+        "BD-ACT-005", "BD-ACT-006", "BD-ACT-007", "BD-CTL-015", "BD-DOC-006", "BD-FRM-013", "BD-LAY-010", "BD-MAP-009",
+        "BD-RES-006", "BD-RPN-001", "BD-RPN-003", "BD-RPN-004", "BD-RPN-006", "BD-RSP-004", "BD-RSP-014",
+        "BD-RSP-016",
+    }
+)  # fmt: skip
+"""Rules without a subject: of actors that come back, of tracks that begin or end, in three groups or more, of archives,
+which nothing holds, of an ignore file, which is not there, of towns without signals, of one axis, exact replays and a
+vehicle, which nothing declares, on red lights, which nobody runs, and on the first observation that differs, where
+attempts differ from the start."""
+
+OF_MORE_GROUPS = frozenset({"BD-ACT-006", "BD-ACT-007"})
+"""Those that have subjects in releases, whose groups are more."""
 
 UNWRITTEN = frozenset({"BD-FID-013", "BD-BMK-016"})
 """Rules on documents that a release may lack, and the drafts of releases do."""
@@ -91,7 +102,7 @@ class Mutant:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A shape at the limit of what rules accept: the dataset stays valid and none of its groups is lost.
+    """A shape at the limit of what rules accept: nothing fails, and no group is lost.
 
     Attributes:
         rules: The rules whose limit it is.
@@ -99,6 +110,7 @@ class Boundary:
         edit: Puts the shape into a valid draft.
         base: Which valid dataset to change.
         status: Status of the rules on it.
+        verdict: Verdict on it.
     """
 
     rules: tuple[str, ...]
@@ -106,6 +118,7 @@ class Boundary:
     edit: Edit
     base: Base
     status: str
+    verdict: str
 
     @property
     def is_release(self) -> bool:
@@ -149,15 +162,17 @@ def mutant(
 
 
 def boundary(
-    *rules: str, base: Base | None = None, status: str = "pass", name: str | None = None
+    *rules: str, base: Base | None = None, status: str = "pass", verdict: str = "valid", name: str | None = None
 ) -> Callable[[Edit], Edit]:
-    """Register a function as a shape that `rules` must accept."""
+    """Register a function as a shape that `rules` must accept; a release without its raw layer is always `partial`."""
 
     def register(edit: Edit) -> Edit:
         assert set(rules) <= set(CATALOGUE), rules
         label = name or edit.__name__.strip("_")
         assert all(label != known.name for known in REGISTRY.boundaries), f"{label} twice"
-        REGISTRY.boundaries.append(Boundary(rules, label, edit, base or _base_of(rules[0]), status))
+        home = base or _base_of(rules[0])
+        word = "partial" if home == "alone" else verdict
+        REGISTRY.boundaries.append(Boundary(rules, label, edit, home, status, word))
         return edit
 
     return register
@@ -214,9 +229,10 @@ PURE = (
     "branchdrive.engine.layer_files.schema_mismatches",
     "branchdrive.benchmark.view.read_protocol",
     "branchdrive.benchmark.rules.results_document",
-    "branchdrive.leakage.rules.affine_targets",
-    "branchdrive.leakage.rules.neighbours_p",
-    "branchdrive.leakage.rules.ranked_targets",
+    "branchdrive.leakage.structural_rules.affine_targets",
+    "branchdrive.leakage.structural_rules.neighbours_p",
+    "branchdrive.leakage.structural_rules.ranked_targets",
+    "branchdrive.leakage.structural_rules.revealed_outcomes",
     "branchdrive.leakage.rules.score_mismatches",
     "branchdrive.leakage.rules.statistic_mismatches",
     "branchdrive.files.survey.schema_mismatches",

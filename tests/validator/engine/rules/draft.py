@@ -14,8 +14,11 @@ from tests.content_cache import remembered
 from tests.synthetic import Tables, evidence_columns, group_name, seal_dataset, to_table, write_dataset
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.columns import TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.testing.drive import Array, route_columns
+from branchdrive.testing.group import by_key, collision_counts
 
 FileEdit = Callable[[Path], object]
 
@@ -85,15 +88,27 @@ class Draft:
                 )
             self.tables[folder][table] = rows
 
+    def fill(self, table: str, columns: Mapping[str, Any], **where: Any) -> None:
+        """Give each matching row a value of its own: arrays of one value for each, in their order."""
+        for column, values in columns.items():
+            left = iter(values.tolist())
+            self.set(table, column, lambda _, left=left: next(left), **where)
+
+    def swap(self, table: str, first: str, second: str, **where: Any) -> None:
+        """Exchange the values of two columns."""
+        rows = self.take(table, **where)
+        self.fill(table, {first: rows[second].to_numpy(), second: rows[first].to_numpy()}, **where)
+
     def drop(self, table: str, **where: Any) -> None:
         """Remove matching rows."""
         for folder, rows, mask in self._matching(table, where):
             self.tables[folder][table] = rows.filter(pc.invert(mask))
 
     def append(self, table: str, rows: pa.Table, *, folder: str) -> None:
-        """Add rows to a shard's table."""
+        """Add rows to a shard's table, which stays in the order of its keys."""
         here = self.tables[folder][table]
-        self.tables[folder][table] = pa.concat_tables([here, rows.cast(here.schema)]).combine_chunks()
+        joined = pa.concat_tables([here, rows.cast(here.schema)]).combine_chunks()
+        self.tables[folder][table] = by_key(table, joined) if table in TABLES else joined
 
     def duplicate(self, table: str, changes: Mapping[str, Any] | None = None, **where: Any) -> None:
         """Add a changed copy of matching rows to the shards that they are in."""
@@ -160,6 +175,18 @@ class Draft:
         self.descriptor["action_encoding"] = None
         self.tables = {"raw/shard-00000": dict(tables)}
 
+    def reroute(self, rollout_id: str, line: tuple[Array, Array] | None = None) -> None:
+        """Compute the route state of an attempt again from its poses, on another polyline where one is given."""
+        record, rows = self.take("rollouts", rollout_id=rollout_id), self.take("observations", rollout_id=rollout_id)
+        line = line or tuple(np.array(record[f"route_{axis}_m"][0].as_py()) for axis in "xy")
+        columns = route_columns(*(rows[name].to_numpy().astype(float) for name in ("x_m", "y_m", "yaw_rad")), line)
+        self.fill("observations", columns, rollout_id=rollout_id)
+        for axis, vertices in zip("xy", line, strict=True):
+            self.set("rollouts", f"route_{axis}_m", lambda _, v=vertices: v, rollout_id=rollout_id)
+        length_m = np.hypot(*(np.diff(axis) for axis in line)).sum()
+        fraction = float(columns["route_progress_m"].max() / length_m)
+        self.set("rollouts", "result_route_fraction", fraction, rollout_id=rollout_id)
+
     def refresh_evidence(self, rollout_id: str) -> None:
         """Compute the evidence of an attempt again from its rows as they are now, and count its collisions."""
         record = self.take("rollouts", rollout_id=rollout_id)
@@ -176,8 +203,8 @@ class Draft:
         self.drop("evidence", rollout_id=rollout_id)
         columns = {**computed, "rollout_id": [rollout_id] * len(observations["tick"])}
         self.append("evidence", to_table("evidence", columns), folder=folder)
-        count = int(np.any(computed["collision"]))
-        self.set("rollouts", "result_num_vehicle_collisions", count, rollout_id=rollout_id)
+        for column, count in collision_counts(computed, actors).items():
+            self.set("rollouts", column, count, rollout_id=rollout_id)
 
     # Files
 

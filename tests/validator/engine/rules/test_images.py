@@ -24,7 +24,7 @@ def examined(draft: Draft, folder: Path, rule: str) -> int:
 @pytest.mark.parametrize(("tick", "findings"), [(BRANCH_TICK, 1), (0, 0)])
 def test_other_vehicles_are_compared_where_all_actors_are_recorded(tick: int, findings: int, tmp_path: Path) -> None:
     draft = new_draft("media")
-    add_semantic_map(draft, bodies=lambda pixels: pixels | np.roll(pixels & VEHICLE, 20, axis=1), tick=tick)
+    add_semantic_map(draft, vehicles=lambda pixels: pixels | np.roll(pixels & VEHICLE, 20, axis=1), tick=tick)
     (tally,) = (tally for tally in judged(draft, tmp_path).tallies if tally.rule_id == "BD-FRM-009")
     assert (tally.examined, tally.num_findings) == (1, findings)
 

@@ -128,7 +128,7 @@ def test_first_attempt_of_a_table_is_compared_like_any_other(tmp_path: Path) -> 
     draft.set("rollouts", ("nominal_rollout_id", "trigger_rollout_id"), "g0.nominal.a2", rollout_id=STEER_LEFT)
     draft.set("rollouts", "town", "Town13", rollout_id=STEER_LEFT)
     draft.map_table("rollouts", lambda rows: _to_front(rows, STEER_LEFT), folder=SHARD_0)
-    assert failed(draft, tmp_path) == {"BD-BNK-002": 1, "BD-GRP-002": 1}
+    assert failed(draft, tmp_path) == {"BD-TAB-007": 1, "BD-BNK-002": 1, "BD-GRP-002": 1}
 
 
 def test_rows_of_the_first_attempt_have_keys_like_any_other(tmp_path: Path) -> None:
@@ -137,4 +137,4 @@ def test_rows_of_the_first_attempt_have_keys_like_any_other(tmp_path: Path) -> N
     draft.duplicate("evidence", rollout_id=STEER_LEFT, tick=0)
     draft.duplicate("actors", {"tick": 3}, rollout_id=STEER_LEFT, tick=0, actor_id=1)
     draft.duplicate("actors", rollout_id=STEER_LEFT, tick=0, actor_id=1)
-    assert failed(draft, tmp_path) == {"BD-KEY-006": 3}
+    assert failed(draft, tmp_path) == {"BD-TAB-007": 1, "BD-KEY-006": 3}

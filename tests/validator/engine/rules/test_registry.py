@@ -8,7 +8,15 @@ from pathlib import Path
 import pytest
 from tests.each import each
 from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
-from tests.validator.engine.rules.case import INHERITED, NO_SUBJECT, RECOMMENDED, UNWRITTEN, Base, judged
+from tests.validator.engine.rules.case import (
+    INHERITED,
+    NO_SUBJECT,
+    OF_MORE_GROUPS,
+    RECOMMENDED,
+    UNWRITTEN,
+    Base,
+    judged,
+)
 from tests.validator.engine.rules.release import BUILT
 
 import branchdrive
@@ -16,6 +24,7 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import CATALOGUE, RULES, Grain, RuleInfo, Scope, rules_of
 from branchdrive.contract.rule import rule as bind
 from branchdrive.engine.rules import RULE_MODULES
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError
 
@@ -90,6 +99,13 @@ def test_rule_has_a_mutant(rule: RuleInfo) -> None:
     assert [mutant for mutant in MUTANTS if mutant.rule == rule.id]
 
 
+def test_every_area_of_the_raw_layer_has_a_defect_that_is_counted_in_several_places() -> None:
+    """A validator that reports one finding of a rule at most is then wrong in all of them."""
+    raw = {rule.id[3:6] for rule in CATALOGUE.values() if rule.layer is None}
+    assert raw - {mutant.rule[3:6] for mutant in MUTANTS if mutant.findings > 1} == {"ENC"}  # there is one encoding
+    assert sum(mutant.findings > MAX_FINDINGS_PER_RULE for mutant in MUTANTS) >= 3
+
+
 @each_rule
 def test_rule_has_a_boundary_on_which_it_passes(rule: RuleInfo) -> None:
     assert [case for case in BOUNDARIES if rule.id in case.rules and case.status == "pass"]
@@ -137,19 +153,20 @@ def test_declared_consequences_are_real(rule: RuleInfo, tmp_path: Path) -> None:
 
 
 def test_consequences_are_few() -> None:
-    assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= 8
+    assert sum(bool(rule.consequences) for rule in CATALOGUE.values()) <= len(CATALOGUE) / 15
 
 
 MEDIA_RULES = {rule.id for rule in CATALOGUE.values() if set(rule.streams) & {"rgb_surround", "semantic_bev"}}
 MAP_RULES = {rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-MAP")}
 
 
-OF_SEMANTIC_MAPS = {"BD-FRM-009", "BD-FRM-012"}
+OF_SEMANTIC_MAPS = {"BD-FRM-009", "BD-FRM-012", "BD-FRM-016", "BD-FRM-017"}
 UNCLAIMED_OF_IMAGES = (OF_SEMANTIC_MAPS | {"BD-WIN-006"}, OF_SEMANTIC_MAPS | {"BD-FRM-004"})
 """Rules on streams of images that releases do not claim, and the dataset with six views does not."""
 
-OF_RELEASE = INHERITED | {"BD-FRM-004"}
-"""Rules that fail on the valid release, which has an image of every nominal alone."""
+OF_RELEASE = INHERITED | {"BD-ACT-007", "BD-FRM-004", "BD-RSP-015"}
+"""Rules that fail on the valid release, which has an image of every nominal alone, groups that drive almost alike, and
+cones that vanish."""
 
 
 def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -> None:
@@ -166,10 +183,11 @@ def test_every_rule_passes_on_a_dataset_that_claims_everything(tmp_path: Path) -
         absent = MEDIA_RULES if base == "map" else MAP_RULES | UNCLAIMED_OF_IMAGES[base == "media"]
         claimed = {rule_id for rule_id, rule in CATALOGUE.items() if rule.layer is None or rule.layer in layers}
         claimed -= absent
+        lacking = (NO_SUBJECT | UNWRITTEN) - (OF_MORE_GROUPS if layers else frozenset())
         words = {tally.rule_id: tally.status for tally in report.tallies}
         assert {rule_id for rule_id, word in words.items() if word != "not-claimed"} == claimed
-        assert {rule_id for rule_id in claimed if words[rule_id] == "skipped"} == (NO_SUBJECT | UNWRITTEN) & claimed
-        claimed -= NO_SUBJECT | UNWRITTEN
+        assert {rule_id for rule_id in claimed if words[rule_id] == "skipped"} == lacking & claimed
+        claimed -= lacking
         assert {rule_id for rule_id in claimed if words[rule_id] != "pass"} == failing
         assert {rule_id for rule_id in claimed if words[rule_id] == "fail"} == failing
         assert all(0 < tally.examined <= tally.total for tally in report.tallies if tally.rule_id in claimed)

@@ -47,7 +47,7 @@ def attempt_without_any_row(d: Draft) -> None:
 @boundary("BD-STA-001")
 def complete_attempts_with_bad_results(d: Draft) -> None:
     d.set("rollouts", "result_completion", "aborted", rollout_id=BRAKE)
-    d.set("rollouts", "result_num_vehicle_collisions", 3, rollout_id=BRAKE)
+    d.set("rollouts", "result_num_vehicle_collisions", 1, rollout_id=BRAKE)
     d.set("evidence", "collision", True, rollout_id=BRAKE, tick=170)
 
 

@@ -42,6 +42,15 @@ def companions_of_every_kind(d: Draft) -> None:
     d.after_seal(add)
 
 
+@mutant("BD-LAY-009", at={"file": "Canonical"})
+def ignored_folder_that_some_systems_take_for_a_layer(d: Draft) -> None:
+    def add(root: Path) -> None:
+        (root / "Canonical").mkdir()
+        (root / ".branchdriveignore").write_text("C*\n")
+
+    d.after_seal(add)
+
+
 # BD-LAY-010
 
 

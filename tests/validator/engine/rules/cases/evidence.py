@@ -14,6 +14,7 @@ from branchdrive.testing.drive import BRANCH_TICK, CONE_M, EGO_BOX_M
 G2_NOMINAL = "g2.nominal.a1"
 TOLERANCE = 1e-6
 OUTSIDE_TICK = BRANCH_TICK + 55
+SCENE_TICK = 5
 ABSENT: dict[str, Any] = {
     "separation_available": False, "separation_m": None, "separation_actor_id": None,
     "ttc_available": False, "ttc_s": None, "ttc_actor_id": None,
@@ -154,12 +155,12 @@ def evidence_off_by_less_than_a_wide_declared_tolerance(d: Draft) -> None:
 
 
 def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence: Any) -> None:
-    """Replace the frame at tick 0 of one attempt, with its evidence stated instead of computed.
+    """Replace the second frame of one attempt, with its evidence stated instead of computed.
 
-    It is one of contact, after which no motion is judged.
+    It is one of contact, after which no motion is judged for a while.
     """
     d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
-    here = {"rollout_id": BRAKE, "tick": 0}
+    here = {"rollout_id": BRAKE, "tick": SCENE_TICK}
     d.set("observations", ("x_m", "y_m", "yaw_rad"), 0.0, **here)
     d.set("observations", "speed_mps", speed_mps, **here)
     plain = {
@@ -171,7 +172,7 @@ def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence
     schema = d.take("actors", **here).schema
     d.drop("actors", **here)
     d.append("actors", type(d.take("actors")).from_pylist(rows, schema=schema), folder=d.folder_of(BRAKE))
-    _state(d, 0, num_actors=len(rows), collision=True, **{**ABSENT, **evidence})
+    _state(d, SCENE_TICK, num_actors=len(rows), collision=True, **{**ABSENT, **evidence})
 
 
 def _ahead(gap_m: float, **more: Any) -> dict[str, Any]:
@@ -296,7 +297,7 @@ def _beyond(rule: str, name: str, actors: Sequence[dict[str, Any]], reading: dic
     def edit(d: Draft) -> None:
         _scene(d, *actors, **reading)
 
-    mutant(rule, name=name, at={"rollout_id": BRAKE, "table": "evidence", "tick": 0})(edit)
+    mutant(rule, name=name, at={"rollout_id": BRAKE, "table": "evidence", "tick": SCENE_TICK})(edit)
 
 
 OFF_M = 2e-6

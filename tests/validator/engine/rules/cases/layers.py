@@ -14,7 +14,8 @@ from tests.validator.engine.rules.cases.tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 from branchdrive.contract.layer import table_path, table_paths
-from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.testing.edit import with_cells
 
 STATE = "model/state-train.parquet"
 GROUPS = "quality/group_quality.parquet"
@@ -288,13 +289,23 @@ def key_with_a_null(d: ReleaseDraft) -> None:
     d.set("state", "offset_ticks", None, group_id="g0", offset_ticks=0)
 
 
-# BD-LYR-009
+@mutant("BD-LYR-008", at={"file": "model/scalars-val.parquet", "column": "group_id", "row": 0})
+def key_with_a_null_in_a_later_file(d: ReleaseDraft) -> None:
+    """Files of one table, of which one alone declares that the column may be null."""
+
+    def clear(content: bytes) -> bytes:
+        return encode_table(with_cells(decode_table(content, "scalars"), "group_id", {0: None}))
+
+    _rewrite(d, "model/scalars-val.parquet", clear)
 
 
 @mutant("BD-LYR-008", at={"table": "pairs", "column": "rollout_id", "row": 0})
 def key_text_with_a_null(d: ReleaseDraft) -> None:
     first = d.take("pairs", kind="intervention")["rollout_id"][0].as_py()
     d.set("pairs", "rollout_id", None, rollout_id=first)
+
+
+# BD-LYR-009
 
 
 @mutant("BD-LYR-009", at={"table": "contexts", "group_id": "g9"})

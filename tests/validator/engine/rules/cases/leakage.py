@@ -15,7 +15,7 @@ from branchdrive.leakage.sensitivity import PATTERNS
 from branchdrive.statistics.holm import holm
 
 ALL = tuple(rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-LKG"))
-STRUCTURAL = ("BD-LKG-008", "BD-LKG-009", "BD-LKG-010", "BD-LKG-013")
+STRUCTURAL = tuple(f"BD-LKG-{number:03}" for number in (8, 9, 10, 13, 14, 15, 16))
 """Rules on stored tables."""
 
 AUDITED = tuple(rule_id for rule_id in ALL if rule_id not in STRUCTURAL)

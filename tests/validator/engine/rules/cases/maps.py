@@ -8,11 +8,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import BRAKE, SHARD_1, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, SHARD_0, SHARD_1, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 TOWN = "Town13"
 """Driven in one shard alone, so that its map may change there."""
+
+ROAD = "road1:-1"
+"""The lane of every route."""
+
+ONCOMING_M = 3.5
+"""How far to the left of their routes vehicles come along them."""
 
 SLACK_M = 0.05
 
@@ -202,6 +208,7 @@ def centre_inside_the_edge_and_recorded_outside(d: Draft) -> None:
     d.drop("map", element_id="ground-0")
     d.set("evidence", "lane_id", None, **here)
     d.set("evidence", "on_road", False, **here)
+    d.set("rollouts", "result_num_off_road_infractions", 1, rollout_id=here["rollout_id"])
 
 
 @boundary("BD-MAP-005")
@@ -284,7 +291,8 @@ def wall_beside_the_ego(d: Draft) -> None:
 @boundary("BD-MAP-008")
 def wall_that_is_hit(d: Draft) -> None:
     here = _wall(d, 0.75)
-    d.set("evidence", "collision", True, rollout_id=here["rollout_id"])
+    ticks = range(BRANCH_TICK + 5, BRANCH_TICK + 200, 5)
+    d.set("evidence", "collision", True, rollout_id=here["rollout_id"], tick=ticks)
     d.set("rollouts", "result_num_static_collisions", 1, rollout_id=here["rollout_id"])
 
 
@@ -313,3 +321,41 @@ def town_without_signals_and_lights(d: Draft) -> None:
     ids = d.take("rollouts", town=TOWN)["rollout_id"].to_pylist()
     d.set("evidence", "traffic_light_available", False, rollout_id=ids)
     d.set("evidence", "traffic_light", None, rollout_id=ids)
+
+
+# BD-MAP-010: in the town of two groups, three vehicles drive along the wide lanes, and two of them against it.
+
+
+def _reverse_lanes(rows: pa.Table) -> pa.Table:
+    """The map with the lanes of the routes from their last vertex to their first."""
+    elements = rows.to_pylist()
+    for element in elements:
+        if element["lane_id"] == ROAD:
+            for column in ("x_m", "y_m", "width_m"):
+                element[column].reverse()
+    return pa.Table.from_pylist(elements, rows.schema)
+
+
+def _with_oncoming_lanes(rows: pa.Table) -> pa.Table:
+    """The map with lanes for those who come along the routes, so that the wide ones are the ego's alone."""
+    elements = rows.to_pylist()
+    for element in [one for one in elements if one["lane_id"] == ROAD]:
+        x, y = (np.array(element[column]) for column in ("x_m", "y_m"))
+        heading = np.arctan2(np.gradient(y), np.gradient(x))
+        sides = {"x_m": x - ONCOMING_M * np.sin(heading), "y_m": y + ONCOMING_M * np.cos(heading)}
+        lines = {column: values[::-1].tolist() for column, values in sides.items()}
+        name = f"oncoming-{element['element_id']}"
+        elements.append({**element, **lines, "element_id": name, "lane_id": name, "width_m": [3.0] * len(x)})
+    return pa.Table.from_pylist(elements, rows.schema)
+
+
+@mutant("BD-MAP-010", at={"table": "map", "town": "Town12", "lane_id": ROAD})
+def lanes_from_their_end_to_their_begin(d: Draft) -> None:
+    for folder in (SHARD_0, SHARD_1):
+        d.map_table("map", lambda rows: _reverse_lanes(_with_oncoming_lanes(rows)), folder=folder)
+
+
+@boundary("BD-MAP-010")
+def lane_that_most_but_not_nearly_all_drive_against(d: Draft) -> None:
+    for folder in (SHARD_0, SHARD_1):
+        d.map_table("map", _reverse_lanes, folder=folder)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from base64 import b64decode
-from collections.abc import Callable
-from io import BytesIO
 from typing import Any
 from zlib import compress, crc32
 
 import numpy as np
 from tests.synthetic import BRANCH_TICK, STRIDE, WINDOW_TICKS
 from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, SHARD_0, boundary, mutant
-from tests.validator.engine.rules.cases.replays import copy_all, declare
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.columns import STREAMS
-from branchdrive.formats.media_archive import MediaArchive, member_name
 from branchdrive.testing.media import IMAGE_PX, media_document, png, view
 
 END = BRANCH_TICK + WINDOW_TICKS
@@ -56,9 +52,9 @@ def repeat_image(d: Draft, of: dict[str, Any], **where: Any) -> None:
         d.set("frames", column, row[column], **where)
 
 
-def _unseen() -> bytes:
+def unseen(number: int = 0) -> bytes:
     """A sound image that no attempt has."""
-    return view(5000)
+    return view(5000 + number)
 
 
 # BD-FRM-002
@@ -91,38 +87,7 @@ def images_that_overlap(d: Draft) -> None:
 
 @boundary("BD-FRM-002", base="media")
 def image_that_is_a_whole_file(d: Draft) -> None:
-    replace_image(d, _unseen(), **AT_BRANCH)
-
-
-ARCHIVE = "views.tar"
-
-
-def _archived(d: Draft, change: Callable[[bytes], bytes] = lambda archive: archive) -> None:
-    """Give a camera one image in an archive that may be changed."""
-    stream, image = BytesIO(), _unseen()
-    archive = MediaArchive(stream)
-    offset = archive.add(member_name(NOMINAL, BRANCH_TICK, "rear", "png"), image)
-    archive.end()
-    replace_image(d, image, **AT_BRANCH)
-    d.set("frames", "file", ARCHIVE, **AT_BRANCH)
-    d.set("frames", "offset_bytes", offset, **AT_BRANCH)
-    d.before_seal(lambda root: (root / SHARD_0 / EXTRA_FILE).unlink())
-    d.before_seal(lambda root: (root / SHARD_0 / ARCHIVE).write_bytes(change(stream.getvalue())))
-
-
-@mutant("BD-FRM-002", base="media", at={"file": f"{SHARD_0}/{ARCHIVE}", "camera": "rear"})
-def archive_without_a_header(d: Draft) -> None:
-    _archived(d, lambda archive: bytes(512) + archive[512:])
-
-
-@mutant("BD-FRM-002", base="media", at={"file": f"{SHARD_0}/{ARCHIVE}", "camera": "rear"})
-def header_with_another_checksum(d: Draft) -> None:
-    _archived(d, lambda archive: b"?" + archive[1:])
-
-
-@boundary("BD-FRM-002", "BD-FRM-005", base="media")
-def image_that_is_a_member_of_an_archive(d: Draft) -> None:
-    _archived(d)
+    replace_image(d, unseen(), **AT_BRANCH)
 
 
 # BD-FRM-003
@@ -240,9 +205,53 @@ def image_that_is_animated(d: Draft) -> None:
     replace_image(d, _with_chunk(b"acTL", bytes(8)), **AT_BRANCH)
 
 
+def _turned(order: str = "little") -> bytes:
+    """EXIF that says nothing but that the first column is on the right: orientation 2."""
+    magic = b"II" if order == "little" else b"MM"
+    entry = b"".join(value.to_bytes(size, order) for value, size in ((0x0112, 2), (3, 2), (1, 4), (2, 2), (0, 2)))
+    first = (42).to_bytes(2, order) + (8).to_bytes(4, order)
+    return magic + first + (1).to_bytes(2, order) + entry + bytes(4)
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
+def image_that_some_readers_mirror(d: Draft) -> None:
+    replace_image(d, _with_chunk(b"eXIf", _turned("big")), **AT_BRANCH)
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
+def image_with_exif_in_a_text(d: Draft) -> None:
+    profile = compress(b"\nexif\n      26\n" + (b"Exif\0\0" + _turned()).hex().encode())
+    replace_image(d, _with_chunk(b"zTXt", b"Raw profile type exif\0\0" + profile), **AT_BRANCH)
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
+def jpeg_that_some_readers_mirror(d: Draft) -> None:
+    exif = b"Exif\0\0" + _turned()
+    _jpeg_among_others(d, JPEG[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + JPEG[2:])
+
+
+@mutant("BD-FRM-005", base="media", at={"tick": BRANCH_TICK, "camera": "rear"})
+def jpeg_with_xmp_behind_its_frame(d: Draft) -> None:
+    note = b"http://ns.adobe.com/xap/1.0/\0<x tiff:Orientation='3'/>"
+    scan = JPEG.index(b"\xff\xda")
+    _jpeg_among_others(d, JPEG[:scan] + b"\xff\xe1" + (len(note) + 2).to_bytes(2, "big") + note + JPEG[scan:])
+
+
 @boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
 def image_with_a_note_that_unpacks_to_megabytes(d: Draft) -> None:
     replace_image(d, _with_chunk(b"zTXt", b"note\0\0" + compress(bytes(3_000_000), 9)), **AT_BRANCH)
+
+
+@boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
+def image_whose_note_speaks_of_exif(d: Draft) -> None:
+    replace_image(d, _with_chunk(b"tEXt", b"Comment\0exif, xmp, eXIf: Raw profile type exif"), **AT_BRANCH)
+
+
+@boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
+def jpeg_with_a_colour_profile(d: Draft) -> None:
+    profile = b"ICC_PROFILE\0\1\1" + bytes(16)
+    content = JPEG[:2] + b"\xff\xe2" + (len(profile) + 2).to_bytes(2, "big") + profile + JPEG[2:]
+    replace_image(d, content, "jpeg", camera="front", rollout_id=NOMINAL)
 
 
 @boundary("BD-FRM-005", "BD-FRM-006", "BD-FRM-008", base="media")
@@ -340,11 +349,10 @@ def camera_that_froze(d: Draft) -> None:
     repeat_image(d, {**AT_BRANCH, "tick": BRANCH_TICK - STRIDE}, **frozen)
 
 
-@mutant("BD-FRM-010", base="media", at={"tick": END, "camera": "front"})
+@mutant("BD-FRM-010", base="media", at={"tick": END - 4 * STRIDE, "camera": "front"})
 def image_of_another_candidate(d: Draft) -> None:
-    repeat_image(
-        d, {"rollout_id": BRAKE, "camera": "front", "tick": END}, rollout_id=ACCELERATE, camera="front", tick=END
-    )
+    seen = {"camera": "front", "tick": END - 4 * STRIDE}
+    repeat_image(d, {"rollout_id": BRAKE, **seen}, rollout_id=ACCELERATE, **seen)
 
 
 # BD-FRM-011
@@ -372,21 +380,7 @@ def nearly_dark_image(d: Draft) -> None:
     replace_image(d, png(dark), **AT_BRANCH)
 
 
-# BD-RPN-004
-
-
-def _exact(d: Draft) -> None:
-    declare(d, "exact")
-    copy_all(d)
-
-
-@mutant("BD-RPN-004", base="media", at={"rollout_id": BRAKE, "tick": BRANCH_TICK, "camera": "front"})
-def image_before_the_branch_differs(d: Draft) -> None:
-    _exact(d)
-    replace_image(d, _unseen(), rollout_id=BRAKE, camera="front", tick=BRANCH_TICK)
-
-
-@boundary("BD-RPN-004", base="media")
-def image_after_the_branch_differs(d: Draft) -> None:
-    _exact(d)
-    replace_image(d, _unseen(), rollout_id=BRAKE, camera="front", tick=BRANCH_TICK + STRIDE)
+@boundary("BD-FRM-010", "BD-FRM-011", base="media")
+def body_that_fills_what_a_camera_sees(d: Draft) -> None:
+    beside = {"rollout_id": ACCELERATE, "camera": "rear", "tick": range(END - STRIDE, END + 1)}
+    replace_image(d, png(np.full_like(COLOURS, (10, 200, 30))), **beside)

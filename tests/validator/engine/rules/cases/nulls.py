@@ -62,7 +62,7 @@ def mask_off_over_a_value(d: Draft) -> None:
 
 @boundary("BD-NUL-002")
 def zero_is_a_value(d: Draft) -> None:
-    d.set("actors", ("x_m", "y_m"), 0.0, rollout_id=BRAKE, tick=0, actor_id=4)
+    d.set("actors", ("x_m", "y_m"), 0.0, rollout_id=BRAKE, tick=5, actor_id=4)
     d.refresh_evidence(BRAKE)
 
 
@@ -182,18 +182,18 @@ def sentinel_just_above_the_impossible(d: Draft) -> None:
 @boundary("BD-NUL-005", "BD-EVD-002")
 def slowest_closing_at_the_edge_of_range(d: Draft) -> None:
     # One actor, 50 m ahead and closing at 0.1 m/s: 500 s, of which either mask is right.
-    d.drop("actors", rollout_id=BRAKE, tick=0, actor_id=[2, 3, 4, 5, 6, 7])
-    d.set("evidence", "num_actors", 1, rollout_id=BRAKE, tick=0)
+    d.drop("actors", rollout_id=BRAKE, tick=5, actor_id=[2, 3, 4, 5, 6, 7])
+    d.set("evidence", "num_actors", 1, rollout_id=BRAKE, tick=5)
     length = 4.0
-    d.set("observations", ("x_m", "y_m", "yaw_rad"), 0.0, rollout_id=BRAKE, tick=0)
-    d.set("observations", "speed_mps", 0.125, rollout_id=BRAKE, tick=0)
-    d.set("actors", "length_m", length, rollout_id=BRAKE, tick=0)
-    d.set("actors", ("y_m", "yaw_rad", "vel_y_mps"), 0.0, rollout_id=BRAKE, tick=0)
-    d.set("actors", "x_m", 50.0 + (4.5 + length) / 2, rollout_id=BRAKE, tick=0)
-    d.set("actors", "vel_x_mps", 0.125 - 0.1, rollout_id=BRAKE, tick=0)
+    d.set("observations", ("x_m", "y_m", "yaw_rad"), 0.0, rollout_id=BRAKE, tick=5)
+    d.set("observations", "speed_mps", 0.125, rollout_id=BRAKE, tick=5)
+    d.set("actors", "length_m", length, rollout_id=BRAKE, tick=5)
+    d.set("actors", ("y_m", "yaw_rad", "vel_y_mps"), 0.0, rollout_id=BRAKE, tick=5)
+    d.set("actors", "x_m", 50.0 + (4.5 + length) / 2, rollout_id=BRAKE, tick=5)
+    d.set("actors", "vel_x_mps", 0.125 - 0.1, rollout_id=BRAKE, tick=5)
     d.refresh_evidence(BRAKE)
     d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=0)
-    d.set("evidence", "ttc_available", True, rollout_id=BRAKE, tick=0)
-    d.set("evidence", "ttc_s", 500.0, rollout_id=BRAKE, tick=0)
-    d.set("evidence", "ttc_actor_id", 1, rollout_id=BRAKE, tick=0)
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=5)
+    d.set("evidence", "ttc_available", True, rollout_id=BRAKE, tick=5)
+    d.set("evidence", "ttc_s", 500.0, rollout_id=BRAKE, tick=5)
+    d.set("evidence", "ttc_actor_id", 1, rollout_id=BRAKE, tick=5)

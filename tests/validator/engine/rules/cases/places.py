@@ -66,7 +66,6 @@ def programs_and_a_script_beside_media(d: Draft) -> None:
 
 @boundary("BD-LAY-009", base="media")
 def media_of_other_forms_that_no_row_names(d: Draft) -> None:
-    _beside_media(d, "views.tar", b"MZ#!.png")
     _beside_media(d, "views.mp4", b"\x00\x00\x00\x18ftypmp42")
     _beside_media(d, "views.raw", b"\x80\x01\x80\x06")
     _beside_media(d, "views.none", b"")

@@ -24,10 +24,20 @@ def _copy(d: Draft, replay: str, nominal: str) -> None:
         d.duplicate(table, {"rollout_id": replay}, rollout_id=nominal)
 
 
-def copy_all(d: Draft) -> None:
-    for group in ("g0", "g1", "g2"):
-        for attempt in (1, 2):
-            _copy(d, f"{group}.nominal_replay.a{attempt}", f"{group}.nominal.a1")
+def repeat_exactly(d: Draft, *noisy: str) -> None:
+    """Let every replay repeat the drive of its nominal to the bit, until the branch, but for some nominal replays."""
+    declare(d, "exact")
+    before = Draft(d.tables, d.descriptor)
+    for index, scene in enumerate(SCENES):
+        d.replace_group(index, make_group(index, scene=replace(scene, noise=0.0)))
+    for replay in noisy:
+        folder = d.folder_of(replay)
+        d.drop_attempt(replay)
+        for table in ("rollouts", *_STREAMS):
+            d.append(table, before.take(table, rollout_id=replay), folder=folder)
+
+
+_REPLAYS = tuple(f"{group}.nominal_replay.a{attempt}" for group in ("g0", "g1", "g2") for attempt in (1, 2))
 
 
 # BD-RPN-001
@@ -35,13 +45,12 @@ def copy_all(d: Draft) -> None:
 
 @mutant("BD-RPN-001", at={"table": "observations", "rollout_id": REPLAY}, findings=6)
 def replays_differ_though_exact(d: Draft) -> None:
-    declare(d, "exact")
+    repeat_exactly(d, *_REPLAYS)
 
 
 @mutant("BD-RPN-001", at={"column": "speed_mps", "rollout_id": REPLAY, "tick": BRANCH_TICK})
 def last_bit_of_one_speed_differs(d: Draft) -> None:
-    declare(d, "exact")
-    copy_all(d)
+    repeat_exactly(d)
     d.set(
         "observations", "speed_mps", lambda v: float(np.nextafter(np.float32(v), np.float32(99))), rollout_id=REPLAY,
         tick=BRANCH_TICK,
@@ -51,13 +60,13 @@ def last_bit_of_one_speed_differs(d: Draft) -> None:
 
 @mutant("BD-RPN-001", at={"rollout_id": REPLAY}, findings=6)
 def nothing_is_declared(d: Draft) -> None:
+    repeat_exactly(d, *_REPLAYS)
     del d.descriptor["collection"]["replay_noise"]
 
 
 @boundary("BD-RPN-001")
 def exact_replays(d: Draft) -> None:
-    declare(d, "exact")
-    copy_all(d)
+    repeat_exactly(d)
 
 
 # BD-RPN-002
@@ -91,14 +100,28 @@ def noise_moves_the_surroundings_alone(d: Draft) -> None:
         d.refresh_evidence(replay)
 
 
+# BD-RPN-005
+
+
+def _move(d: Draft, metres: float) -> None:
+    """Move the whole drive of an attempt along x, with its actors, and let what follows from its place follow."""
+    for table in ("observations", "actors"):
+        d.set(table, "x_m", lambda v: v + metres, rollout_id=BRAKE)
+    d.reroute(BRAKE)
+    d.refresh_evidence(BRAKE)
+
+
+@mutant("BD-RPN-005", at={"rollout_id": BRAKE, "table": "observations", "column": "x_m", "tick": BRANCH_TICK - 80})
+def drive_that_begins_six_metres_ahead(d: Draft) -> None:
+    _move(d, 6.0)
+
+
+@boundary("BD-RPN-005")
+def drive_that_begins_four_metres_ahead(d: Draft) -> None:
+    _move(d, 4.0)
+
+
 # BD-RPN-003
-
-
-def _repeat_exactly(d: Draft) -> None:
-    """Let every replay of every group repeat the drive of its nominal to the bit until the branch."""
-    declare(d, "exact")
-    for index, scene in enumerate(SCENES):
-        d.replace_group(index, make_group(index, scene=replace(scene, noise=0.0)))
 
 
 @mutant(
@@ -106,7 +129,7 @@ def _repeat_exactly(d: Draft) -> None:
     at={"table": "evidence", "column": "traffic_light_available", "rollout_id": BRAKE, "tick": BRANCH_TICK - 5},
 )
 def one_light_before_the_branch_tells_the_action(d: Draft) -> None:
-    _repeat_exactly(d)
+    repeat_exactly(d)
     where = {"rollout_id": BRAKE, "tick": BRANCH_TICK - 5}
     light = d.value("evidence", "traffic_light", rollout_id=BRAKE, tick=BRANCH_TICK)
     d.set("evidence", "traffic_light_available", True, **where)
@@ -115,13 +138,13 @@ def one_light_before_the_branch_tells_the_action(d: Draft) -> None:
 
 @mutant("BD-RPN-003", at={"table": "controls", "column": "expert_brake", "rollout_id": BRAKE, "tick": BRANCH_TICK - 1})
 def minus_zero_before_the_branch(d: Draft) -> None:
-    _repeat_exactly(d)
+    repeat_exactly(d)
     d.set("controls", "expert_brake", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK - 1)
 
 
 @boundary("BD-RPN-003")
 def actors_in_another_order(d: Draft) -> None:
-    _repeat_exactly(d)
+    repeat_exactly(d)
     folder = d.folder_of(BRAKE)
 
     def reverse(rows: pa.Table) -> pa.Table:
@@ -133,10 +156,10 @@ def actors_in_another_order(d: Draft) -> None:
 
 @boundary("BD-RPN-003")
 def histories_that_are_exact(d: Draft) -> None:
-    _repeat_exactly(d)
+    repeat_exactly(d)
 
 
 @boundary("BD-RPN-003")
 def intervention_that_differs_from_the_branch_on(d: Draft) -> None:
-    _repeat_exactly(d)
+    repeat_exactly(d)
     d.set("controls", "expert_brake", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK)

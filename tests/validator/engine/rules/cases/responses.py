@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import NOMINAL, REPLAY, boundary, mutant
+from tests.validator.engine.rules.case import boundary, mutant
+from tests.validator.engine.rules.cases.experts import give_outcome
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.testing.drive import route_columns
+
+COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
 Row = dict[str, object]
 
 
@@ -48,12 +53,6 @@ def mirrored_world(d: Draft) -> None:
     _mirror(d)
 
 
-@boundary("BD-RSP-001", base="bare")
-def group_of_a_mirrored_world(d: Draft) -> None:
-    """What one of three groups shows refutes nothing."""
-    _mirror(d, group_id="g0")
-
-
 # BD-RSP-002
 
 
@@ -76,25 +75,15 @@ def throttle_that_does_nothing_in_two_of_three_groups(d: Draft) -> None:
     _like_nominal(d, lambda row: row["action_key"] == "accelerate_0.80" and row["group_id"] != "g0")
 
 
-def _as(d: Draft, action_key: str, other: str, *groups: str) -> None:
-    """Give attempts of an action the observations of another action's."""
-    for group_id in groups:
-        for shard in d.tables.values():
-            rows = shard["observations"].to_pylist()
-            own, named = (f"{group_id}.{key}.a1" for key in (action_key, other))
-            there = {row["tick"]: row for row in rows if row["rollout_id"] == named}
-            changed = [{**there[row["tick"]], "rollout_id": own} if row["rollout_id"] == own else row for row in rows]
-            shard["observations"] = pa.Table.from_pylist(changed, shard["observations"].schema)
-
-
-@mutant("BD-RSP-002", base="bare", at={"action_key": "steer_left_0.10"})
+@mutant("BD-RSP-002", base="bare", at={"action_key": "accelerate_0.80"})
 def two_actions_with_one_future(d: Draft) -> None:
-    _as(d, "steer_left_0.05", "steer_left_0.10", "g0", "g1", "g2")
+    give_outcome(d, "accelerate_0.50", "accelerate_0.80", "g0", "g1", "g2")
 
 
-@boundary("BD-RSP-002", base="bare")
+@boundary("BD-RSP-002", "BD-GRP-009", base="bare")
 def two_actions_with_one_future_in_two_of_three_groups(d: Draft) -> None:
-    _as(d, "steer_left_0.05", "steer_left_0.10", "g0", "g1")
+    """Two throttles of a vehicle at its top speed."""
+    give_outcome(d, "accelerate_0.50", "accelerate_0.80", "g0", "g1")
 
 
 # BD-GRP-009
@@ -168,54 +157,92 @@ def observation_a_stride_late(d: Draft) -> None:
     _like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK + 5)
 
 
-# BD-RSP-005
-
-
-@mutant("BD-RSP-005", base="bare", at={"group_id": "g9"})
-def group_under_two_names(d: Draft) -> None:
-    for row in d.take("rollouts", group_id="g0").to_pylist():
-        renamed = {
-            name: f"g9{value[2:]}"
-            for name in ("nominal_rollout_id", "trigger_rollout_id")
-            if (value := row[name]) is not None
-        }
-        d.copy_attempt(row["rollout_id"], f"g9{row['rollout_id'][2:]}", group_id="g9", **renamed)
-
-
-@boundary("BD-RSP-005", base="bare")
-def replay_that_repeats_its_nominal(d: Draft) -> None:
-    """Replays of a world without noise are equal to their nominal: that is what they are for."""
-    for shard in d.tables.values():
-        rows = shard["observations"].to_pylist()
-        nominal = {row["tick"]: row for row in rows if row["rollout_id"] == NOMINAL}
-        for i, row in enumerate(rows):
-            if row["rollout_id"] == REPLAY:
-                rows[i] = {**nominal[row["tick"]], "rollout_id": REPLAY}
-        shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)
-
-
 # BD-RSP-006
 
 
 @mutant("BD-RSP-006", base="bare", at={"table": "observations"}, findings=2)
 def speed_in_another_unit(d: Draft) -> None:
     """These vehicles are slow; of faster ones, nearly all fail where km/h are taken for m/s."""
-    kinds = ("vehicle", "pedestrian", "static")
-    d.set("rollouts", tuple(f"result_num_{kind}_collisions" for kind in kinds), 0)
+    d.set("rollouts", COUNTS, 0)
     d.set("observations", "speed_mps", lambda speed: 8 * speed)
+
+
+@mutant("BD-RSP-006", base="map", at={"table": "evidence"})
+def lanes_of_another_map(d: Draft) -> None:
+    d.set("evidence", "lane_id", "nowhere")
+
+
+@mutant("BD-RSP-006", at={"table": "rollouts"})
+def collisions_that_nothing_shows_in_any_attempt(d: Draft) -> None:
+    d.set("evidence", "collision", False)
+    d.set("rollouts", "result_num_pedestrian_collisions", 1)
+
+
+@mutant("BD-RSP-006", base="bare", at={"table": "observations"}, findings=2)
+def speed_in_another_unit_where_nobody_counts_contacts(d: Draft) -> None:
+    d.set("rollouts", COUNTS, None)
+    d.set("observations", "speed_mps", lambda speed: 8 * speed)
+
+
+@mutant("BD-RSP-006", at={"table": "observations"})
+def accelerations_that_contacts_hide(d: Draft) -> None:
+    """Everything is in contact from the branch on."""
+    d.set("evidence", "collision", False)
+    d.set("evidence", "collision", True, tick=range(BRANCH_TICK + 5, 201))
+    d.set("rollouts", COUNTS[:2], 0)
+    d.set("rollouts", COUNTS[2], 1)
+    d.set("observations", "accel_lateral_mps2", 16.5, tick=[BRANCH_TICK + 5, BRANCH_TICK + 20])
 
 
 @boundary("BD-RSP-006", "BD-RSP-007", base="bare")
 def speedometer_that_shows_too_much(d: Draft) -> None:
-    d.set("observations", "speed_mps", lambda speed: 1.04 * speed)
+    d.set("observations", "speed_mps", lambda speed: 1.009 * speed)
 
 
 # BD-RSP-007
 
 
 @mutant("BD-RSP-007", base="bare", at={"column": "speed_mps"})
-def clock_that_is_a_tenth_slower(d: Draft) -> None:
-    d.set("observations", "speed_mps", lambda speed: speed / 1.1)
+def ticks_that_are_three_percent_too_long(d: Draft) -> None:
+    d.set("observations", "speed_mps", lambda speed: speed / 1.03)
+
+
+@mutant("BD-RSP-007", base="bare", at={"column": "x_m"})
+def states_that_are_repeated_from_ten_hertz(d: Draft) -> None:
+    """At odd ticks the vehicle is where it was a tick ago."""
+    for rollout_id in d.take("rollouts")["rollout_id"].to_pylist():
+        rows = d.take("observations", rollout_id=rollout_id)
+        x, y, yaw, speed, tick = (rows[name].to_numpy() for name in ("x_m", "y_m", "yaw_rad", "speed_mps", "tick"))
+        late_m = np.where(tick % 2, 0.05 * speed, 0.0)
+        late = {"x_m": x - late_m * np.cos(yaw), "y_m": y - late_m * np.sin(yaw)}
+        d.fill("observations", late, rollout_id=rollout_id)
+        d.reroute(rollout_id)
+
+
+@mutant("BD-RSP-007", base="bare", at={"table": "controls", "column": "applied_steer"})
+def steering_to_the_left_where_no_policy_acts(d: Draft) -> None:
+    d.set("controls", ("expert_steer", "applied_steer"), lambda steer: -steer, active=False)
+    d.set("controls", "nominal_steer", lambda steer: -steer, active=True)
+
+
+@mutant("BD-RSP-007", base="bare", at={"table": "controls", "column": "applied_throttle"})
+def pedals_exchanged_where_no_policy_acts(d: Draft) -> None:
+    """The trigger found the brake under the name of the throttle."""
+    for kind in ("expert", "applied"):
+        d.swap("controls", f"{kind}_throttle", f"{kind}_brake", active=False)
+    d.swap("controls", "nominal_throttle", "nominal_brake", active=True)
+    for rollout_id in d.take("rollouts", role="intervention")["rollout_id"].to_pylist():
+        if "steer" in rollout_id:
+            for kind in ("intended", "applied"):
+                d.swap("controls", f"{kind}_throttle", f"{kind}_brake", rollout_id=rollout_id, active=True)
+    d.set("rollouts", "trigger_signal", "throttle_release")
+    d.set("rollouts", "trigger_threshold", lambda value: 2 * value)
+
+
+@mutant("BD-RSP-007", base="bare", at={"column": "speed_mps"})
+def ticks_that_are_too_long_where_nobody_counts_contacts(d: Draft) -> None:
+    d.set("rollouts", COUNTS[2], None)
+    ticks_that_are_three_percent_too_long(d)
 
 
 @mutant("BD-RSP-007", base="bare", at={"column": "accel_longitudinal_mps2"})
@@ -256,16 +283,97 @@ def _turn_targets(d: Draft, angle: float) -> None:
 
 @mutant("BD-RSP-007", base="full", at={"table": "actors", "column": "yaw_rad"})
 def actors_with_yaw_clockwise(d: Draft) -> None:
-    d.set("actors", "yaw_rad", lambda yaw: -yaw)
+    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: -yaw))
+
+
+@mutant("BD-RSP-007", base="full", at={"table": "actors", "column": "yaw_rad"})
+def actors_that_crab(d: Draft) -> None:
+    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: math.remainder(yaw + math.radians(5), 2 * math.pi)))
+
+
+@boundary("BD-RSP-007", base="full")
+def actors_that_crab_a_little(d: Draft) -> None:
+    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: math.remainder(yaw + math.radians(2), 2 * math.pi)))
+
+
+@mutant("BD-RSP-007", base="full", at={"table": "actors", "column": "vel_x_mps"})
+def actors_with_a_clock_that_is_a_tenth_slower(d: Draft) -> None:
+    """No way between two observations is wrong by as much as a metre."""
+    seen_again(d, lambda: d.set("actors", ("vel_x_mps", "vel_y_mps"), lambda speed: speed / 1.1))
+
+
+@mutant("BD-RSP-007", base="bare", at={"table": "observations", "column": "x_m"})
+def pose_of_the_rear_axle(d: Draft) -> None:
+    """Where no axles are declared, it may be that of a body without them."""
+    d.descriptor["vehicle"] = {"wheelbase_m": WHEELBASE_M}
+
+
+@boundary("BD-RSP-007", base="bare")
+def pose_between_the_axles(d: Draft) -> None:
+    d.descriptor["vehicle"] = {"wheelbase_m": WHEELBASE_M}
+    _ahead(d, 0.25 * WHEELBASE_M)
+
+
+@mutant("BD-RSP-007", base="bare", at={"table": "observations", "column": "x_m"})
+def pose_of_the_front_axle(d: Draft) -> None:
+    d.descriptor["vehicle"] = {"wheelbase_m": WHEELBASE_M}
+    _ahead(d, WHEELBASE_M)
+
+
+WHEELBASE_M = 2.8
+"""That of the car of the valid dataset, whose poses move as its rear axle does."""
+
+
+def _ahead(d: Draft, by_m: float) -> None:
+    """Record the poses of a point further ahead, and the route state there."""
+    for shard in d.tables.values():
+        lines = {
+            row["rollout_id"]: tuple(np.array(row[f"route_{axis}_m"]) for axis in "xy")
+            for row in shard["rollouts"].to_pylist()
+        }
+        rows = shard["observations"].to_pylist()
+        for row in rows:
+            yaw, (x, y) = row["yaw_rad"], lines[row["rollout_id"]]
+            row["x_m"], row["y_m"] = row["x_m"] + by_m * math.cos(yaw), row["y_m"] + by_m * math.sin(yaw)
+            pose = (np.array([row[name]]) for name in ("x_m", "y_m", "yaw_rad"))
+            row |= {name: values[0] for name, values in route_columns(*pose, (x, y)).items()}
+        shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)
+
+
+def seen_again(d: Draft, change: Callable[[], None]) -> None:
+    """Change actors and compute their evidence again; contacts are what the simulator saw, also where boxes lie now."""
+    change()
     for rollout_id in d.take("rollouts")["rollout_id"].to_pylist():
-        collided = d.value("rollouts", "result_num_vehicle_collisions", rollout_id=rollout_id)
-        seen = d.take("evidence", rollout_id=rollout_id)["collision"].to_pylist()
+        counted, seen = (d.take(table, rollout_id=rollout_id) for table in ("rollouts", "evidence"))
         d.refresh_evidence(rollout_id)
-        _restore(d, rollout_id, collided, seen)
+        d.fill(
+            "evidence", {"collision": seen["collision"].to_numpy(zero_copy_only=False)}, rollout_id=rollout_id
+        )  # as the simulator saw
+        for kind in ("vehicle", "pedestrian", "static"):
+            column = f"result_num_{kind}_collisions"
+            d.set("rollouts", column, counted[column][0].as_py(), rollout_id=rollout_id)
 
 
-def _restore(d: Draft, rollout_id: str, collided: int, seen: list[bool]) -> None:
-    """Contacts are what the simulator saw, also where boxes lie otherwise."""
-    values = iter(seen)
-    d.set("evidence", "collision", lambda _: next(values), rollout_id=rollout_id)
-    d.set("rollouts", "result_num_vehicle_collisions", collided, rollout_id=rollout_id)
+# BD-RSP-016: the car of the valid dataset turns its wheels by 0.6 rad and brakes with 6 m/s2.
+
+
+def _declared(d: Draft, max_steer_rad: float, max_decel_mps2: float) -> None:
+    d.descriptor["vehicle"] = {
+        "wheelbase_m": WHEELBASE_M, "max_steer_rad": max_steer_rad, "max_decel_mps2": max_decel_mps2,
+    }  # fmt: skip
+    _ahead(d, 0.5 * WHEELBASE_M)
+
+
+@mutant("BD-RSP-016", base="bare", at={"table": "controls", "column": "applied_steer"})
+def vehicle_with_wheels_that_turn_further(d: Draft) -> None:
+    _declared(d, 1.0, 6.0)
+
+
+@mutant("BD-RSP-016", base="bare", at={"table": "controls", "column": "applied_brake"})
+def vehicle_with_half_its_brakes(d: Draft) -> None:
+    _declared(d, 0.6, 3.0)
+
+
+@boundary("BD-RSP-016", base="bare")
+def vehicle_that_drives(d: Draft) -> None:
+    _declared(d, 0.6, 6.0)

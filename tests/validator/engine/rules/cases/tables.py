@@ -67,7 +67,7 @@ def other_settings(content: bytes) -> bytes:
     return sink.getvalue()
 
 
-@boundary("BD-TAB-001", "BD-TAB-002", "BD-TAB-003")
+@boundary("BD-TAB-001", "BD-TAB-002", "BD-TAB-003", "BD-TAB-007")
 def other_compression_encoding_and_row_groups(d: Draft) -> None:
     for name in d.tables[SHARD_1]:
         _rewrite(d, f"{SHARD_1}/{name}.parquet", other_settings)
@@ -297,3 +297,23 @@ def raw_layer_without_rows(d: Draft) -> None:
 @boundary("BD-TAB-006", "BD-TAB-004")
 def shard_without_rows_beside_another(d: Draft) -> None:
     d.tables["raw/shard-00042"] = {name: rows.slice(0, 0) for name, rows in d.tables[SHARD_0].items()}
+
+
+# BD-TAB-007
+
+
+def exchanged(rows: pa.Table, first: int, second: int) -> pa.Table:
+    """The rows with two of them in each other's place."""
+    order = list(range(len(rows)))
+    order[first], order[second] = second, first
+    return rows.take(order)
+
+
+@mutant("BD-TAB-007", at={"table": "actors", "column": "actor_id", "tick": 0})
+def actors_of_a_moment_in_another_order(d: Draft) -> None:
+    d.map_table("actors", lambda rows: exchanged(rows, 0, 1), folder=SHARD_1)
+
+
+@mutant("BD-TAB-007", at={"table": "rollouts", "column": "rollout_id"})
+def attempts_in_another_order(d: Draft) -> None:
+    d.map_table("rollouts", lambda rows: exchanged(rows, 3, 4), folder=SHARD_1)

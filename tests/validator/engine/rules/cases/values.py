@@ -55,6 +55,25 @@ def smallest_and_signed_zero_values(d: Draft) -> None:
     d.set("observations", "accel_longitudinal_mps2", 1e-45, rollout_id=BRAKE, tick=5)
 
 
+# BD-VAL-007
+
+
+@mutant("BD-VAL-007", at=_place("observations", "accel_lateral_mps2", tick=BRANCH_TICK - 5))
+def zero_with_a_sign(d: Draft) -> None:
+    d.set("observations", "accel_lateral_mps2", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK - 5)
+
+
+@mutant("BD-VAL-007", at=_place("rollouts", "route_y_m"))
+def zero_with_a_sign_in_a_route(d: Draft) -> None:
+    d.set("rollouts", "route_y_m", lambda ys: [-y if y == 0 else y for y in ys], rollout_id=BRAKE)
+
+
+@boundary("BD-VAL-007")
+def zeros_and_the_smallest_negative_number(d: Draft) -> None:
+    d.set("observations", "accel_lateral_mps2", 0.0, rollout_id=BRAKE)
+    d.set("observations", "accel_longitudinal_mps2", -1e-45, rollout_id=BRAKE, tick=5)
+
+
 # BD-VAL-002
 
 

@@ -1,4 +1,4 @@
-"""Defects and limits of what columns say of the world: route state, motion, tracks of actors, results."""
+"""Defects and limits of what columns say of the world: route state, motion, tracks of actors."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK, EGO_BOX_M, to_table
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, STEER_LEFT, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.testing.drive import Array, route_columns
+from branchdrive.testing.drive import Array
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
-FREE_TICK = 120
-"""Nobody is within ten metres of the attempt that cases edit."""
+MOTION = ("speed_mps", "accel_longitudinal_mps2", "accel_lateral_mps2", "yaw_rate_radps")
 TARGETS = tuple(f"target_point_{number}_{axis}_m" for number in (1, 2) for axis in ("x", "y"))
 
 
@@ -26,15 +25,11 @@ def _actor(column: str, tick: int, actor_id: int) -> dict[str, str | int]:
     return {"table": "actors", "column": column, "rollout_id": BRAKE, "tick": tick, "actor_id": actor_id}
 
 
-def _result(column: str) -> dict[str, str]:
-    return {"table": "rollouts", "column": column, "rollout_id": BRAKE}
-
-
 def _refresh(d: Draft) -> None:
     """Evidence of the actors as they are now; nothing is touched that was not."""
     d.refresh_evidence(BRAKE)
     d.set("evidence", "collision", False, rollout_id=BRAKE)
-    d.set("rollouts", COUNTS[0], 0, rollout_id=BRAKE)
+    d.set("rollouts", COUNTS, 0, rollout_id=BRAKE)
 
 
 # BD-RTE-001
@@ -76,7 +71,7 @@ def target_points_in_the_world_frame(d: Draft) -> None:
     for axis in ("x", "y"):
         column = f"target_point_2_{axis}_m"
         own = iter(d.take("observations", rollout_id="g0.brake_0.30.a1")[f"{axis}_m"].to_pylist())
-        d.set("observations", column, lambda v, own=own: v + next(own), rollout_id=BRAKE)  # type: ignore[misc]
+        d.set("observations", column, lambda v, own=own: v + next(own), rollout_id=BRAKE)
 
 
 @mutant("BD-RTE-002", at=_observed("target_point_1_x_m", BRANCH_TICK + 50))
@@ -90,11 +85,8 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
     rows, route = d.take("observations", rollout_id=BRAKE), d.take("rollouts", rollout_id=BRAKE)
     dx, dy = (route[f"route_{axis}_m"][0].as_py()[-1] - rows[f"{axis}_m"].to_numpy() for axis in ("x", "y"))
     yaw = rows["yaw_rad"].to_numpy().astype(float)
-    for column, values in zip(
-        TARGETS, 2 * (np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx), strict=True
-    ):
-        left = iter(values.tolist())
-        d.set("observations", column, lambda _, left=left: next(left), rollout_id=BRAKE)  # type: ignore[misc]
+    ahead, left = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
+    d.fill("observations", dict(zip(TARGETS, (ahead, left, ahead, left), strict=True)), rollout_id=BRAKE)
 
 
 # BD-RTE-003
@@ -102,19 +94,8 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
 
 def _reroute(d: Draft, change: Callable[[Array, Array], tuple[Array, Array]]) -> None:
     """Give the attempts of the first group another polyline, with the route state on it."""
-    for rollout_id in d.take("rollouts", group_id="g0")["rollout_id"].to_pylist():
-        record, rows = d.take("rollouts", rollout_id=rollout_id), d.take("observations", rollout_id=rollout_id)
-        line = change(*(np.array(record[f"route_{axis}_m"][0].as_py()) for axis in "xy"))
-        x, y, yaw = (rows[name].to_numpy().astype(float) for name in ("x_m", "y_m", "yaw_rad"))
-        columns = route_columns(x, y, yaw, line)
-        for name, values in columns.items():
-            left = iter(values.tolist())
-            d.set("observations", name, lambda _, left=left: next(left), rollout_id=rollout_id)  # type: ignore[misc]
-        for axis, vertices in zip("xy", line, strict=True):
-            d.set("rollouts", f"route_{axis}_m", lambda _, v=vertices: v, rollout_id=rollout_id)  # type: ignore[misc]
-        length_m = np.hypot(*(np.diff(axis) for axis in line)).sum()
-        fraction = float(columns["route_progress_m"].max() / length_m)
-        d.set("rollouts", "result_route_fraction", fraction, rollout_id=rollout_id)
+    for record in d.take("rollouts", group_id="g0").to_pylist():
+        d.reroute(record["rollout_id"], change(*(np.array(record[f"route_{axis}_m"]) for axis in "xy")))
 
 
 @mutant("BD-RTE-003", base="bare", at={"column": "route_offset_m", "rollout_id": NOMINAL, "tick": BRANCH_TICK - 80})
@@ -134,11 +115,14 @@ def route_on_the_other_carriageway(d: Draft) -> None:
 
 @boundary("BD-RTE-003", base="bare")
 def nominal_that_hardly_drives(d: Draft) -> None:
-    """Its speeds are not compared with its way where it has a contact."""
+    """At seven observations it is faster than a vehicle that stands, and so are its replays."""
+    group = d.take("rollouts", group_id="g0")["rollout_id"].to_pylist()
+    for column in ("x_m", "y_m", "yaw_rad"):
+        d.set("observations", column, d.value("observations", column, rollout_id=NOMINAL, tick=0), rollout_id=group)
+    d.set("observations", MOTION, 0.0, rollout_id=group)
+    d.set("observations", "speed_mps", 0.5, rollout_id=group)
+    d.set("observations", "speed_mps", 1.0, rollout_id=group, tick=range(BRANCH_TICK, BRANCH_TICK + 35, 5))
     _reroute(d, lambda x, y: (x[::-1], y[::-1]))
-    d.set("rollouts", COUNTS[0], None, rollout_id=NOMINAL)
-    d.set("observations", "speed_mps", 0.5, rollout_id=NOMINAL)
-    d.set("observations", "speed_mps", 1.0, rollout_id=NOMINAL, tick=range(BRANCH_TICK, BRANCH_TICK + 35))
 
 
 # BD-MOT
@@ -151,13 +135,45 @@ def speed_in_kilometres_per_hour(d: Draft) -> None:
 
 @boundary("BD-MOT-001", base="bare")
 def speed_at_the_bound(d: Draft) -> None:
+    """Whatever the mean of the attempt says where nobody knows its contacts."""
+    d.set("rollouts", COUNTS[2], None, rollout_id=BRAKE)
     d.set("observations", "speed_mps", lambda v: v + 4.0, rollout_id=BRAKE)
 
 
-@boundary("BD-MOT-001", base="bare", name="speed_after_a_contact")
-def _contact(d: Draft) -> None:
-    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
+@mutant("BD-MOT-001", at=_observed("x_m", 5), base="bare")
+def speed_in_kilometres_per_hour_where_nobody_counts_contacts(d: Draft) -> None:
+    d.set("rollouts", COUNTS[2], None, rollout_id=BRAKE)
     d.set("observations", "speed_mps", lambda v: 3.6 * v, rollout_id=BRAKE)
+
+
+def _speeding(d: Draft, ticks: range) -> None:
+    """Speeds that break the displacement there and at the next observation."""
+    d.set("observations", "speed_mps", lambda v: v + 30.0, rollout_id=BRAKE, tick=ticks)
+
+
+@mutant("BD-MOT-001", at=_observed("x_m", 120), base="bare")
+def speeds_that_no_contact_explains(d: Draft) -> None:
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
+    _speeding(d, range(120, 160, 5))
+
+
+@boundary("BD-MOT-001", base="bare")
+def speeds_that_a_contact_explains(d: Draft) -> None:
+    d.set("rollouts", COUNTS[0], None, rollout_id=BRAKE)
+    _speeding(d, range(120, 155, 5))
+
+
+def _touch(d: Draft, rollout_id: str, *ticks: int) -> None:
+    """Let an attempt touch something static."""
+    d.set("evidence", "collision", True, rollout_id=rollout_id, tick=list(ticks))
+    d.set("rollouts", COUNTS[2], 1, rollout_id=rollout_id)
+
+
+@boundary("BD-MOT-001", "BD-MOT-003", "BD-MOT-004")
+def speeds_that_are_wrong_within_two_seconds_of_a_contact(d: Draft) -> None:
+    d.set("observations", "speed_mps", lambda v: v + 30.0, rollout_id=BRAKE, tick=range(20, 60, 5))
+    d.refresh_evidence(BRAKE)
+    _touch(d, BRAKE, 20)
 
 
 @mutant("BD-MOT-002", at=_observed("yaw_rad", 150))
@@ -168,6 +184,18 @@ def yaw_rate_without_a_turn(d: Draft) -> None:
 @boundary("BD-MOT-002")
 def yaw_rate_of_a_swerve(d: Draft) -> None:
     d.set("observations", "yaw_rate_radps", 1.5, rollout_id=BRAKE, tick=150)
+
+
+@mutant("BD-MOT-002", at=_observed("yaw_rad", 65))
+def yaw_rate_that_is_wrong_two_seconds_after_a_contact(d: Draft) -> None:
+    _touch(d, BRAKE, 20)
+    d.set("observations", "yaw_rate_radps", 1.2, rollout_id=BRAKE, tick=[60, 65])
+
+
+@boundary("BD-MOT-002")
+def yaw_rate_that_is_wrong_two_seconds_from_a_contact_on(d: Draft) -> None:
+    _touch(d, BRAKE, 20)
+    d.set("observations", "yaw_rate_radps", 1.2, rollout_id=BRAKE, tick=[55, 60])
 
 
 @mutant("BD-MOT-003", at=_observed("accel_longitudinal_mps2", 0))
@@ -193,6 +221,40 @@ def acceleration_without_a_change_of_speed(d: Draft) -> None:
 @boundary("BD-MOT-003")
 def acceleration_of_an_emergency_stop(d: Draft) -> None:
     d.set("observations", "accel_longitudinal_mps2", -13.0, rollout_id=BRAKE, tick=50)
+
+
+@mutant("BD-MOT-004", at={"table": "evidence", "column": "collision", "rollout_id": BRAKE, "tick": 0})
+def drive_that_begins_in_contact(d: Draft) -> None:
+    _touch(d, BRAKE, 0)
+
+
+@mutant("BD-MOT-004", at={"table": "evidence", "column": "collision", "rollout_id": BRAKE, "tick": 25})
+def history_in_contact(d: Draft) -> None:
+    """Of its observations, those from the 65th tick on are judged but for the last."""
+    _touch(d, BRAKE, 25)
+
+
+@boundary("BD-MOT-004")
+def first_half_of_a_history_in_contact(d: Draft) -> None:
+    _touch(d, BRAKE, 5, 10, 15, 20)
+
+
+def _touch_all_but(d: Draft, number: int) -> None:
+    """Let all attempts but the last ones touch something static, once, after the branch."""
+    d.set("evidence", "collision", False)
+    d.set("rollouts", COUNTS, 0)
+    for rollout_id in d.take("rollouts")["rollout_id"].to_pylist()[: -number or None]:
+        _touch(d, rollout_id, 150)
+
+
+@mutant("BD-MOT-005", at={"table": "evidence", "column": "collision"})
+def contacts_in_all_attempts(d: Draft) -> None:
+    _touch_all_but(d, 0)
+
+
+@boundary("BD-MOT-005")
+def contacts_in_eight_of_nine_attempts(d: Draft) -> None:
+    _touch_all_but(d, 8)
 
 
 # BD-ACT
@@ -263,6 +325,48 @@ def actor_out_of_range_that_blinks(d: Draft) -> None:
     _refresh(d)
 
 
+def _stand(d: Draft, actor_id: int) -> None:
+    """Let an actor stand where it is at the branch."""
+    for column in ("x_m", "y_m"):
+        d.set("actors", column, d.value("actors", column, rollout_id=BRAKE, actor_id=actor_id, tick=BRANCH_TICK),
+              rollout_id=BRAKE, actor_id=actor_id)  # fmt: skip
+    d.set("actors", ("vel_x_mps", "vel_y_mps"), 0.0, rollout_id=BRAKE, actor_id=actor_id)
+
+
+@mutant("BD-ACT-003", at=_actor("actor_id", BRANCH_TICK + 25, 4))
+def standing_actor_that_is_away_for_three_seconds(d: Draft) -> None:
+    _stand(d, 4)
+    d.drop("actors", rollout_id=BRAKE, actor_id=4, tick=range(BRANCH_TICK - 35, BRANCH_TICK + 25))
+    _refresh(d)
+
+
+@boundary("BD-ACT-003", "BD-ACT-005")
+def actor_near_the_limit_of_the_range_that_is_away_for_three_seconds(d: Draft) -> None:
+    x_m = d.value("observations", "x_m", rollout_id=BRAKE, tick=BRANCH_TICK)
+    d.set("actors", "x_m", x_m, rollout_id=BRAKE, actor_id=7)
+    d.set("actors", "y_m", 46.0, rollout_id=BRAKE, actor_id=7)
+    d.drop("actors", rollout_id=BRAKE, actor_id=7, tick=range(BRANCH_TICK - 35, BRANCH_TICK + 25))
+    _refresh(d)
+
+
+def _another(d: Draft, away_m: float) -> None:
+    """Let an oncoming vehicle leave, and give its id after two seconds to one that is as far from its way."""
+    first, last = BRANCH_TICK - 75, BRANCH_TICK + 50
+    d.drop("actors", rollout_id=BRAKE, actor_id=7, tick=range(first + 5, first + 45))
+    d.set("actors", "y_m", lambda v: v + away_m, rollout_id=BRAKE, actor_id=7, tick=range(first + 45, last + 5))
+    _refresh(d)
+
+
+@mutant("BD-ACT-005", at=_actor("actor_id", BRANCH_TICK - 30, 7))
+def id_of_somebody_who_left(d: Draft) -> None:
+    _another(d, 20.0)
+
+
+@boundary("BD-ACT-005")
+def actor_that_moves_out_of_range(d: Draft) -> None:
+    _another(d, 10.0)
+
+
 @mutant("BD-ACT-004", at=_actor("vel_x_mps", BRANCH_TICK - 70, 2))
 def actor_velocity_in_kilometres_per_hour(d: Draft) -> None:
     d.set("actors", ("vel_x_mps", "vel_y_mps"), lambda v: 3.6 * v, rollout_id=BRAKE, actor_id=2)
@@ -271,64 +375,6 @@ def actor_velocity_in_kilometres_per_hour(d: Draft) -> None:
 
 @boundary("BD-ACT-004")
 def actor_velocity_at_the_bound(d: Draft) -> None:
-    d.set("actors", "vel_y_mps", lambda v: v + 3.9, rollout_id=BRAKE, actor_id=2)
+    """Of somebody who stands, whose steps say nothing of a speed."""
+    d.set("actors", "vel_y_mps", lambda v: v + 3.9, rollout_id=BRAKE, actor_id=4)
     _refresh(d)
-
-
-# BD-RES
-
-
-@mutant("BD-RES-001", at=_result(COUNTS[0]))
-def contact_that_is_not_counted(d: Draft) -> None:
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=150)
-
-
-@mutant("BD-RES-001", at=_result(COUNTS[0]))
-def collision_that_nothing_shows(d: Draft) -> None:
-    d.set("rollouts", COUNTS[1], 1, rollout_id=BRAKE)
-
-
-@mutant("BD-RES-001", at={"column": "collision", "rollout_id": STEER_LEFT, "tick": 165})
-def overlap_that_nobody_sees(d: Draft) -> None:
-    d.set("evidence", "collision", False, rollout_id=STEER_LEFT)
-    d.set("rollouts", COUNTS, 0, rollout_id=STEER_LEFT)
-
-
-@mutant("BD-RES-001", at={"column": "collision", "rollout_id": BRAKE, "tick": FREE_TICK})
-def collision_with_somebody_who_is_far(d: Draft) -> None:
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=FREE_TICK)
-    d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
-
-
-@boundary("BD-RES-001")
-def collision_with_something_static_too(d: Draft) -> None:
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=FREE_TICK)
-    d.set("rollouts", (COUNTS[0], COUNTS[2]), 1, rollout_id=BRAKE)
-
-
-@boundary("BD-RES-001")
-def overlap_of_two_observations(d: Draft) -> None:
-    """Boxes are larger than bodies."""
-    d.set("evidence", "collision", False, rollout_id="g0.steer_left_0.05.a1")
-    d.set("rollouts", COUNTS, 0, rollout_id="g0.steer_left_0.05.a1")
-
-
-@boundary("BD-RES-001")
-def contact_that_nobody_counts(d: Draft) -> None:
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=150)
-    d.set("rollouts", COUNTS[1], None, rollout_id=BRAKE)
-
-
-@mutant("BD-RES-002", at=_result("result_route_fraction"))
-def completed_route_that_was_driven_in_part(d: Draft) -> None:
-    d.set("rollouts", "result_completion", "completed", rollout_id=BRAKE)
-
-
-@mutant("BD-RES-002", at=_result("result_route_fraction"))
-def route_fraction_of_the_nominal(d: Draft) -> None:
-    d.set("rollouts", "result_route_fraction", 1.0, rollout_id=BRAKE)
-
-
-@boundary("BD-RES-002")
-def route_fraction_to_a_goal_before_the_end(d: Draft) -> None:
-    d.set("rollouts", "result_route_fraction", lambda v: v + 0.2, rollout_id=BRAKE)
