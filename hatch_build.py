@@ -29,7 +29,8 @@ class ReadmeHook(MetadataHookInterface):
     """Gives the metadata their readme."""
 
     def update(self, metadata: dict[str, Any]) -> None:
-        """Set `readme`, with links below the homepage of `[project.urls]`."""
+        """Set `readme`, with links below the homepage of `[project.urls]`; without one they stay relative."""
         text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
-        base = metadata["urls"]["Homepage"]
-        metadata["readme"] = {"content-type": "text/markdown", "text": absolute_links(text, base)}
+        base = metadata.get("urls", {}).get("Homepage")
+        text = absolute_links(text, base) if base else text
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
