@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     )
     from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
     from branchdrive.model.reader import ModelLayer, open_model
-    from branchdrive.raw.camera_frames import CameraFrames
     from branchdrive.raw.group import BranchGroup
+    from branchdrive.raw.media.camera_frames import CameraFrames
     from branchdrive.raw.reader import Dataset, open_dataset
     from branchdrive.raw.rollout import Rollout
     from branchdrive.writer.group_writer import GroupWriter

@@ -22,7 +22,7 @@ from branchdrive.formats.image_header import read_header
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import decode_table, encode_table
 from branchdrive.formats.table_file import conform
-from branchdrive.raw.media_folder import FRAMES, image_checksum
+from branchdrive.raw.media.folder import FRAMES, image_checksum
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP, Rollout
 from branchdrive_reference.rendering.encoding import encoded

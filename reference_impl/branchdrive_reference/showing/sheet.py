@@ -15,7 +15,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S, WINDOW_OFFSETS
 from branchdrive.errors import UsageError
-from branchdrive.raw.camera_frames import CameraFrames
+from branchdrive.raw.media.camera_frames import CameraFrames
 from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
 from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, Scene, outcome_texts

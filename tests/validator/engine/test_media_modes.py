@@ -16,7 +16,7 @@ from branchdrive.contract.media import SAMPLE_STEP, MediaMode
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.formats.image_codec import NO_DECODER
-from branchdrive.raw.images import chosen_rows
+from branchdrive.raw.media.images import chosen_rows
 
 FOLDER = "raw/shard-00001"
 FRAMES = synthetic.media_tables()[FOLDER]["frames"]
@@ -73,7 +73,7 @@ def test_rules_on_pixels_have_not_passed_where_not_all_were_looked_at(
 def test_without_a_decoder_the_population_is_the_same_and_the_verdict_partial(
     root: Path, whole: Report, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.raw.image_eye.can_decode", lambda: False)
+    monkeypatch.setattr("branchdrive.raw.media.image_eye.can_decode", lambda: False)
     report = validate(root)
     assert report.verdict == "partial"
     assert said(report, "BD-FRM-008") == ("skipped", 0, NO_DECODER)

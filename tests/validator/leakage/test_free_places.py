@@ -15,7 +15,7 @@ from branchdrive.leakage.gate import Gate, leakage_gate
 from branchdrive.leakage.outcome import outcome_codes, revealed_outcomes
 from branchdrive.leakage.protocol import STATISTICS, Protocol
 from branchdrive.leakage.streams import StreamColumn, Streams, num_different, ranked
-from branchdrive.raw.image_numbers import NAMES, image_numbers
+from branchdrive.raw.media.image_numbers import NAMES, image_numbers
 
 QUICK = Protocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
 NUM_GROUPS, NUM_ACTIONS, NUM_TIMES = 46, 6, 16

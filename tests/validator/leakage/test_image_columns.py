@@ -16,8 +16,8 @@ from branchdrive.leakage.protocol import Protocol
 from branchdrive.leakage.recording import has_all_images, recorded_numbers
 from branchdrive.leakage.streams import DIFFERENT, StreamColumn, Streams, examined_cameras, ranked, stream_columns
 from branchdrive.leakage.text import leakage_sentences
-from branchdrive.raw.image_numbers import NAMES, image_numbers
-from branchdrive.raw.images import Images
+from branchdrive.raw.media.image_numbers import NAMES, image_numbers
+from branchdrive.raw.media.images import Images
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.testing.media import media_document
 

@@ -16,7 +16,7 @@ from tests.validator.writer.invented import ATTEMPTS, CAMERAS, make_descriptor, 
 
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.formats.manifest import build_manifest, parse_manifest
-from branchdrive.raw.camera_frames import CameraFrame
+from branchdrive.raw.media.camera_frames import CameraFrame
 from branchdrive.raw.reader import open_dataset
 from branchdrive.writer.writer import DatasetWriter
 

@@ -40,25 +40,25 @@ from branchdrive.model.targets import candidate_columns, scalar_columns, traject
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
 from branchdrive.quality.replay_frames import frame_columns
-from branchdrive.raw.calibration import calibration
 from branchdrive.raw.content import attempt_content
-from branchdrive.raw.extent import vehicle_widths
 from branchdrive.raw.funnel import Funnel
-from branchdrive.raw.image_eye import Look
-from branchdrive.raw.images import Images
-from branchdrive.raw.lane_use import lane_use
-from branchdrive.raw.media import read_media
-from branchdrive.raw.outline import outlines
-from branchdrive.raw.prevalence import broken_relations, num_in_contact, num_missing_attempts
-from branchdrive.raw.response import executed, observed_extremes, responses_of, tracks
-from branchdrive.raw.semantic_bodies import SemanticActors, SemanticPeople, SemanticVehicles
-from branchdrive.raw.semantic_frame import SemanticFrames
-from branchdrive.raw.semantic_ground import SemanticGround
-from branchdrive.raw.semantic_signs import SemanticSigns
+from branchdrive.raw.media.image_eye import Look
+from branchdrive.raw.media.images import Images
+from branchdrive.raw.media.reading import read_media
+from branchdrive.raw.motion.calibration import calibration
+from branchdrive.raw.motion.extent import vehicle_widths
+from branchdrive.raw.motion.lane_use import lane_use
+from branchdrive.raw.motion.outline import outlines
+from branchdrive.raw.motion.prevalence import broken_relations, num_in_contact, num_missing_attempts
+from branchdrive.raw.motion.response import executed, observed_extremes, responses_of, tracks
+from branchdrive.raw.motion.sight import sights
+from branchdrive.raw.motion.track_ends import track_ends
+from branchdrive.raw.semantic.bodies import SemanticActors, SemanticPeople, SemanticVehicles
+from branchdrive.raw.semantic.frame import SemanticFrames
+from branchdrive.raw.semantic.ground import SemanticGround
+from branchdrive.raw.semantic.signs import SemanticSigns
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.sight import sights
 from branchdrive.raw.town_map import map_digests
-from branchdrive.raw.track_ends import track_ends
 from branchdrive.tables.frame import Frame
 from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.leakage.streams import IMAGES, WINDOWS, examined_cameras, num_different, value_columns
-from branchdrive.raw.image_numbers import NAMES
+from branchdrive.raw.media.image_numbers import NAMES
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.view import StreamView

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import STREAMS, TABLES, Column
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
-from branchdrive.raw.image_numbers import NAMES
+from branchdrive.raw.media.image_numbers import NAMES
 
 __all__ = [
     "COUNT", "DIFFERENT", "IMAGES", "WINDOWS", "StreamColumn", "Streams", "camera_columns", "examined_cameras",

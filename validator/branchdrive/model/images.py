@@ -18,7 +18,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
 from branchdrive.formats.untrusted import Links
-from branchdrive.raw.media_folder import ImagePlace, MediaFolder
+from branchdrive.raw.media.folder import ImagePlace, MediaFolder
 from branchdrive.tables.frame import Values
 
 __all__ = ["ImageHistory"]

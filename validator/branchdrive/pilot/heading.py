@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.pilot.pilot import Part
-from branchdrive.raw.contact import is_free
-from branchdrive.raw.motion import OBSERVATION_S, follows
+from branchdrive.raw.motion.contact import is_free
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["Reading", "headings_read"]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.pilot.pilot import Part
-from branchdrive.raw.calibration import (
+from branchdrive.raw.motion.calibration import (
     MIN_RATE_RADPS,
     MIN_SPEED_MPS,
     MIN_STEPS,
@@ -30,8 +30,8 @@ from branchdrive.raw.calibration import (
     Quantity,
     calibration,
 )
-from branchdrive.raw.contact import is_free
-from branchdrive.raw.motion import OBSERVATION_S, follows
+from branchdrive.raw.motion.contact import is_free
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.rules.responses import prevails
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.text.table import Column, Table

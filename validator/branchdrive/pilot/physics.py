@@ -24,12 +24,12 @@ from branchdrive.pilot.heading import headings_read
 from branchdrive.pilot.motion import Figure, figure_table, motion_figures
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
-from branchdrive.raw.contact import is_free
-from branchdrive.raw.motion import RELATIONS, Relation, displacement, lateral, longitudinal, turn
-from branchdrive.raw.route_state import routes
+from branchdrive.raw.motion.contact import is_free
+from branchdrive.raw.motion.residual import RELATIONS, Relation, displacement, lateral, longitudinal, turn
+from branchdrive.raw.motion.route_state import routes
+from branchdrive.raw.motion.tracks import actor_displacements
 from branchdrive.raw.rules.responses import MIN_INTERVENTIONS, SHARE_PERCENT
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacements
 from branchdrive.tables.view import StreamView
 from branchdrive.text.table import Column, Table
 

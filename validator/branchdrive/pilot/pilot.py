@@ -23,7 +23,7 @@ from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.raw.examination import Examination
-from branchdrive.raw.response import responses
+from branchdrive.raw.motion.response import responses
 from branchdrive.raw.shard import find_shards
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Frame, concat

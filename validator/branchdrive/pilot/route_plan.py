@@ -24,7 +24,7 @@ from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
 from branchdrive.quality.partition import PARTITIONS, cluster_of_groups, partition_sizes
 from branchdrive.quality.qualification import first_attempts
-from branchdrive.raw.route_state import routes
+from branchdrive.raw.motion.route_state import routes
 from branchdrive.statistics.split import SHARES, Calibration, assign_split
 from branchdrive.text.table import Column, Table
 

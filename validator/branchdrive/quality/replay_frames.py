@@ -32,7 +32,7 @@ from branchdrive.driving.discrepancy import (
 )
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.quality.replay import Pairs, evidence_of, history_of
-from branchdrive.raw.pairs import deciding_pairs, pairs_of_rows
+from branchdrive.raw.motion.pairs import deciding_pairs, pairs_of_rows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.frame import Values

@@ -15,8 +15,8 @@ from branchdrive.contract.columns import TABLES, Column, Table
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import listed, nearest, quote
 from branchdrive.errors import UnknownNameError, UsageError
-from branchdrive.raw.camera_frames import CameraFrames
-from branchdrive.raw.media_folder import FRAMES, MediaFolder
+from branchdrive.raw.media.camera_frames import CameraFrames
+from branchdrive.raw.media.folder import FRAMES, MediaFolder
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -17,7 +17,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.formats.untrusted import Links, list_names
-from branchdrive.raw.media_folder import FRAMES, MediaFolder
+from branchdrive.raw.media.folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from branchdrive.tables.view import StreamView, TableView
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from branchdrive.raw.images import Images
+    from branchdrive.raw.media.images import Images
 
 __all__ = ["ShardView"]
 

@@ -24,7 +24,7 @@ from branchdrive.errors import ContractError, DatasetError, DecodeError, UsageEr
 from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, sync_dir, write_file
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import decode_table, encode_table
-from branchdrive.raw.media_folder import FRAMES, MediaFolder, places_of
+from branchdrive.raw.media.folder import FRAMES, MediaFolder, places_of
 from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.writer.stage import Places, Stage

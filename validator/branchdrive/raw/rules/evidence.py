@@ -17,7 +17,7 @@ from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.driving.risk import CUTOFF_SLACK, frame_risk, least_of_frame, risk_candidates
-from branchdrive.raw.pairs import deciding_pairs, pairs_of_frame
+from branchdrive.raw.motion.pairs import deciding_pairs, pairs_of_frame
 from branchdrive.raw.shard_view import ShardView
 
 Array = NDArray[np.float64]

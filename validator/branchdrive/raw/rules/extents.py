@@ -14,10 +14,10 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.files.survey import Survey
-from branchdrive.raw.extent import most_m
+from branchdrive.raw.motion.extent import most_m
+from branchdrive.raw.motion.tracks import tracks
 from branchdrive.raw.rules.responses import MIN_INTERVENTIONS, prevails
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import tracks
 
 _EXTENTS = ("length_m", "width_m", "height_m")
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
-from branchdrive.raw.contact import bodies_within
-from branchdrive.raw.images import Comparison, Images
+from branchdrive.raw.media.images import Comparison, Images
+from branchdrive.raw.motion.contact import bodies_within
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import demand_strips
 from branchdrive.tables.view import StreamView

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
-from branchdrive.raw.contact import is_covered
-from branchdrive.raw.motion import follows
+from branchdrive.raw.motion.contact import is_covered
+from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
 
 

@@ -19,8 +19,8 @@ from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.contract.timing import PREDECESSOR_OFFSET
-from branchdrive.raw.contact import is_free
 from branchdrive.raw.image_index import ImageIndex
+from branchdrive.raw.motion.contact import is_free
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
 

@@ -14,9 +14,9 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.raw.contact import COLLISION_COUNTS, actors_within_reach, is_covered
-from branchdrive.raw.motion import follows
-from branchdrive.raw.route_state import last_progress_m
+from branchdrive.raw.motion.contact import COLLISION_COUNTS, actors_within_reach, is_covered
+from branchdrive.raw.motion.residual import follows
+from branchdrive.raw.motion.route_state import last_progress_m
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import RowSummary
 

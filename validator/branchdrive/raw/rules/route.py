@@ -16,7 +16,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import RoutePosition, project
-from branchdrive.raw.route_state import contradicts_route, has_judged_rows, misplaces_target_points, routes
+from branchdrive.raw.motion.route_state import contradicts_route, has_judged_rows, misplaces_target_points, routes
 from branchdrive.raw.shard_view import ShardView
 
 _MIN_DRIVEN = 8

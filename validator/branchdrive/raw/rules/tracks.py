@@ -16,9 +16,9 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.risk import RANGE_M
-from branchdrive.raw.contact import is_free, touches
+from branchdrive.raw.motion.contact import is_free, touches
+from branchdrive.raw.motion.tracks import actor_displacements, actor_returns, tracks
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacements, actor_returns, tracks
 
 Index = NDArray[np.int64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from branchdrive.contract.timing import FUTURE_OFFSETS
 from branchdrive.driving.response import NO_RESPONSE, Responses, Sights
 from branchdrive.raw.image_index import ImageIndex
-from branchdrive.raw.response import Executed
+from branchdrive.raw.motion.response import Executed
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["sights"]

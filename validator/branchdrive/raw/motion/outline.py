@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
-from branchdrive.raw.response import Executed
+from branchdrive.raw.motion.response import Executed
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["OUTLINE_OFFSETS", "outlines"]

@@ -14,10 +14,10 @@ from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
 from branchdrive.driving.box import Boxes, box_gap
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.driving.track_end import CLASSES, MEASURES, TrackEnds
-from branchdrive.raw.motion import OBSERVATION_S, follows
-from branchdrive.raw.response import group_digests
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
+from branchdrive.raw.motion.response import group_digests
+from branchdrive.raw.motion.tracks import tracks
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import tracks
 
 __all__ = ["track_ends"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.raw.motion import follows
+from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = [

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import PreconditionError
-from branchdrive.raw.outline import OUTLINE_OFFSETS
+from branchdrive.raw.motion.outline import OUTLINE_OFFSETS
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import lanes_along
 

@@ -14,12 +14,12 @@ from tests.validator.engine.rules.case import BRAKE, SHARD_0, new_draft
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.raw.contact import is_free, knows_contacts, touches
-from branchdrive.raw.motion import displacement, lateral, longitudinal, turn
-from branchdrive.raw.prevalence import broken_relations, num_in_contact
-from branchdrive.raw.route_state import contradicts_route, last_progress_m, misplaces_target_points
+from branchdrive.raw.motion.contact import is_free, knows_contacts, touches
+from branchdrive.raw.motion.prevalence import broken_relations, num_in_contact
+from branchdrive.raw.motion.residual import displacement, lateral, longitudinal, turn
+from branchdrive.raw.motion.route_state import contradicts_route, last_progress_m, misplaces_target_points
+from branchdrive.raw.motion.tracks import actor_displacements, tracks
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacements, tracks
 
 
 def view_of(tables: Mapping[str, pa.Table]) -> ShardView:

@@ -12,7 +12,7 @@ from tests.synthetic import to_table
 from branchdrive.contract.camera import Camera, TopDownCamera
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.limits import spec_limits
-from branchdrive.raw.image_claims import ImageClaims
+from branchdrive.raw.media.image_claims import ImageClaims
 
 COLUMNS = ("file", "offset_bytes", "size_bytes", "camera", "encoding", "checksum")
 

@@ -22,7 +22,7 @@ from branchdrive.formats.media_archive import (
     read_member,
     whole_blocks,
 )
-from branchdrive.raw.image_claims import ImageKey
+from branchdrive.raw.media.image_claims import ImageKey
 
 __all__ = ["ARCHIVE_SUFFIX", "ArchiveWalk"]
 

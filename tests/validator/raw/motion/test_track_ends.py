@@ -8,8 +8,8 @@ from tests.synthetic import BRANCH_TICK, base_tables, descriptor
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.driving.track_end import CLASSES, TrackEnds
+from branchdrive.raw.motion.track_ends import track_ends
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.track_ends import track_ends
 
 
 @pytest.fixture(scope="module")

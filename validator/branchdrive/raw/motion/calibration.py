@@ -36,10 +36,10 @@ from branchdrive.contract.descriptor import Vehicle
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
-from branchdrive.raw.contact import is_free
-from branchdrive.raw.motion import OBSERVATION_S, follows
+from branchdrive.raw.motion.contact import is_free
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
+from branchdrive.raw.motion.tracks import tracks
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import tracks
 
 __all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "calibration", "calibration_between_contacts"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
+from branchdrive.raw.motion.tracks import tracks
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import tracks
 
 __all__ = ["most_m", "vehicle_widths"]
 

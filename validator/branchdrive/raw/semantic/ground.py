@@ -20,8 +20,8 @@ from branchdrive.contract.mismatch import PreconditionError
 from branchdrive.contract.semantic_bev import ROUTE_WIDTH_M, SemanticChannel, classes_of
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.driving.route import points_near
-from branchdrive.raw.route_state import routes
-from branchdrive.raw.semantic_frame import TILE_M, SemanticFrame, SemanticFrames, near_pixels
+from branchdrive.raw.motion.route_state import routes
+from branchdrive.raw.semantic.frame import TILE_M, SemanticFrame, SemanticFrames, near_pixels
 from branchdrive.raw.town_map import EDGE_SLACK_M, held_by_strips
 
 __all__ = ["SemanticGround"]

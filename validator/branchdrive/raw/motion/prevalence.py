@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from branchdrive.contract.mismatch import Mask
-from branchdrive.raw.contact import touches
-from branchdrive.raw.motion import RELATIONS
+from branchdrive.raw.motion.contact import touches
+from branchdrive.raw.motion.residual import RELATIONS
+from branchdrive.raw.motion.tracks import actor_displacements
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.tracks import actor_displacements
 
 __all__ = ["broken_relations", "num_in_contact", "num_missing_attempts"]
 

@@ -19,7 +19,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError
 from branchdrive.formats.untrusted import Links, open_file
-from branchdrive.raw.image_eye import CHECKSUM_DIGITS
+from branchdrive.raw.media.image_eye import CHECKSUM_DIGITS
 
 if TYPE_CHECKING:
     import pyarrow as pa

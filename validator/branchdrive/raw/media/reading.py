@@ -23,10 +23,10 @@ from branchdrive.errors import DatasetError
 from branchdrive.formats.file_part import FilePart
 from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
-from branchdrive.raw.archive_walk import ARCHIVE_SUFFIX, ArchiveWalk
-from branchdrive.raw.image_claims import ImageClaims
-from branchdrive.raw.image_eye import ImageEye, Look
-from branchdrive.raw.images import Images
+from branchdrive.raw.media.archive_walk import ARCHIVE_SUFFIX, ArchiveWalk
+from branchdrive.raw.media.image_claims import ImageClaims
+from branchdrive.raw.media.image_eye import ImageEye, Look
+from branchdrive.raw.media.images import Images
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,7 +9,8 @@ With ``p`` the position, ``u = (cos yaw, sin yaw)``, ``v`` the speed, ``w`` the 
     lateral       |a_lateral - v_1 w_1|
 
 Recorded accelerations and yaw rates are those of one tick, which observations five ticks apart cannot recompute, but
-bound. Residuals are those of all observations; contacts, which break these relations, are of `branchdrive.raw.contact`.
+bound. Residuals are those of all observations; contacts, which break these relations, are of
+`branchdrive.raw.motion.contact`.
 
 Source: spec/05-raw-streams.md#motion.
 """

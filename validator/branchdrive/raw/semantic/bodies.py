@@ -18,7 +18,7 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass, classes_of
 from branchdrive.driving.box import Boxes
 from branchdrive.driving.risk import RANGE_M
-from branchdrive.raw.semantic_frame import SemanticFrame, SemanticFrames
+from branchdrive.raw.semantic.frame import SemanticFrame, SemanticFrames
 from branchdrive.raw.window import EVIDENCE_OFFSETS
 
 __all__ = ["SemanticActors", "SemanticPeople", "SemanticVehicles"]

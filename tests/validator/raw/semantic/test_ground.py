@@ -7,8 +7,8 @@ import pytest
 
 from branchdrive.contract.camera import TopDownCamera
 from branchdrive.contract.semantic_bev import SemanticChannel
-from branchdrive.raw.semantic_frame import SemanticFrame
-from branchdrive.raw.semantic_ground import _off_route
+from branchdrive.raw.semantic.frame import SemanticFrame
+from branchdrive.raw.semantic.ground import _off_route
 
 ROUTE = np.uint8(SemanticChannel.REMAINING_ROUTE)
 REACH_M, RANGE_M, SLACK_PX = 5.0, 50.0, 2

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
-from branchdrive.raw.motion import follows
+from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["Displacements", "Tracks", "actor_displacements", "actor_returns", "tracks"]

@@ -27,9 +27,9 @@ from branchdrive.formats.file_part import FilePart
 from branchdrive.formats.image_codec import NO_DECODER, can_decode, decode_image
 from branchdrive.formats.image_header import ImageHeader, disagreement, read_header
 from branchdrive.formats.image_parts import Flaw, find_flaw
-from branchdrive.raw.image_claims import Claim, ImageClaims, Place
-from branchdrive.raw.image_numbers import image_numbers
-from branchdrive.raw.images import Images, chosen_rows, is_flat, unknown_class
+from branchdrive.raw.media.image_claims import Claim, ImageClaims, Place
+from branchdrive.raw.media.image_numbers import image_numbers
+from branchdrive.raw.media.images import Images, chosen_rows, is_flat, unknown_class
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.semantic_bev import SemanticClass, classes_of
 from branchdrive.driving.risk import RANGE_M
-from branchdrive.raw.semantic_frame import TILE_M, SemanticFrame, SemanticFrames, near_pixels
+from branchdrive.raw.semantic.frame import TILE_M, SemanticFrame, SemanticFrames, near_pixels
 from branchdrive.raw.town_map import home_towns, is_usable
 
 __all__ = ["SemanticSigns"]

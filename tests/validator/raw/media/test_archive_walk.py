@@ -12,8 +12,8 @@ from tests.each import each
 from branchdrive.contract.mismatch import Mismatch, Mismatches
 from branchdrive.formats.file_part import FilePart
 from branchdrive.formats.media_archive import member_name
-from branchdrive.raw.archive_walk import ArchiveWalk
-from branchdrive.raw.image_claims import ImageKey
+from branchdrive.raw.media.archive_walk import ArchiveWalk
+from branchdrive.raw.media.image_claims import ImageKey
 
 PATH = "raw/shard-00000/media.tar"
 KEYS = [ImageKey("g0.nominal.a1", tick, camera) for tick in (75, 80) for camera in ("front", "rear")]

@@ -1,0 +1,1 @@
+"""Motion of a shard's attempts: poses, speeds, tracks, contacts and responses, compared and counted."""

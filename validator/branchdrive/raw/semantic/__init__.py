@@ -1,0 +1,1 @@
+"""Semantic maps of a shard, pixel by pixel against boxes, towns and routes."""
