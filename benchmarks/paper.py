@@ -13,8 +13,8 @@ from pathlib import Path
 from benchmarks.command import minutes, run_branchdrive, size
 from benchmarks.memory import Measured
 from benchmarks.row import Row
-from branchdrive.engine.verdict import EXIT_CODES
 from branchdrive.errors import BranchDriveError
+from branchdrive.exit_code import EXIT_FAILED, EXIT_OF_VERDICT
 
 __all__ = ["rows"]
 
@@ -50,7 +50,7 @@ def rows(folder: Path, *, num_groups: int | None = None, jobs: int = _JOBS) -> I
     yield Row("peak memory of the collector and its workers", _memory(collected), "<= 2 GiB")
 
     validated = run_branchdrive("validate", dataset, "--jobs", str(jobs), "--format", "json")
-    if validated.exit_code not in set(EXIT_CODES.values()) - {EXIT_CODES["error"]}:
+    if validated.exit_code not in set(EXIT_OF_VERDICT.values()) - {EXIT_FAILED}:
         raise BranchDriveError(f"`branchdrive validate` ended with {validated.exit_code}")
     report = json.loads(validated.output)
     told = f"{minutes(validated.wall_s)}, {report['verdict']}"

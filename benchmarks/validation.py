@@ -20,7 +20,7 @@ from branchdrive.engine.validate import validate
 from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
 from branchdrive.files.survey import take_survey
-from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive_reference.collect.campaign import collect
 
 __all__ = ["ValidationTiming", "rows", "time_validation", "worker_peak_bytes"]

@@ -10,6 +10,8 @@ def main() -> int:
     try:
         from branchdrive.cli.main import script_main
     except KeyboardInterrupt:
+        from branchdrive.exit_code import EXIT_INTERRUPTED
+
         sys.stderr.write("branchdrive-conformance: interrupted\n")
-        return 130
+        return EXIT_INTERRUPTED
     return script_main("branchdrive-conformance", "branchdrive_conformance.command")

@@ -13,7 +13,8 @@ from tests.fuzz.draw import Draw
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES, Column
 from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.edit import with_cells
 
 __all__ = ["KINDS", "SUBTLE", "CellEdit", "Place", "edit_cell", "places"]

@@ -22,7 +22,7 @@ from tests.validator.engine.test_hostile_documents import DOCUMENTS
 from tests.validator.engine.test_hostile_tables import BOMBS
 
 from branchdrive.contract.layout import MANIFEST_FILE
-from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 
 __all__ = ["DAMAGES", "Damage", "put"]
 

@@ -18,7 +18,7 @@ from tests.validator.formats.test_image_parts import DAMAGED, OF_FORM, TURNED
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.formats.media_archive import member_name
-from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 
 __all__ = ["damage_media"]
 

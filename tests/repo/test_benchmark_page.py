@@ -19,7 +19,7 @@ from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
-from branchdrive.statistics.interval import LEAST_UNITS
+from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect

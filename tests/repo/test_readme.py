@@ -16,7 +16,7 @@ from tests.synthetic import base_tables, descriptor, write_dataset
 from branchdrive import open_dataset
 from branchdrive.cli.main import run, run_script
 from branchdrive.engine.validate import validate
-from branchdrive.engine.verdict import EXIT_CODES
+from branchdrive.exit_code import EXIT_OF_VERDICT
 from branchdrive.raw.funnel import STAGES
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def test_every_path_is_written_once_and_git_ignores_it() -> None:
 
 def test_the_verdict_table_is_the_codes() -> None:
     table = dict(re.findall(r"^\| `([a-z-]+)` \| ([0-9]) \|", README, re.M))
-    assert {verdict: int(code) for verdict, code in table.items()} == EXIT_CODES
+    assert {verdict: int(code) for verdict, code in table.items()} == EXIT_OF_VERDICT
 
 
 def test_make_verbs_of_the_readme_exist() -> None:

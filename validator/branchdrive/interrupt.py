@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
+from branchdrive.exit_code import EXIT_TERMINATED
+
 __all__ = ["TerminationInterrupt", "deferred_interrupt", "heeded_termination", "shielded_children"]
 
 _Handler = Callable[[int, FrameType | None], object]
@@ -23,7 +25,7 @@ _Handler = Callable[[int, FrameType | None], object]
 class TerminationInterrupt(KeyboardInterrupt):
     """The process was asked to terminate, as batch schedulers do before they kill."""
 
-    exit_code = 143
+    exit_code = EXIT_TERMINATED
     """What a command ends with then."""
 
 

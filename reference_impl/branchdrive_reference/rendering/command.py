@@ -8,11 +8,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.cli.main import EXIT_INTERRUPTED
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
+from branchdrive.exit_code import EXIT_INTERRUPTED
 from branchdrive.interrupt import heeded_termination
 
 if TYPE_CHECKING:

@@ -20,8 +20,9 @@ from branchdrive.errors import ContractError
 from branchdrive.formats.durable import durable_stream, replace_file
 from branchdrive.formats.image_header import read_header
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.media.folder import FRAMES, image_checksum
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP, Rollout

@@ -14,7 +14,7 @@ from tests.validator.benchmark.samples import data, noise, prediction_set, risk_
 
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
-from branchdrive.statistics.interval import LEAST_UNITS
+from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.statistics.sign_flip import p_text
 from branchdrive_reference.benchmark.text import render_results
 

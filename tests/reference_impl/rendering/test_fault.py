@@ -12,7 +12,7 @@ from tests.synthetic_map import map_descriptor, map_tables
 from branchdrive import open_dataset
 from branchdrive.formats.image_header import read_header
 from branchdrive.formats.image_parts import find_flaw
-from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.media import view
 from branchdrive_reference.rendering.fault import (
     DESCRIPTIONS,

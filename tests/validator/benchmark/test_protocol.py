@@ -30,7 +30,7 @@ from branchdrive.contract.resources import load_resource
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.driving.utility import PROFILES
 from branchdrive.errors import DatasetError
-from branchdrive.statistics.interval import LEVELS
+from branchdrive.statistics.bca import LEVELS
 
 
 def document() -> dict[str, Any]:

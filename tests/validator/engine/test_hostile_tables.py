@@ -199,7 +199,7 @@ def test_text_may_be_encoded_as_a_dictionary_or_not(tmp_path: Path) -> None:
 def test_tables_over_a_limit_are_a_finding(
     bounds: dict[str, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("branchdrive.formats.parquet", "branchdrive.engine.shard"):
+    for module in ("branchdrive.formats.untrusted_parquet", "branchdrive.engine.shard"):
         monkeypatch.setattr(f"{module}.spec_limits", lambda: replace(LIMITS, **bounds))
     bare = {folder: {"controls": shard["controls"]} for folder, shard in synthetic.base_tables().items()}
     report = validate(write(tmp_path / "dataset", bare))

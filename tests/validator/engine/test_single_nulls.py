@@ -22,7 +22,8 @@ from branchdrive.engine.validate import validate
 from branchdrive.engine.worker import in_process
 from branchdrive.files.survey import take_survey
 from branchdrive.formats.manifest import build_manifest, write_manifest
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.edit import with_cells
 
 SHARES = [12, pytest.param(1, marks=THOROUGH)]

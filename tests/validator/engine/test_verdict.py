@@ -11,8 +11,9 @@ from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, Tally
-from branchdrive.engine.verdict import EXIT_CODES, decide, is_waived
+from branchdrive.engine.verdict import decide, is_waived
 from branchdrive.engine.waiver import Waiver, apply_waivers
+from branchdrive.exit_code import EXIT_OF_VERDICT
 
 STRUCTURE, CLAIM, QUALIFICATION = "BD-VAL-001", "BD-ENC-001", "BD-CTL-008"
 
@@ -78,7 +79,7 @@ def test_failure_outside_any_rule_is_an_error() -> None:
 
 
 def test_exit_codes_are_the_documented_ones() -> None:
-    assert EXIT_CODES == {"valid": 0, "valid-with-waivers": 0, "invalid": 1, "partial": 3, "error": 4}
+    assert EXIT_OF_VERDICT == {"valid": 0, "valid-with-waivers": 0, "invalid": 1, "partial": 3, "error": 4}
 
 
 @each(

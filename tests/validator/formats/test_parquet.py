@@ -13,8 +13,9 @@ from tests.validator.writer.invented import control_rows, generator
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.errors import DecodeError, LimitError
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform
+from branchdrive.formats.untrusted_parquet import decode_table
 
 
 def controls(num_rows: int = 300) -> pa.Table:

@@ -21,8 +21,9 @@ from tests import synthetic
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DecodeError, LimitError
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.tables.schema import type_mismatches
 
 CODECS = ("none", "snappy", "gzip", "brotli", "zstd", "lz4")
@@ -152,7 +153,7 @@ def test_damage_in_a_page_of_deltas_is_refused_or_decodes() -> None:
 
 def test_a_wrong_call_of_the_library_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     content = written(pa.table({"x": [1]}))
-    monkeypatch.setattr("branchdrive.formats.parquet._without_extensions", lambda: {"no_such_option": True})
+    monkeypatch.setattr("branchdrive.formats.untrusted_parquet._without_extensions", lambda: {"no_such_option": True})
     with pytest.raises(TypeError, match="no_such_option"):
         decode_table(content)
 

@@ -14,7 +14,7 @@ from tests.validator.writer.invented import ATTEMPTS, write_dataset
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.parquet import written_out_bytes
+from branchdrive.formats.untrusted_parquet import written_out_bytes
 from branchdrive.raw.reader import Dataset, open_dataset
 
 

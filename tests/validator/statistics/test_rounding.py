@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from branchdrive.statistics.interval import intervals
+from branchdrive.statistics.bca import intervals
 from branchdrive.statistics.rounding import slack, sums
 from branchdrive.statistics.sign_flip import sign_flip
 

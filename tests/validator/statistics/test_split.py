@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.statistics.interval import LEAST_UNITS
+from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.statistics.split import (
     CALIBRATION,
     DIVIDED,

@@ -24,8 +24,8 @@ from branchdrive.benchmark.metric.spread import spread
 from branchdrive.benchmark.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.driving.target import TARGETS
+from branchdrive.statistics.bca import Intervals, intervals
 from branchdrive.statistics.bootstrap import Design, counted_mean, design
-from branchdrive.statistics.interval import Intervals, intervals
 from branchdrive.statistics.rounding import number
 
 __all__ = ["SHUFFLED_METRICS", "diagnostic_results"]

@@ -35,8 +35,8 @@ from branchdrive.benchmark.ranking.selected import selected_outcomes, selected_r
 from branchdrive.benchmark.undeclared import undeclared_rankings
 from branchdrive.driving.utility import RANGE, Scale, fit_scale, utility
 from branchdrive.errors import DatasetError
+from branchdrive.statistics.bca import Intervals, intervals
 from branchdrive.statistics.bootstrap import Design, counted_mean, design
-from branchdrive.statistics.interval import Intervals, intervals
 from branchdrive.statistics.rounding import number, numbers
 
 __all__ = ["action_prior", "ranking_results", "scale_record", "utility_scale"]

@@ -27,7 +27,9 @@ def validate_main() -> int:
 
 
 def _interrupted(prog: str) -> int:
-    """Tell of the interrupt; returns the exit code, 128 and the number of the signal."""
+    """Tell of the interrupt; returns the exit code."""
+    from branchdrive.exit_code import EXIT_INTERRUPTED
+
     if sys.stderr is not None:
         sys.stderr.write(f"{prog}: interrupted\n")
-    return 130
+    return EXIT_INTERRUPTED

@@ -2,9 +2,8 @@
 
 Commands are modules with `SUMMARY`, `add_arguments(parser)` and `run(args, stdout, stderr) -> int`.
 Extras and other distributions add theirs through the entry-point group `branchdrive.commands`, whose names are those
-of the commands and whose values are modules. Exit codes: 0, 1, 3, 4 as the
-verdict says, 4 also where a command fails for no reason in its input: a bug, a library that is missing or too old,
-a full disk; 2 wrong usage, a path that cannot be used among it; 130 interrupted, 143 asked to terminate.
+of the commands and whose values are modules. Exit codes are those of `branchdrive.exit_code`: a command fails for no
+reason in its input where it has a bug, a library is missing or too old, or a disk is full.
 """
 
 from __future__ import annotations
@@ -23,13 +22,10 @@ from typing import NoReturn, Protocol, TextIO
 
 from branchdrive.environment import check_environment, extra, import_fault, leave_out_pandas
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
+from branchdrive.exit_code import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_USAGE
 from branchdrive.formats.file_error import file_error_text, is_machine_fault
 
 __all__ = ["main", "run", "run_script", "script_main", "validate_main"]
-
-EXIT_USAGE = 2
-EXIT_FAILED = 4
-EXIT_INTERRUPTED = 130
 
 _BUILT_IN = {
     "validate": "branchdrive.cli.validate",

@@ -14,6 +14,7 @@ from branchdrive.collector.report import CollectionReport
 from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import BranchDriveError, ToolError
+from branchdrive.exit_code import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_SUCCESS, EXIT_USAGE
 from branchdrive.interrupt import heeded_termination
 
 __all__ = ["collector_main"]
@@ -59,12 +60,12 @@ def collector_main(
             )  # fmt: skip
     except KeyboardInterrupt as interrupt:
         sys.stderr.write(f"{parser.prog}: interrupted; run the same command to go on\n")
-        return int(getattr(interrupt, "exit_code", 130))
+        return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
     except (BranchDriveError, OSError) as error:
         sys.stderr.write(f"{parser.prog}: {error}\n")
-        return 4 if isinstance(error, ToolError) else 2
+        return EXIT_FAILED if isinstance(error, ToolError) else EXIT_USAGE
     sys.stdout.write(_summary(args.root, report))
-    return 0
+    return EXIT_SUCCESS
 
 
 def _summary(root: Path, report: CollectionReport) -> str:

@@ -17,10 +17,10 @@ from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
 from branchdrive.engine.judge import judge
 from branchdrive.engine.tally import Tally
+from branchdrive.raw.canonical_choice import select_candidates
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.funnel import group_outcomes
 from branchdrive.raw.rules.status import ATTEMPT_IS_COMPLETE
-from branchdrive.raw.selection import select_candidates
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
 

@@ -31,9 +31,9 @@ from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.table_file import join_parts
 from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.schema import CHECKED_METADATA, COLUMNS_KEY, metadata_mismatches, type_mismatches

@@ -15,8 +15,9 @@ from branchdrive.engine.finding import Finding
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.tally import Tally
-from branchdrive.engine.verdict import EXIT_CODES, Verdict
+from branchdrive.engine.verdict import Verdict
 from branchdrive.engine.waiver import WaiverOutcome
+from branchdrive.exit_code import EXIT_FAILED, EXIT_INVALID, EXIT_OF_VERDICT
 from branchdrive.raw.funnel import Funnel
 
 __all__ = ["FUNNEL_BASIS", "POPULATION_BASIS", "DatasetFacts", "Report", "RunOptions"]
@@ -179,9 +180,9 @@ class Report:
     @property
     def exit_code(self) -> int:
         """Exit code of the command line: the verdict's, or 1 where too few groups qualify or `--strict` forbids."""
-        code = EXIT_CODES[self.verdict]
+        code = EXIT_OF_VERDICT[self.verdict]
         is_refused = self.lacks_groups or (self.options.is_strict and bool(self.noted))
-        return 1 if is_refused and code != EXIT_CODES["error"] else code
+        return EXIT_INVALID if is_refused and code != EXIT_FAILED else code
 
     def to_json(self) -> dict[str, Any]:
         """The report as `schemas/v0.1/report.schema.json` has it."""

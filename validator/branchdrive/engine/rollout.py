@@ -17,8 +17,8 @@ from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine.examine import examine
 from branchdrive.engine.finding import Finding
 from branchdrive.errors import BranchDriveError
+from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.rollout import MAP, ROLLOUTS
-from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ from branchdrive.raw.rules import (
     evidence,
     extents,
     groups,
+    image_replays,
     images,
     infractions,
     keys,
@@ -36,7 +37,7 @@ from branchdrive.raw.rules import (
 
 RULE_MODULES = (
     file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    replays, media, images, maps, route, motion, tracks, coverage, extents, results, infractions,
+    replays, image_replays, media, images, maps, route, motion, tracks, coverage, extents, results, infractions,
     layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules, near_duplicate_rules,
     leakage_rules, structural_rules, benchmark_rules, card_rules,
 )  # fmt: skip

@@ -31,8 +31,8 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.inputs import inputs_of
 from branchdrive.model.media_index import media_columns

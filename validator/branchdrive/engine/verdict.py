@@ -1,4 +1,4 @@
-"""Verdicts: what the rules together mean for the dataset, and the exit code.
+"""Verdicts: what the rules together mean for the dataset.
 
 The table of spec/07-rules.md#verdicts; the first row that applies decides.
 """
@@ -10,12 +10,9 @@ from typing import Literal
 
 from branchdrive.engine.tally import Tally
 
-__all__ = ["EXIT_CODES", "Verdict", "decide", "is_waived"]
+__all__ = ["Verdict", "decide", "is_waived"]
 
 Verdict = Literal["valid", "valid-with-waivers", "partial", "invalid", "error"]
-
-EXIT_CODES: dict[Verdict, int] = {"valid": 0, "valid-with-waivers": 0, "invalid": 1, "partial": 3, "error": 4}
-"""Exit code of each verdict; 2 is wrong usage and 130 an interrupt, both without a verdict."""
 
 
 def is_waived(tally: Tally) -> bool:

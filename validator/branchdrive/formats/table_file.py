@@ -13,8 +13,8 @@ from branchdrive.contract.columns import LAYER_TABLES, TABLES, table_schema
 from branchdrive.contract.layer import table_path, table_paths
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.parquet import decode_table, written_out_bytes
 from branchdrive.formats.untrusted import Links, read_file
+from branchdrive.formats.untrusted_parquet import decode_table, written_out_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,7 +10,7 @@ import numpy as np
 from branchdrive.contract.text import counted
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.tally import Tally
-from branchdrive.engine.verdict import EXIT_CODES
+from branchdrive.exit_code import EXIT_OF_VERDICT
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
 
@@ -34,7 +34,7 @@ def conformance(pilot: Pilot, causes: Sequence[Section]) -> Section:
     """
     report = pilot.report
     counts = {status: sum(tally.status == status for tally in report.tallies) for status in ("pass", "fail")}
-    lenient = counts["fail"] and not EXIT_CODES[report.verdict]
+    lenient = counts["fail"] and not EXIT_OF_VERDICT[report.verdict]
     facts = [
         f"The validator's verdict is {report.verdict}: {counted(counts['pass'], 'rule')} hold on what is recorded, "
         f"{counts['fail']} fail"
@@ -65,7 +65,7 @@ def conformance(pilot: Pilot, causes: Sequence[Section]) -> Section:
         not_examined=_not_examined(report.tallies),
         figures={
             "verdict": report.verdict,
-            "exit_code": EXIT_CODES[report.verdict],
+            "exit_code": EXIT_OF_VERDICT[report.verdict],
             "rules": {tally.rule_id: tally.status for tally in report.tallies if tally.status not in _QUIET},
             "num_violations": {rule_id: tally.num_findings for rule_id, tally in failed.items()},
         },

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from branchdrive.contract.resources import SPEC_VERSION
-from branchdrive.engine.verdict import EXIT_CODES
+from branchdrive.exit_code import EXIT_FAILED, EXIT_INVALID, EXIT_SUCCESS
 from branchdrive.pilot.action_response import action_response
 from branchdrive.pilot.column import columns
 from branchdrive.pilot.conformance import conformance
@@ -57,8 +57,8 @@ class PilotReport:
     def exit_code(self) -> int:
         """4 where the validator failed, 1 where there is a problem; what was not examined changes nothing."""
         if self.pilot.report.verdict == "error":
-            return EXIT_CODES["error"]
-        return 1 if self.num_problems else 0
+            return EXIT_FAILED
+        return EXIT_INVALID if self.num_problems else EXIT_SUCCESS
 
     def to_json(self) -> dict[str, Any]:
         """The report as `schemas/v0.1/pilot.schema.json` has it."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from branchdrive.contract.text import counted, percent
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, RELEASE_ACCESS, Ledger, accesses
-from branchdrive.statistics.interval import LEAST_UNITS
+from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.statistics.split import DIVIDED
 
 __all__ = [

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
+from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.funnel import Funnel, GroupOutcome, funnel_of
-from branchdrive.raw.selection import Selection
 
 __all__ = ["Examination"]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.raw.selection import Selection
+from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["STAGES", "Funnel", "GroupOutcome", "funnel_of", "group_outcomes"]

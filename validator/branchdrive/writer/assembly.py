@@ -23,7 +23,8 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError, DatasetError, DecodeError, UsageError
 from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, sync_dir, write_file
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.media.folder import FRAMES, MediaFolder, places_of
 from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards

@@ -21,7 +21,7 @@ from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, r
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
-from branchdrive.formats.parquet import decode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.tables.content import table_digest
 
 Edit: TypeAlias = Callable[[Any], object]

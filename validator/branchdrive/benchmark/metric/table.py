@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from branchdrive.benchmark.metric.metric import METRICS, PAIRED_METRICS, MetricValues, metric_values
 from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
 from branchdrive.benchmark.metric.scale import Scale
+from branchdrive.statistics.bca import Intervals, intervals
 from branchdrive.statistics.bootstrap import NUM_RESAMPLES, Design, counted_mean, design
 from branchdrive.statistics.cluster import intra_cluster_correlation
-from branchdrive.statistics.interval import Intervals, intervals
 from branchdrive.statistics.rounding import slack
 from branchdrive.statistics.sign_flip import CLUSTER_STREAM, NUM_FLIPS, draw_signs, sign_flip, studentised_p
 

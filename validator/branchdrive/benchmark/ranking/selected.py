@@ -32,8 +32,8 @@ from branchdrive.benchmark.prediction_result import interval_record
 from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import TIE
+from branchdrive.statistics.bca import intervals
 from branchdrive.statistics.bootstrap import Design, ratio_of_sums
-from branchdrive.statistics.interval import intervals
 from branchdrive.statistics.rounding import number
 
 __all__ = ["Rate", "SelectedOutcomes", "selected_outcomes", "selected_record"]

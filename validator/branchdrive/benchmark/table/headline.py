@@ -13,7 +13,7 @@ from branchdrive.benchmark.table.cell import Document, number, spread_over_seeds
 from branchdrive.benchmark.table.prediction import headline_tables
 from branchdrive.benchmark.table.selected import is_privileged
 from branchdrive.contract.text import NONE, counted, percent
-from branchdrive.statistics.interval import LEAST_UNITS
+from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.text.table import Column, Passage, Table
 
 __all__ = ["headline_sections", "inconclusive_sentence"]

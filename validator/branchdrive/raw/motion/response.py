@@ -15,7 +15,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.response import Responses, first_response, lateral_effect_m
-from branchdrive.raw.selection import Selection
+from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 

@@ -15,9 +15,9 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.motion.contact import touches
 from branchdrive.raw.motion.response import group_digests, responses
-from branchdrive.raw.selection import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
 

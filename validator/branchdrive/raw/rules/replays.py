@@ -19,7 +19,6 @@ from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.contract.timing import PREDECESSOR_OFFSET
-from branchdrive.raw.image_index import ImageIndex
 from branchdrive.raw.motion.contact import is_free
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
@@ -77,7 +76,8 @@ def _differences(view: ShardView) -> dict[int, Difference]:
     return found
 
 
-def _subjects(view: ShardView, subjects: Mask) -> Mask:
+def comparable_replays(view: ShardView, subjects: Mask) -> Mask:
+    """Complete nominal replays that share a tick with their complete nominal."""
     compared = np.zeros(view.num_rollouts, bool)
     compared[[*view.cached(_differences)]] = True
     return subjects & compared
@@ -86,7 +86,7 @@ def _subjects(view: ShardView, subjects: Mask) -> Mask:
 @rule("BD-RPN-001")
 def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where replays are declared to be exact, a nominal replay is its nominal to the bit."""
-    differences, judged = view.cached(_differences), _subjects(view, subjects)
+    differences, judged = view.cached(_differences), comparable_replays(view, subjects)
     if view.descriptor.collection.replay_noise.kind != "exact":
         judged[:] = False
     differing = np.array([i in differences and differences[i] is not EQUAL for i in range(view.num_rollouts)], bool)
@@ -104,7 +104,7 @@ def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
 def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where noise is injected, a nominal replay differs; where it is natural, not all of a shard are equal."""
     kind = view.descriptor.collection.replay_noise.kind
-    differences, judged = view.cached(_differences), _subjects(view, subjects)
+    differences, judged = view.cached(_differences), comparable_replays(view, subjects)
     if kind == "exact" or (kind == "natural" and judged.sum() < 2):
         judged[:] = False
     equal = judged & np.array([differences.get(i) is EQUAL for i in range(view.num_rollouts)], bool)
@@ -118,7 +118,7 @@ def noisy_replays_differ(view: ShardView, subjects: Mask) -> Iterator[Check]:
     yield Check.of_subjects(judged, equal, describe)
 
 
-def _intervened(view: ShardView, subjects: Mask) -> Mask:
+def complete_interventions(view: ShardView, subjects: Mask) -> Mask:
     """Complete branched interventions of complete nominals; one of the two has rows."""
     nominal, there = view.nominal, view.observations.is_there
     of_whole = view.role("intervention") & view.complete & view.branched & (nominal >= 0) & view.complete[nominal]
@@ -173,7 +173,7 @@ def _bits_differ(stream: StreamView, column: str, own: NDArray[np.intp], expecte
 @rule("BD-RPN-003")
 def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where replays are declared to be exact, an intervention holds the values of its nominal before the branch."""
-    judged = _intervened(view, subjects)
+    judged = complete_interventions(view, subjects)
     if view.descriptor.collection.replay_noise.kind != "exact":
         judged[:] = False
     found = {i: _history_difference(view, i) for i in np.flatnonzero(judged).tolist()}
@@ -181,13 +181,6 @@ def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check
     differing = np.zeros(view.num_rollouts, bool)
     differing[[*differences]] = True
     yield Check.of_subjects(judged, differing, differences.__getitem__)
-
-
-@rule("BD-RPN-004")
-def exact_images_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Where replays are declared to be exact, an intervention holds the images of its nominal before the branch."""
-    if "frames" in view:
-        yield _images_of_nominals(view, _intervened(view, subjects), view.branch_tick)
 
 
 @rule("BD-RPN-005")
@@ -220,34 +213,3 @@ def noisy_histories_stay_near(view: ShardView, subjects: Mask) -> Iterator[Check
 
     judged = judged & observations.by_rollout(compared).any
     yield Check.of_subjects(judged, judged & summary.any, describe)
-
-
-@rule("BD-RPN-006")
-def images_of_exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Where replays are declared to be exact, a nominal replay holds the images of its nominal."""
-    if "frames" in view:
-        yield _images_of_nominals(view, _subjects(view, subjects), np.full(view.num_rollouts, np.iinfo(np.int64).max))
-
-
-def _images_of_nominals(view: ShardView, judged: Mask, last_tick: NDArray[np.int64]) -> Check:
-    """Whether attempts hold the images of their nominals up to a tick, where both have one ``[rollouts]``."""
-    frames, images = view.stream("frames"), view.cached(ImageIndex)
-    if view.descriptor.collection.replay_noise.kind != "exact":
-        judged = np.zeros_like(judged)
-    rows = np.flatnonzero((frames.rollout >= 0) & np.append(judged, False)[frames.rollout])
-    rows = rows[frames.tick[rows] <= last_tick[frames.rollout[rows]]]
-    of_nominal = images.find(view.nominal[frames.rollout[rows]], images.camera[rows], frames.tick[rows])
-    rows, of_nominal = rows[of_nominal >= 0], of_nominal[of_nominal >= 0]
-    compared, differs = (np.zeros(len(frames), bool) for _ in range(2))
-    compared[rows], differs[rows] = True, images.differ(rows, of_nominal)
-    summary = frames.by_rollout(differs)
-    judged = judged & frames.by_rollout(compared).any
-
-    def describe(i: int) -> Mismatch:
-        row = int(summary.first_row[i])
-        name, tick = str(frames["camera"][row]), int(frames.tick[row])
-        location: Location = {"table": "frames", "column": "checksum", "tick": tick, "camera": name}
-        found = f"another image of {name}"
-        return Mismatch(location, f"the image of {name} of the nominal", found, int(summary.count[i]))
-
-    return Check.of_subjects(judged, judged & summary.any, describe)

@@ -14,7 +14,8 @@ from tests.validator.engine.rules.cases.tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 from branchdrive.contract.layer import table_path, table_paths
-from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.edit import with_cells
 
 STATE = "model/state-train.parquet"

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import bootstrap
 from tests.validator.statistics.samples import alone, pairs, same
 
+from branchdrive.statistics.bca import LEAST_UNITS, LEVELS, Intervals, intervals
 from branchdrive.statistics.bootstrap import Design, counted_mean, design
-from branchdrive.statistics.interval import LEAST_UNITS, LEVELS, Intervals, intervals
 from branchdrive.statistics.stream import below, words
 
 

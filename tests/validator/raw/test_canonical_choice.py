@@ -17,7 +17,7 @@ from tests.validator.engine.rules.case import BRAKE, NOMINAL
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.engine.validate import validate
-from branchdrive.raw.selection import select_candidates
+from branchdrive.raw.canonical_choice import select_candidates
 from branchdrive.raw.shard_view import ShardView
 
 DESCRIPTOR = Descriptor.model_validate(synthetic.descriptor())
