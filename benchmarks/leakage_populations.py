@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from branchdrive.engine.worker import in_process
+from branchdrive.leakage.battery import ways
 from branchdrive.leakage.classifier import Unavailable, sequence_classifier
 from branchdrive.leakage.gate import leakage_gate
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
-from branchdrive.leakage.parity import ways
-from branchdrive.leakage.protocol import TESTS, ParityProtocol, Protocol
+from branchdrive.leakage.protocol import TESTS, BatteryProtocol, GateProtocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.streams import Streams
@@ -32,8 +32,8 @@ from branchdrive.statistics.stream import orders, words
 from branchdrive_reference.leakage.uniformity import uniformity
 
 NUM_GROUPS = 20
-_GATE = Protocol(num_permutations=199, offsets_sd=(), sparse_offsets_sd=())
-_PARITY = ParityProtocol(num_permutations=199, num_resamples=1)
+_GATE = GateProtocol(num_permutations=199, offsets_sd=(), sparse_offsets_sd=())
+_BATTERY = BatteryProtocol(num_permutations=199, num_resamples=1)
 _HOMES = ("train",) * 12 + ("val",) * 4 + ("test",) * 4
 _ORDER = "benchmarks/leakage-populations"
 
@@ -73,7 +73,7 @@ def p_values(inputs: ReplayInputs, seed: int) -> Iterator[tuple[str, float]]:
         yield f"gate {test.name}", test.p
     classifier = sequence_classifier()
     for way in ways(inputs):
-        for part in way.parts(seed=seed, protocol=_PARITY, classifier=classifier):
+        for part in way.parts(seed=seed, protocol=_BATTERY, classifier=classifier):
             if part.name in TESTS and part.compute is not None and not isinstance(classifier, Unavailable):
                 score = part.compute()["score"]
                 if not score["identical"]:

@@ -24,7 +24,7 @@ from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
 from branchdrive.leakage.inputs import gate_features
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.text import access_sentence, target_sentences
@@ -40,7 +40,7 @@ FOLDER = "dataset"
 _SEED = 11
 _TITLES = {"raw": "read, judge and extract the raw layer"}
 _BARS = {"leakage": "<= 10 min for 606 groups"}
-_SIZE_PROTOCOL = Protocol(alpha=0.05, num_permutations=199, offsets_sd=(), num_replicates=1)
+_SIZE_PROTOCOL = GateProtocol(alpha=0.05, num_permutations=199, offsets_sd=(), num_replicates=1)
 """Of the gate on shuffled rows: fewer permutations than an audit takes, and no minimum detectable effect."""
 
 

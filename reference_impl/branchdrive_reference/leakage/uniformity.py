@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.leakage.gate import leakage_gate
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.statistics.stream import group_orders
 
 __all__ = ["GateSize", "Uniformity", "gate_size", "uniformity"]
@@ -41,7 +41,7 @@ class GateSize(NamedTuple):
         return {name: float((p <= level).mean()) for name, p in self.p_values.items()}
 
 
-def gate_size(features: ArrayLike, *, seeds: Iterable[int], protocol: Protocol) -> GateSize:
+def gate_size(features: ArrayLike, *, seeds: Iterable[int], protocol: GateProtocol) -> GateSize:
     """Gate on features whose rows are permuted within groups, once for every seed.
 
     Args:

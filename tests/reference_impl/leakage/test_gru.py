@@ -9,7 +9,7 @@ from tests.validator.leakage.replays import changed, replay_inputs
 
 from branchdrive.leakage.audit import audit_leakage
 from branchdrive.leakage.classifier import SequenceTask, sequence_classifier
-from branchdrive.leakage.protocol import SEQUENCE_TESTS, AuditProtocol, ParityProtocol, Protocol
+from branchdrive.leakage.protocol import SEQUENCE_TESTS, AuditProtocol, BatteryProtocol, GateProtocol
 from branchdrive.leakage.score import held_out_score
 
 torch = pytest.importorskip("torch")
@@ -87,7 +87,7 @@ def test_the_audit_finds_it_and_runs_it() -> None:
         changed(inputs, ego=ego),
         seed=1,
         protocol=AuditProtocol(
-            Protocol(num_permutations=9, num_frequencies=4, offsets_sd=()), ParityProtocol(num_permutations=4_999)
+            GateProtocol(num_permutations=9, num_frequencies=4, offsets_sd=()), BatteryProtocol(num_permutations=4_999)
         ),
         sequence_classifier=gru_module.GruClassifier(hidden=8, learning_rate=1e-2, max_epochs=15),
     )

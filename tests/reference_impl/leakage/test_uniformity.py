@@ -9,12 +9,12 @@ from tests.each import each
 from tests.validator.leakage.replays import replay_inputs
 
 from branchdrive.leakage.inputs import gate_features
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive_reference.leakage.uniformity import GateSize, gate_size, uniformity
 
 pytestmark = pytest.mark.thorough
 
-PROTOCOL = Protocol(alpha=0.05, num_permutations=499, num_frequencies=16, offsets_sd=(), num_replicates=1)
+PROTOCOL = GateProtocol(alpha=0.05, num_permutations=499, num_frequencies=16, offsets_sd=(), num_replicates=1)
 CHOSEN = np.s_[:, :, [0, 3, 50, 90, 120, 150, 156, 157]]
 """Discrepancies, ego and controls at some ticks, and availability, which has ties."""
 

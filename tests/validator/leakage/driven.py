@@ -20,7 +20,7 @@ from branchdrive.leakage.audit import audit_leakage
 from branchdrive.leakage.classifier import Unavailable
 from branchdrive.leakage.gate import dealt
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
-from branchdrive.leakage.protocol import AuditProtocol, ParityProtocol, Protocol
+from branchdrive.leakage.protocol import AuditProtocol, BatteryProtocol, GateProtocol
 from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
 from branchdrive.leakage.replays import EGO_NAMES, ego_frames
 from branchdrive.leakage.table import tabulate
@@ -29,8 +29,8 @@ from branchdrive.quality.retention import retention
 from branchdrive.statistics.stream import normals, words
 
 PROTOCOL = AuditProtocol(
-    Protocol(alpha=0.05, num_permutations=199, offsets_sd=(0.2, 0.8), num_replicates=2),
-    ParityProtocol(num_permutations=199, num_resamples=200),
+    GateProtocol(alpha=0.05, num_permutations=199, offsets_sd=(0.2, 0.8), num_replicates=2),
+    BatteryProtocol(num_permutations=199, num_resamples=200),
 )
 NUM_GROUPS, NUM_ACTIONS = 45, 5
 

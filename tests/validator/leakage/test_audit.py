@@ -17,11 +17,11 @@ from branchdrive.contract.document import dump_json, parse_json, schema_mismatch
 from branchdrive.leakage.audit import audit_key, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
-from branchdrive.leakage.protocol import CONTROLS, SEQUENCE_TESTS, TESTS, AuditProtocol, ParityProtocol, Protocol
+from branchdrive.leakage.protocol import CONTROLS, SEQUENCE_TESTS, TESTS, AuditProtocol, BatteryProtocol, GateProtocol
 
 QUICK = AuditProtocol(
-    Protocol(alpha=0.01, num_permutations=799, num_frequencies=32, offsets_sd=(0.5, 2.0), num_replicates=2),
-    ParityProtocol(num_permutations=1_999, num_resamples=100),
+    GateProtocol(alpha=0.01, num_permutations=799, num_frequencies=32, offsets_sd=(0.5, 2.0), num_replicates=2),
+    BatteryProtocol(num_permutations=1_999, num_resamples=100),
 )
 CLEAN = replay_inputs(60, seed=2)
 
@@ -147,13 +147,13 @@ def test_the_key_of_parts_changes_with_all_that_they_depend_on() -> None:
         key(replay_inputs(60, seed=1)),
         key(seed=2),
         key(protocol=AuditProtocol(QUICK.gate)),
-        key(protocol=AuditProtocol(parity=QUICK.parity)),
+        key(protocol=AuditProtocol(battery=QUICK.battery)),
         key(other=True),
         audit_key(CLEAN, seed=1, protocol=QUICK, sequence_classifier=Unavailable("because")),
     ]
     assert len(set(keys)) == len(keys)
-    same = Protocol(**{**vars(QUICK.gate), "scratch_bytes": 1})
-    assert key(protocol=AuditProtocol(same, QUICK.parity)) == key()
+    same = GateProtocol(**{**vars(QUICK.gate), "scratch_bytes": 1})
+    assert key(protocol=AuditProtocol(same, QUICK.battery)) == key()
 
 
 def test_without_a_classifier_it_says_what_could_not_run(parts: dict[str, Any]) -> None:

@@ -1,132 +1,150 @@
-"""The four statistics together: size, chunks, memory, and what renaming and shuffling must not change."""
+"""The paper's battery: what each classifier sees, and what it finds."""
 
 from __future__ import annotations
 
-import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
-from scipy.stats import kstest
-from tests.validator.leakage.samples import exchangeable
+from tests.validator.leakage.classifiers import Regression, Undecided
+from tests.validator.leakage.replays import changed, replay_inputs
+from tests.validator.leakage.test_inputs import without_nominal_replay
 
-from branchdrive.leakage.battery import Battery, chunk_length
-from branchdrive.leakage.protocol import STATISTICS, Protocol
-from branchdrive.leakage.scan import Layout
-from branchdrive.statistics.permutation import p_value
+from branchdrive.leakage.battery import ways
+from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.protocol import CONTROLS, SEQUENCE_TESTS, TESTS, BatteryProtocol
 
-SMALL = Protocol(num_frequencies=16)
-FIXED = Protocol(num_frequencies=16, bandwidth=3.0)
-SCRATCH = 2**24
-TOGETHER = Layout((0, 0, 0), (0, 1, 2))
-"""Three features that are times of one command."""
+QUICK = BatteryProtocol(num_permutations=1_999, num_resamples=100)
+CLEAN = replay_inputs(60, seed=2)
 
 
-def p_values(x: NDArray[np.float64], num_permutations: int, seed: int) -> list[float]:
-    battery = Battery.of(x, SMALL, seed=seed)
-    null = battery.null(num_permutations, seed=seed, scratch_bytes=SCRATCH)
-    return [p_value(value, column) for value, column in zip(battery.observed(), null.T, strict=True)]
+def score(
+    inputs: ReplayInputs, name: str, *, way: int = 0, classifier: SequenceClassifier | None = None, seed: int = 3
+) -> dict[str, Any]:
+    parts = ways(inputs)[way].parts(seed=seed, protocol=QUICK, classifier=classifier or Regression())
+    compute = next(part.compute for part in parts if part.name == name)
+    assert compute is not None
+    found: dict[str, Any] = compute()["score"]
+    return found
 
 
-def test_p_is_uniform_where_nothing_leaks() -> None:
-    found, untied = [], []
-    for seed in range(400):
-        battery = Battery.of(exchangeable(20, 5, 3, seed=seed), SMALL, seed=seed, layout=TOGETHER)
-        observed, null = battery.observed(), battery.null(99, seed=seed, scratch_bytes=SCRATCH)
-        found.append([p_value(value, column) for value, column in zip(observed, null.T, strict=True)])
-        # Ranks tie often; a random share of the ties makes p continuous and exactly uniform.
-        beyond = (null > observed + 1e-9 * np.abs(observed)).sum(axis=0)
-        ties = 100 * np.array(found[-1]) - beyond
-        untied.append((beyond + np.random.default_rng(seed).random(6) * ties) / 100)
-    for column in np.array(untied).T:
-        assert kstest(column, "uniform").pvalue > 0.001
-    for column in np.array(found).T:
-        for level in (0.05, 0.1, 0.2):
-            assert np.mean(column <= level) < level + 3 * np.sqrt(level * (1 - level) / 400)
+def p_values(found: dict[str, Any]) -> tuple[float, float]:
+    return found["p_accuracy"], found["p_log_likelihood"]
 
 
-def test_p_is_not_too_small_with_ties_and_gaps() -> None:
-    found = []
-    for seed in range(200):
-        x = np.round(exchangeable(20, 4, 3, seed=seed))
-        x[np.random.default_rng(seed).random(x.shape) < 0.2] = np.nan
-        found.append(p_values(x, 99, seed))
-    assert (np.mean(np.array(found) <= 0.1, axis=0) < 0.1 + 3 * np.sqrt(0.09 / 200)).all()
+def reasons(inputs: ReplayInputs, way: int, classifier: SequenceClassifier | Unavailable) -> dict[str, str]:
+    return {part.name: part.reason for part in ways(inputs)[way].parts(seed=0, protocol=QUICK, classifier=classifier)}
 
 
-@pytest.mark.parametrize("scratch_bytes", [1, 100_000, 1_000_000, 2**30])
-def test_chunks_change_nothing(scratch_bytes: int) -> None:
-    battery = Battery.of(exchangeable(23, 5, 4, seed=0), SMALL, seed=1)
-    one_by_one, found = (battery.null(60, seed=3, scratch_bytes=size) for size in (SCRATCH, scratch_bytes))
-    np.testing.assert_allclose(found, one_by_one, rtol=1e-12)
-    np.testing.assert_array_equal(found[:, :2], one_by_one[:, :2])
+def test_it_runs_on_all_actions_and_on_interventions() -> None:
+    inputs = changed(CLEAN, **without_nominal_replay(CLEAN, [0, 2, 7]))
+    first, second = ways(inputs)
+    assert (first.name, first.num_groups) == ("5-way", {"train": 35, "val": 12, "test": 10})
+    assert (second.name, second.num_groups) == ("4-way", {"train": 36, "val": 12, "test": 12})
 
 
-def test_a_seed_decides_everything() -> None:
-    x = exchangeable(23, 5, 4, seed=0)
-    of = Layout((0, 1, 2, 3), (0, 1, 2, 3))
-    first, again, other = (
-        Battery.of(x, SMALL, seed=s, layout=of).null(20, seed=s, scratch_bytes=SCRATCH) for s in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert not np.isclose(first, other).all(axis=0).any()
+@pytest.mark.parametrize("way", [0, 1])
+def test_controls_come_out_as_they_must(way: int) -> None:
+    explicit, offset, random = (score(CLEAN, name, way=way) for name in CONTROLS)
+    assert explicit["accuracy"] == 1.0
+    assert offset["accuracy"] > 0.95
+    assert p_values(explicit) == p_values(offset) == (0.0005, 0.0005)
+    assert min(p_values(random)) > 0.001
 
 
-def test_renaming_actions_changes_no_statistic() -> None:
-    x = exchangeable(23, 5, 4, seed=4)
-    x[:, 1, 2] += 1.0
-    renamed = x[:, [3, 0, 4, 2, 1]]
-    found, expected = (Battery.of(values, FIXED, seed=1).observed() for values in (renamed, x))
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+@pytest.mark.parametrize("name", TESTS)
+def test_replays_that_tell_nothing_are_at_chance(name: str) -> None:
+    assert min(p_values(score(CLEAN, name))) > 0.005
 
 
-def test_shuffling_groups_changes_no_statistic() -> None:
-    x = exchangeable(25, 5, 4, seed=5)
-    expected = Battery.of(x, FIXED, seed=1).observed()
-    shuffled = x[np.random.default_rng(0).permutation(25)]
-    np.testing.assert_allclose(Battery.of(shuffled, FIXED, seed=1).observed()[:3], expected[:3], rtol=1e-9)
-    within_folds = x.reshape(5, 5, 5, 4)[:, ::-1].reshape(x.shape)
-    np.testing.assert_allclose(Battery.of(within_folds, FIXED, seed=1).observed(), expected, rtol=1e-9)
+@pytest.mark.parametrize(
+    ("source", "place", "found"),
+    [
+        ("availability", np.s_[:, 2, 0], {"availability"}),
+        ("discrepancy", np.s_[:, 2, 4], {"discrepancy"}),
+        ("ego", np.s_[:, 2, 10:, 3], {"ego", "ego_controls"}),
+        ("controls", np.s_[:, 2, 60:, 1], {"controls", "ego_controls"}),
+    ],
+)
+def test_each_test_finds_what_leaks_in_what_it_sees(source: str, place: Any, found: set[str]) -> None:
+    values = np.array(getattr(CLEAN, source))
+    values[place] = 0.0 if source == "availability" else values[place] + 0.5
+    leaking = changed(CLEAN, **{source: values})
+    assert {name for name in TESTS if p_values(score(leaking, name))[1] < 0.005} == found
 
 
-def test_units_and_offsets_of_groups_change_no_statistic() -> None:
-    x = np.round(exchangeable(25, 5, 3, seed=6) * 1024)
-    moved = x * [2.0, 64.0, 0.25] + np.arange(25.0)[:, None, None] * 4096
-    found, expected = (Battery.of(values, FIXED, seed=1).observed() for values in (moved, x))
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+def test_a_missing_row_is_no_number_that_is_learned() -> None:
+    values = np.array(CLEAN.discrepancy)
+    values[:, 1] = np.nan
+    values[:5, 2, 0] = np.inf
+    found = score(changed(CLEAN, discrepancy=values), "discrepancy")
+    assert np.isfinite(found["log_likelihood"])
 
 
-def test_the_yardstick_of_other_data_stays() -> None:
-    x = exchangeable(25, 5, 3, seed=7)
-    battery = Battery.of(x, SMALL, seed=1)
-    np.testing.assert_array_equal(Battery.like(battery.reference, x, SMALL).observed(), battery.observed())
-    moved = x.copy()
-    moved[:, 2, 1] += 3 * battery.reference.sd[1]
-    found = Battery.like(battery.reference, moved, SMALL)
-    assert found.table.columns == battery.table.columns
-    np.testing.assert_array_equal(found.table.sd, battery.table.sd)
-    assert (found.observed()[:2] > battery.observed()[:2]).all()
+@given(
+    hnp.arrays(np.float64, (20, 5, 12), elements=st.sampled_from([np.nan, np.inf, 0.0, 1.0, 1e308, 5e-324, 1e-160])),
+    hnp.arrays(np.float64, (20, 5, 80, 3), elements=st.sampled_from([np.nan, 0.0, 1.0, -1e308, 1e308])),
+)
+@settings(max_examples=15)
+def test_no_number_breaks_it(discrepancy: NDArray[np.float64], controls: NDArray[np.float64]) -> None:
+    inputs = changed(replay_inputs(20, seed=0), discrepancy=discrepancy, controls=controls)
+    for name in (*CONTROLS, "discrepancy", "controls"):
+        found = score(inputs, name, classifier=Undecided())
+        assert np.isfinite([found["accuracy"], found["log_likelihood"]]).all()
 
 
-@pytest.mark.parametrize("num_features", [24, 400])
-def test_a_chunk_fits_its_scratch_space(num_features: int) -> None:
-    protocol = Protocol()
-    columns = (4 + protocol.num_folds) * 2 * num_features
-    length = chunk_length(606, 12, columns, protocol.scratch_bytes)
-    held = length * (12 * 606 * 12 * 4 + 12 * columns * 8)
-    assert length >= 40
-    assert protocol.scratch_bytes // 2 < held < protocol.scratch_bytes
-    assert chunk_length(606, 12, columns, 1) == 1
+def test_bit_identical_replays_leave_nothing_to_tell() -> None:
+    inputs = replay_inputs(20, seed=0, noise=0.0)
+    same = changed(inputs, discrepancy=np.zeros_like(inputs.discrepancy))
+    for name in TESTS:
+        found = score(same, name)
+        assert found["identical"]
+        assert found["accuracy"] == pytest.approx(1 / 5)
+    assert score(same, "explicit_label")["accuracy"] == score(same, "synthetic_offset")["accuracy"] == 1.0
 
 
-def test_memory_is_bounded_in_permutations() -> None:
-    battery = Battery.of(exchangeable(200, 12, 30, seed=0), SMALL, seed=0)
-    scratch_bytes = 8 * 2**20
-    widest = max(getattr(battery, name).scratch_columns for name in STATISTICS)
-    assert chunk_length(200, 12, widest, scratch_bytes) > 10
-    tracemalloc.start()
-    try:
-        battery.null(300, seed=0, scratch_bytes=scratch_bytes)
-        assert tracemalloc.get_traced_memory()[1] < scratch_bytes + 2**20
-    finally:
-        tracemalloc.stop()
+def test_a_classifier_that_is_undecided_is_found_out() -> None:
+    assert score(CLEAN, "ego", classifier=Undecided())["identical"]
+
+
+def test_renamed_groups_and_drives_do_not_matter_but_differences_between_replays_do() -> None:
+    drive = np.random.default_rng(0).normal(size=(60, 1, 16, 6)) * 2.0**4
+    moved = changed(CLEAN, group_ids=tuple(f"x{index:05d}" for index in range(60)), ego=CLEAN.ego + drive)
+    assert score(moved, "ego")["log_likelihood"] == pytest.approx(score(CLEAN, "ego")["log_likelihood"], rel=1e-6)
+
+
+def test_sequence_classifiers_see_no_test_group_while_they_learn() -> None:
+    seen: list[SequenceTask] = []
+
+    class Spy(Undecided):
+        def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
+            seen.append(task)
+            return super().__call__(task, seed=seed)
+
+    other = np.array(CLEAN.ego)
+    other[CLEAN.in_partition("test")] += np.random.default_rng(1).normal(size=other[CLEAN.in_partition("test")].shape)
+    for inputs in (CLEAN, changed(CLEAN, ego=other)):
+        score(inputs, "ego", classifier=Spy())
+    np.testing.assert_array_equal(seen[0].train, seen[1].train)
+    np.testing.assert_array_equal(seen[0].val, seen[1].val)
+    assert (seen[0].test != seen[1].test).any()
+    assert seen[0].test.shape == (12, 5, 16, 6)
+
+
+def test_what_cannot_run_says_why() -> None:
+    assert reasons(CLEAN, 0, Unavailable("because")) == {
+        name: "because" if name in SEQUENCE_TESTS else "" for name in (*CONTROLS, *TESTS)
+    }
+    lonely = changed(CLEAN, **without_nominal_replay(CLEAN, list(range(60))))
+    reason = "no group of `train` with an independent nominal replay"
+    assert set(reasons(lonely, 0, Regression()).values()) == {reason}
+    assert set(reasons(lonely, 1, Regression()).values()) == {""}
+    unstopped = changed(CLEAN, partitions=("train", "test") * 30)
+    assert reasons(unstopped, 1, Regression()) == {
+        name: "no group of `val`" if name in SEQUENCE_TESTS else "" for name in (*CONTROLS, *TESTS)
+    }

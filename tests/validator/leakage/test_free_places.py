@@ -13,11 +13,11 @@ from tests.validator.leakage.samples import exchangeable
 
 from branchdrive.leakage.gate import Gate, leakage_gate
 from branchdrive.leakage.outcome import outcome_codes, revealed_outcomes
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.streams import StreamColumn, Streams, num_different, ranked
 from branchdrive.raw.media.image_numbers import NAMES, image_numbers
 
-QUICK = Protocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
+QUICK = GateProtocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
 NUM_GROUPS, NUM_ACTIONS, NUM_TIMES = 46, 6, 16
 CODE = np.arange(NUM_ACTIONS)
 

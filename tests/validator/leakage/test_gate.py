@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from tests.validator.leakage.samples import exchangeable
 
 from branchdrive.leakage.gate import Gate, leakage_gate
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.statistics.holm import holm
 
-QUICK = Protocol(num_permutations=999, alpha=0.01, num_frequencies=32, offsets_sd=(0.8,), num_replicates=1)
+QUICK = GateProtocol(num_permutations=999, alpha=0.01, num_frequencies=32, offsets_sd=(0.8,), num_replicates=1)
 
 
-def judged(x: NDArray[np.float64], protocol: Protocol = QUICK, seed: int = 5) -> Gate:
+def judged(x: NDArray[np.float64], protocol: GateProtocol = QUICK, seed: int = 5) -> Gate:
     return leakage_gate(x, seed=seed, protocol=protocol)
 
 
@@ -119,12 +119,12 @@ def test_one_bit_in_every_group_at_the_same_action_fails() -> None:
         (exchangeable(4, 12, 2, seed=0), QUICK, "4 groups cannot fill 5 folds"),
         (
             exchangeable(30, 4, 2, seed=0),
-            Protocol(num_permutations=999, num_frequencies=8, num_replicates=1),
+            GateProtocol(num_permutations=999, num_frequencies=8, num_replicates=1),
             "at best",
         ),
     ],
 )
-def test_what_cannot_fail_is_inconclusive(x: NDArray[np.float64], protocol: Protocol, reason: str) -> None:
+def test_what_cannot_fail_is_inconclusive(x: NDArray[np.float64], protocol: GateProtocol, reason: str) -> None:
     gate = judged(x, protocol)
     assert gate.verdict == "inconclusive"
     assert reason in gate.reason
@@ -133,7 +133,7 @@ def test_what_cannot_fail_is_inconclusive(x: NDArray[np.float64], protocol: Prot
 def test_the_same_seed_gives_the_same_result_in_any_chunks() -> None:
     x = exchangeable(40, 5, 3, seed=6)
     first, other = judged(x), judged(x, seed=6)
-    small = judged(x, Protocol(**{**vars(QUICK), "scratch_bytes": 50_000}))
+    small = judged(x, GateProtocol(**{**vars(QUICK), "scratch_bytes": 50_000}))
     assert [test.p for test in small.tests] == [test.p for test in first.tests]
     assert small.places == first.places
     assert judged(x) == first
@@ -167,7 +167,7 @@ def test_the_default_protocol_judges_a_small_release() -> None:
     )
 )
 def test_no_number_breaks_it(x: NDArray[np.float64]) -> None:
-    gate = judged(x, Protocol(num_permutations=19, alpha=0.5, num_frequencies=4, num_replicates=1))
+    gate = judged(x, GateProtocol(num_permutations=19, alpha=0.5, num_frequencies=4, num_replicates=1))
     assert all(np.isfinite(test.observed) and 0 < test.p <= test.p_adjusted <= 1 for test in gate.tests)
     assert all(np.isfinite([place.t, place.difference]).all() for place in gate.places)
     if gate.tests:

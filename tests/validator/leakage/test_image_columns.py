@@ -12,7 +12,7 @@ from tests.validator.leakage.samples import exchangeable
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.leakage.gate import Gate, leakage_gate
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.recording import has_all_images, recorded_numbers
 from branchdrive.leakage.streams import DIFFERENT, StreamColumn, Streams, examined_cameras, ranked, stream_columns
 from branchdrive.leakage.text import leakage_sentences
@@ -21,7 +21,7 @@ from branchdrive.raw.media.images import Images
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.testing.media import media_document
 
-QUICK = Protocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
+QUICK = GateProtocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
 NUM_GROUPS, NUM_ACTIONS = 46, 6
 HEIGHT, WIDTH = 90, 160
 NUMBERS = tuple(StreamColumn("frames", f"front {name}", 0) for name in NAMES)

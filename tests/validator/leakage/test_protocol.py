@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.each import each
 
-from branchdrive.leakage.protocol import ParityProtocol, Protocol
+from branchdrive.leakage.protocol import BatteryProtocol, GateProtocol
 
 
 @each(
@@ -33,16 +33,16 @@ from branchdrive.leakage.protocol import ParityProtocol, Protocol
 def test_numbers_outside_of_their_range_are_refused(name: str, value: Any, says: str) -> None:
     chosen: dict[str, Any] = {name: value}
     with pytest.raises(ValueError, match=f"`{name}` is .*{says}"):
-        Protocol(**chosen)
+        GateProtocol(**chosen)
 
 
 def test_the_default_can_fail() -> None:
-    protocol = Protocol()
+    protocol = GateProtocol()
     assert 4 / (protocol.num_permutations + 1) <= protocol.alpha
 
 
 def test_the_defaults_are_the_papers_where_it_names_them() -> None:
-    protocol = ParityProtocol()
+    protocol = BatteryProtocol()
     assert (protocol.alpha, protocol.num_permutations, protocol.num_resamples) == (0.05, 10_000, 2_000)
 
 
@@ -61,4 +61,4 @@ def test_the_defaults_are_the_papers_where_it_names_them() -> None:
 )
 def test_numbers_out_of_range_are_refused(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=f"`{name}` is"):
-        ParityProtocol(**{name: value})
+        BatteryProtocol(**{name: value})

@@ -8,12 +8,12 @@ from tests.validator.leakage.samples import exchangeable
 
 from branchdrive.leakage.gate import leakage_gate
 from branchdrive.leakage.inputs import GateFeature
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Concordance, Interaction, Layout, Ranks
 from branchdrive.leakage.streams import StreamColumn, Streams, ranked
 from branchdrive.statistics.permutation import identity
 
-QUICK = Protocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
+QUICK = GateProtocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
 NUM_ACTIONS = 6
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 from scipy.stats import kstest
 
-from branchdrive.leakage.protocol import CONTROLS, TESTS, ParityProtocol
+from branchdrive.leakage.protocol import CONTROLS, TESTS, BatteryProtocol
 from branchdrive.leakage.score import Score, held_out_score, judged_battery
 from branchdrive.statistics.holm import holm
 
@@ -97,7 +97,7 @@ def test_what_is_no_score_is_refused(scores: Array) -> None:
         scored(scores)
 
 
-PROTOCOL = ParityProtocol(num_permutations=9_999)
+PROTOCOL = BatteryProtocol(num_permutations=9_999)
 
 
 def result(name: str, p: float | None, identical: bool = False) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def way(p: dict[str, float | None] | None = None, identical: str = "", num_actio
     }
 
 
-def statuses(*found: dict[str, Any], protocol: ParityProtocol = PROTOCOL) -> list[list[str]]:
+def statuses(*found: dict[str, Any], protocol: BatteryProtocol = PROTOCOL) -> list[list[str]]:
     return [[test["status"] for test in way["tests"]] for way in judged_battery(found, protocol)["ways"]]
 
 
@@ -173,7 +173,7 @@ def test_nothing_ran_is_not_trusted() -> None:
 
 
 def test_too_few_permutations_to_fail_are_inconclusive() -> None:
-    found = statuses(way(), way(), protocol=ParityProtocol(num_permutations=99))
+    found = statuses(way(), way(), protocol=BatteryProtocol(num_permutations=99))
     assert found == [["inconclusive"] * 5] * 2
 
 

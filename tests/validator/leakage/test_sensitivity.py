@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from tests.validator.leakage.samples import exchangeable
 
-from branchdrive.leakage.battery import Battery
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.gate_statistics import GateStatistics
+from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, inject, offsets_of, sensitivity
 from branchdrive.statistics.permutation import critical_value
 
-PROTOCOL = Protocol(
+PROTOCOL = GateProtocol(
     num_permutations=399, alpha=0.03, num_frequencies=32, offsets_sd=(1e-4, 0.8, 2.0), sparse_offsets_sd=(1e-4, 30.0),
     num_replicates=4,
 )  # fmt: skip
 
 
-def measured(x: np.ndarray, protocol: Protocol = PROTOCOL) -> Sensitivity:
-    battery = Battery.of(x, protocol, seed=1)
-    null = battery.null(protocol.num_permutations, seed=1, scratch_bytes=protocol.scratch_bytes)
-    found = sensitivity(x, battery.reference, null, protocol=protocol, seed=1)
+def measured(x: np.ndarray, protocol: GateProtocol = PROTOCOL) -> Sensitivity:
+    statistics = GateStatistics.of(x, protocol, seed=1)
+    null = statistics.null(protocol.num_permutations, seed=1, scratch_bytes=protocol.scratch_bytes)
+    found = sensitivity(x, statistics.reference, null, protocol=protocol, seed=1)
     assert found.critical == tuple(critical_value(column, protocol.alpha / 6) for column in null.T)
     return found
 
@@ -72,7 +72,9 @@ def test_a_leak_in_the_data_does_not_pass_for_a_found_offset() -> None:
 
 
 def test_too_few_permutations_find_nothing() -> None:
-    found = measured(exchangeable(40, 4, 3, seed=0), Protocol(num_permutations=99, num_frequencies=8, num_replicates=1))
+    found = measured(
+        exchangeable(40, 4, 3, seed=0), GateProtocol(num_permutations=99, num_frequencies=8, num_replicates=1)
+    )
     assert found.critical == (np.inf,) * 6
     assert {d.gate_share for d in found.detections} == {0.0}
     assert found.smallest_sd("one") is None

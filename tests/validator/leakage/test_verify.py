@@ -17,7 +17,7 @@ from tests.validator.leakage.test_inputs import without_nominal_replay
 
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.contract.mismatch import Mismatch
-from branchdrive.leakage import parity, recompute
+from branchdrive.leakage import battery, recompute
 from branchdrive.leakage.classifier import Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
@@ -53,7 +53,7 @@ def clean() -> dict[str, Any]:
 def _repeated_parts() -> Iterator[None]:
     """Most lies leave what is drawn and fitted as it is."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((parity, "fit_logistic"), (parity, "held_out_score"), (recompute, "_redrawn")):
+        for module, name in ((battery, "fit_logistic"), (battery, "held_out_score"), (recompute, "_redrawn")):
             patch.setattr(module, name, remembered(getattr(module, name)))
         patch.setattr(Ridge, "of", staticmethod(remembered(Ridge.of)))
         yield

@@ -13,13 +13,13 @@ from tests.synthetic_release import SEED
 from branchdrive.cli.main import run, validate_run
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.engine.validate import validate
-from branchdrive.leakage.protocol import AuditProtocol, ParityProtocol, Protocol
+from branchdrive.leakage.protocol import AuditProtocol, BatteryProtocol, GateProtocol
 from branchdrive.release.builder import STAGES, BuildReport, build_release
 from branchdrive.release.stage import BuildOptions
 
 QUICK = AuditProtocol(
-    Protocol(num_permutations=19, num_frequencies=8, num_replicates=1, offsets_sd=(0.8,)),
-    ParityProtocol(num_permutations=19, num_resamples=19),
+    GateProtocol(num_permutations=19, num_frequencies=8, num_replicates=1, offsets_sd=(0.8,)),
+    BatteryProtocol(num_permutations=19, num_resamples=19),
 )
 """An audit that finds nothing and takes no time."""
 

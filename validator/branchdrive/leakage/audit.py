@@ -15,10 +15,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from branchdrive.leakage.battery import Part, ways
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.gate import Code, Gate, Place, leakage_gate
 from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features
-from branchdrive.leakage.parity import Part, ways
 from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.score import judged_battery
@@ -71,7 +71,7 @@ def audit_leakage(
     protocol = protocol or AuditProtocol()
     features, columns = gate_features(inputs)
     battery = [
-        (way, way.parts(seed=seed, protocol=protocol.parity, classifier=sequence_classifier)) for way in ways(inputs)
+        (way, way.parts(seed=seed, protocol=protocol.battery, classifier=sequence_classifier)) for way in ways(inputs)
     ]
     total = 1 + sum(part.compute is not None for _, parts in battery for part in parts)
     done = 0
@@ -116,7 +116,7 @@ def audit_leakage(
         "seed": seed,
         "protocol": {**protocol.as_json(), "sequence_classifier": _settings(sequence_classifier)},
         "gate": gate_part,
-        "battery": judged_battery(recorded, protocol.parity),
+        "battery": judged_battery(recorded, protocol.battery),
         "not_run": [
             {"test": f"{way['name']}/{result['name']}", "reason": result["reason"]}
             for way in recorded

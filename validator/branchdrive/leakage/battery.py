@@ -1,162 +1,199 @@
-"""The statistics of a leakage audit on one table, and their null distribution.
+"""The paper's battery: classifiers of the action, fitted on `train`, stopped by `val`, scored once on `test`.
 
-Permutations are shared: row ``b`` of the null distribution holds all statistics of permutation ``b``. They are
-worked off in chunks; a chunk holds the label matrix and what one statistic needs beside it. Four of them judge the
-columns of the table, and two, of `scan`, ranks of features and of recorded streams.
+Each runs on all actions, over groups with an independent nominal replay, and on the interventions alone, over
+all groups. A feature is seen as its distance from the median of its group, in robust standard deviations of
+the training groups, clipped to 6; what is unavailable sits at the median. So the drive that all replays
+of a group share tells nothing and hides nothing.
 
-Source: this project's choice, on measured power: each of them finds what another misses.
+Three controls tell whether the battery works on these very data, with the regression on discrepancies: the label
+as a feature, labels drawn at random, and, on discrepancy ``f = 1 .. 12`` of action ``a = 0 .. K - 1``, the offset
+``offset_sd (cos u + sin u)`` with ``u = 2 pi a f / K``, which sets all actions about equally far apart.
+
+Source: paper, "Collection Integrity, Replay Fidelity, and Leakage".
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from branchdrive.leakage.protocol import STATISTICS, Protocol
-from branchdrive.leakage.scan import Concordance, Interaction, Layout, Ranks
-from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median_distance
-from branchdrive.leakage.streams import Streams
-from branchdrive.leakage.table import Column, Table, checked, tabulate
-from branchdrive.statistics.permutation import identity, labels
-from branchdrive.statistics.stream import group_orders
+from branchdrive.driving.angle import cos_sin
+from branchdrive.leakage.classifier import SequenceClassifier, SequenceTask, Unavailable, fit_logistic, log_probability
+from branchdrive.leakage.inputs import ReplayInputs, pooled_controls
+from branchdrive.leakage.protocol import CLIP_SD, CONTROLS, SEQUENCE_TESTS, TESTS, BatteryProtocol
+from branchdrive.leakage.score import held_out_score
+from branchdrive.leakage.table import median_of_available, robust_sd
+from branchdrive.statistics.stream import group_orders, words
 
-__all__ = ["Battery", "Reference", "chunk_length"]
+__all__ = ["PARTITIONS", "Part", "Way", "ways"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-_PERMUTATIONS = "leakage/permutations"
-_OF_ROWS = ("concordance", "interaction")
-"""Statistics that are called with permutations, not with their matrix."""
+PARTITIONS = ("train", "val", "test")
+"""Partitions that the battery uses."""
 
-
-def chunk_length(num_groups: int, num_actions: int, scratch_columns: int, scratch_bytes: int) -> int:
-    """Permutations of one chunk, so that it occupies at most `scratch_bytes`; at least 1.
-
-    For every permutation: the label matrix in float32, its places and sorted words in 64 bits, and
-    `scratch_columns` float64 numbers for every action.
-    """
-    matrix = num_actions * num_groups * num_actions * 4
-    places = 6 * num_groups * num_actions * 8
-    return max(1, scratch_bytes // (matrix + places + num_actions * scratch_columns * 8))
+_RANDOM_LABELS = "leakage/random-labels"
+_TRAINING = "leakage/training"
 
 
-class Reference(NamedTuple):
-    """What statistics take from the data once, so that changed data are judged by the same yardstick.
+class Part(NamedTuple):
+    """One classifier to run.
 
     Attributes:
-        columns: Columns of the table.
-        sd: Robust standard deviation of every feature ``[features]``, in the feature's unit.
-        bandwidth: Of the kernel, in standard deviations.
-        omega: Frequencies ``[columns, frequencies]`` of bandwidth 1.
-        layout: How features belong together.
+        name: Of `TESTS` or `CONTROLS`.
+        compute: Gives its score and training as JSON; None where it cannot run.
+        reason: Why it cannot run; empty where it can.
     """
 
-    columns: tuple[Column, ...]
-    sd: Array
-    bandwidth: float
-    omega: Array
-    layout: Layout
+    name: str
+    compute: Callable[[], dict[str, Any]] | None
+    reason: str
 
 
-@dataclass(frozen=True, eq=False)
-class Battery:
-    """Statistics ready for any labels.
+class Way(NamedTuple):
+    """A set of actions to tell apart.
 
     Attributes:
-        table: Columns that they judge.
-        reference: What they took from the data once.
-        rank_max_t: Largest standardised mean of ranks.
-        max_t: Largest standardised mean of values.
-        hsic: Kernel criterion.
-        ridge: Cross-fitted ridge.
-        concordance: Largest concordance of groups, of features and streams.
-        interaction: Largest dependence of products of commands.
+        inputs: What is seen.
+        actions: Places of the actions.
+        groups: Groups that enter ``[groups]``.
     """
 
-    table: Table
-    reference: Reference
-    rank_max_t: MaxT
-    max_t: MaxT
-    hsic: Hsic
-    ridge: Ridge
-    concordance: Concordance
-    interaction: Interaction
+    inputs: ReplayInputs
+    actions: tuple[int, ...]
+    groups: Mask
 
-    @classmethod
-    def of(
-        cls,
-        features: ArrayLike,
-        protocol: Protocol,
-        *,
-        seed: int,
-        layout: Layout | None = None,
-        streams: Streams | None = None,
-    ) -> Battery:
-        """Statistics of features ``[groups, actions, features]``; folds are runs of consecutive groups.
+    @property
+    def name(self) -> str:
+        """Its name, after the number of actions."""
+        return f"{len(self.actions)}-way"
 
-        Args:
-            features: Values.
-            protocol: Numbers of the gate.
-            seed: Of the frequencies.
-            layout: How features belong together; None keeps them apart.
-            streams: Recorded columns of the same groups and actions; None is none.
+    @property
+    def num_groups(self) -> dict[str, int]:
+        """Groups by partition."""
+        return {name: int((self.inputs.in_partition(name) & self.groups).sum()) for name in PARTITIONS}
 
-        Raises:
-            ValueError: The shape is wrong, or there are fewer groups than folds.
-        """
-        features = checked(features)
-        layout = layout or Layout.apart(features.shape[2])
-        table = tabulate(features)
-        steps = table.steps.reshape(table.num_groups, table.num_actions, table.steps.shape[1]).astype(np.float64)
-        bandwidth = median_distance(steps, unit=table.step) if protocol.bandwidth is None else protocol.bandwidth
-        omega = frequencies(len(table.columns), protocol.num_frequencies, seed=seed)
-        reference = Reference(table.columns, table.sd, bandwidth, omega, layout)
-        return cls._on(table, reference, protocol, Ranks.of(features, layout, streams))
+    def parts(
+        self, *, seed: int, protocol: BatteryProtocol, classifier: SequenceClassifier | Unavailable
+    ) -> tuple[Part, ...]:
+        """Controls and then tests, each to be computed by itself."""
+        found = []
+        for name in (*CONTROLS, *TESTS):
+            needed = PARTITIONS if name in SEQUENCE_TESTS else ("train", "test")
+            empty = [partition for partition in needed if not self.num_groups[partition]]
+            reason = f"no group of `{empty[0]}`" if empty else ""
+            if reason and self.groups.sum() < self.inputs.num_groups:
+                reason += " with an independent nominal replay"
+            if not reason and name in SEQUENCE_TESTS and isinstance(classifier, Unavailable):
+                reason = classifier.reason
+            compute = None if reason else _Run(self, name, seed, protocol, classifier)
+            found.append(Part(name, compute, reason))
+        return tuple(found)
 
-    @classmethod
-    def like(cls, reference: Reference, features: ArrayLike, protocol: Protocol) -> Battery:
-        """Statistics of other features ``[groups, actions, features]`` by the yardstick of `reference`, no streams.
+    def members(self, partition: str) -> Mask:
+        """Which of the groups that enter are of the partition."""
+        return np.asarray(self.inputs.in_partition(partition)[self.groups])
 
-        Raises:
-            ValueError: The shape is wrong, or there are fewer groups than folds.
-        """
-        table = tabulate(features, columns=reference.columns, sd=reference.sd)
-        return cls._on(table, reference, protocol, Ranks.of(checked(features), reference.layout, None))
+    def rows(self, values: Array) -> Array:
+        """Values of the groups and actions that enter, each row flattened: ``[groups, actions, features]``."""
+        taken = values[self.groups][:, list(self.actions)]
+        return taken.reshape(*taken.shape[:2], int(np.prod(taken.shape[2:])))
 
-    @classmethod
-    def _on(cls, table: Table, reference: Reference, protocol: Protocol, ranks: Ranks) -> Battery:
-        return cls(
-            table,
-            reference,
-            MaxT.of(table.ranks, table.num_actions),
-            MaxT.of(table.steps, table.num_actions),
-            Hsic.of(table, reference.omega, reference.bandwidth),
-            Ridge.of(table, protocol.num_folds, protocol.penalty),
-            Concordance.of(ranks, protocol.subsets),
-            Interaction.of(ranks, reference.layout.commands),
+
+def ways(inputs: ReplayInputs) -> tuple[Way, Way]:
+    """All actions, and the interventions alone."""
+    every = np.ones(inputs.num_groups, np.bool_)
+    return (
+        Way(inputs, tuple(range(len(inputs.action_keys))), inputs.has_nominal_replay),
+        Way(inputs, inputs.interventions, every),
+    )
+
+
+@dataclass(frozen=True)
+class _Run:
+    way: Way
+    name: str
+    seed: int
+    protocol: BatteryProtocol
+    classifier: SequenceClassifier | Unavailable
+
+    def __call__(self) -> dict[str, Any]:
+        if self.name in SEQUENCE_TESTS:
+            return self._sequence()
+        return self._regression(self._seen())
+
+    def _seen(self) -> Array:
+        """Standardised features of a regression ``[groups, actions, features]``."""
+        way = self.way
+        train = way.members("train")
+        raw = way.rows(way.inputs.availability if self.name == "availability" else way.inputs.discrepancy)
+        num_groups, num_actions, num_features = raw.shape
+        if self.name == "explicit_label":
+            label = np.broadcast_to(np.eye(num_actions), (num_groups, num_actions, num_actions))
+            return np.concatenate([_standardised(raw, train)[0], label], axis=2)
+        if self.name == "synthetic_offset":
+            sd = _standardised(raw, train)[1]
+            turn = 2 * np.pi * np.outer(np.arange(num_actions), np.arange(1, num_features + 1)) / num_actions
+            cos, sin = cos_sin(turn)
+            with np.errstate(over="ignore", invalid="ignore"):
+                raw = raw + self.protocol.offset_sd * sd * (cos + sin)
+        if self.name == "random_label":
+            order = group_orders(self.seed, _RANDOM_LABELS, 1, num_groups, num_actions)[0]
+            raw = np.take_along_axis(raw, order[:, :, None], axis=1)
+        return _standardised(raw, train)[0]
+
+    def _regression(self, seen: Array) -> dict[str, Any]:
+        num_actions = seen.shape[1]
+        train = seen[self.way.members("train")]
+        classes = np.tile(np.arange(num_actions), len(train))
+        rows = train.reshape(len(classes), seen.shape[2])
+        weights = fit_logistic(rows, classes, num_actions, penalty=self.protocol.penalty)
+        return self._scored(log_probability(seen[self.way.members("test")], weights), None)
+
+    def _sequence(self) -> dict[str, Any]:
+        way = self.way
+        if isinstance(self.classifier, Unavailable):
+            raise ValueError(self.classifier.reason)
+        histories = {"ego": way.inputs.ego, "controls": pooled_controls(way.inputs)}
+        wanted = ("ego", "controls") if self.name == "ego_controls" else (self.name,)
+        seen = np.concatenate(
+            [_sequences(way.rows(histories[name]), way.members("train"), histories[name].shape[2:]) for name in wanted],
+            axis=3,
         )
+        training_seed = int(words(self.seed, f"{_TRAINING}/{way.name}/{self.name}", 1, 1)[0, 0] >> 32)
+        task = SequenceTask(*(seen[way.members(partition)] for partition in PARTITIONS))
+        scores = self.classifier(task, seed=training_seed)
+        training = {"num_epochs": int(scores.num_epochs), "best_epoch": int(scores.best_epoch)}
+        return self._scored(scores.log_probability, training)
 
-    def observed(self) -> Array:
-        """Statistics of the labels as recorded, in the order of `STATISTICS`: ``[statistics]``."""
-        rows = identity(self.table.num_groups, self.table.num_actions)
-        return np.asarray(self._statistics(rows)[0])
+    def _scored(self, scores: Array, training: dict[str, int] | None) -> dict[str, Any]:
+        p = self.protocol
+        score = held_out_score(
+            scores,
+            seed=self.seed,
+            num_permutations=p.num_permutations,
+            num_resamples=p.num_resamples,
+            atol=p.score_atol,
+        )
+        return {"score": {**score._asdict(), "accuracy_interval": list(score.accuracy_interval)}, "training": training}
 
-    def null(self, num_permutations: int, *, seed: int, scratch_bytes: int, start: int = 0) -> Array:
-        """Statistics of the random permutations ``start .. num_permutations - 1``, ``[permutations, statistics]``."""
-        shape = (self.table.num_groups, self.table.num_actions)
-        widest = max(getattr(self, name).scratch_columns for name in STATISTICS)
-        length = chunk_length(*shape, widest, scratch_bytes)
-        null = np.empty((num_permutations - start, len(STATISTICS)))
-        for first in range(start, num_permutations, length):
-            stop = min(first + length, num_permutations)
-            rows = group_orders(seed, _PERMUTATIONS, stop - first, *shape, first_row=first)
-            null[first - start : stop - start] = self._statistics(rows)
-        return null
 
-    def _statistics(self, rows: NDArray[np.intp]) -> Array:
-        matrix = labels(rows)
-        called = [getattr(self, name)(rows if name in _OF_ROWS else matrix) for name in STATISTICS]
-        return np.stack(called, axis=1)
+def _sequences(rows: Array, train: Mask, shape: tuple[int, ...]) -> Array:
+    return _standardised(rows, train)[0].reshape(*rows.shape[:2], *shape)
+
+
+def _standardised(rows: Array, train: Mask) -> tuple[Array, Array]:
+    """Rows ``[groups, actions, features]`` as the battery sees them, and the standard deviations ``[features]``."""
+    unavailable = np.isnan(rows)
+    median = median_of_available(rows, ~unavailable)
+    filled = np.where(unavailable, median, rows)
+    with np.errstate(over="ignore", invalid="ignore"):
+        signed = np.where(filled == median, 0.0, filled - median)
+        sd = robust_sd(np.abs(signed)[train], unavailable[train])
+        sd = np.where(sd > 0, sd, 1.0)
+        return np.clip(signed / sd, -CLIP_SD, CLIP_SD), sd

@@ -20,8 +20,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.battery import Battery
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.gate_statistics import GateStatistics
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.sensitivity import Sensitivity, sensitivity
 from branchdrive.leakage.streams import Streams
@@ -115,7 +115,7 @@ class Gate:
     shape: tuple[int, int, int]
     num_columns: int
     seed: int
-    protocol: Protocol
+    protocol: GateProtocol
     bandwidth: float | None
     tests: tuple[Outcome, ...]
     places: tuple[Place, ...]
@@ -127,7 +127,7 @@ def leakage_gate(
     features: ArrayLike,
     *,
     seed: int,
-    protocol: Protocol | None = None,
+    protocol: GateProtocol | None = None,
     layout: Layout | None = None,
     streams: Streams | None = None,
 ) -> Gate:
@@ -145,7 +145,7 @@ def leakage_gate(
     Raises:
         ValueError: The shape or the seed is wrong.
     """
-    protocol = protocol or Protocol()
+    protocol = protocol or GateProtocol()
     x = checked(features)
     num_groups, num_actions, num_features = x.shape
     streams = streams or Streams.none(num_groups, num_actions)
@@ -176,15 +176,17 @@ def leakage_gate(
         return result("inconclusive", too_few(num_groups, protocol))
 
     x = dealt(x, protocol.num_folds)
-    battery = Battery.of(x, protocol, seed=seed, layout=layout, streams=dealt_streams(streams, protocol.num_folds))
-    observed = battery.observed()
-    null = battery.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes)
+    statistics = GateStatistics.of(
+        x, protocol, seed=seed, layout=layout, streams=dealt_streams(streams, protocol.num_folds)
+    )
+    observed = statistics.observed()
+    null = statistics.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes)
     p = [p_value(value, column) for value, column in zip(observed.tolist(), null.T, strict=True)]
     tests = tuple(map(Outcome, STATISTICS, observed.tolist(), p, holm(p).tolist()))
-    places = strongest_places(battery, null[:, STATISTICS.index("max_t")], protocol.num_named)
-    codes = strongest_codes(battery, null, protocol.num_named)
-    reference = battery.reference
-    del battery  # makes room for those of the replicates
+    places = strongest_places(statistics, null[:, STATISTICS.index("max_t")], protocol.num_named)
+    codes = strongest_codes(statistics, null, protocol.num_named)
+    reference = statistics.reference
+    del statistics  # makes room for those of the replicates
     effect = sensitivity(x, reference, null, protocol=protocol, seed=seed)
     verdict, reason = gate_verdict(tests, protocol)
     return result(
@@ -207,12 +209,12 @@ def _deal(num_groups: int, num_folds: int) -> NDArray[np.intp]:
     return np.argsort(np.arange(num_groups) % num_folds, kind="stable")
 
 
-def too_few(num_groups: int, protocol: Protocol) -> str:
+def too_few(num_groups: int, protocol: GateProtocol) -> str:
     """Reason of a gate on fewer groups than folds."""
     return f"{num_groups} groups cannot fill {protocol.num_folds} folds."
 
 
-def gate_verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdict, str]:
+def gate_verdict(tests: tuple[Outcome, ...], protocol: GateProtocol) -> tuple[Verdict, str]:
     """Verdict and reason of the statistics of features that were examined, at least one statistic."""
     strongest = min(tests, key=lambda test: test.p_adjusted)
     least = len(tests) / (protocol.num_permutations + 1)
@@ -226,10 +228,10 @@ def gate_verdict(tests: tuple[Outcome, ...], protocol: Protocol) -> tuple[Verdic
     return "pass", f"No adjusted p is at most {protocol.alpha:g}; the smallest is {strongest.p_adjusted:.2g}."
 
 
-def strongest_places(battery: Battery, null: Array, num_named: int) -> tuple[Place, ...]:
+def strongest_places(statistics: GateStatistics, null: Array, num_named: int) -> tuple[Place, ...]:
     """Places of the largest ``|t|``, largest first, with their p under the null distribution ``[B]`` of `max_t`."""
-    table = battery.table
-    scores = battery.max_t.scores(labels(identity(table.num_groups, table.num_actions)))[0]
+    table = statistics.table
+    scores = statistics.max_t.scores(labels(identity(table.num_groups, table.num_actions)))[0]
     values = table.values
     means = values.mean(axis=0) - values.mean(axis=(0, 1))
     means *= table.num_actions / (table.num_actions - 1)
@@ -242,17 +244,17 @@ def strongest_places(battery: Battery, null: Array, num_named: int) -> tuple[Pla
     return tuple(places)
 
 
-def strongest_codes(battery: Battery, null: Array, num_named: int) -> tuple[Code, ...]:
+def strongest_codes(statistics: GateStatistics, null: Array, num_named: int) -> tuple[Code, ...]:
     """Places of the largest concordance, then of the largest interaction, each largest first.
 
     Args:
-        battery: Statistics.
+        statistics: Statistics.
         null: Their null distribution ``[permutations, statistics]``.
         num_named: Places of each, at most.
     """
-    rows = identity(battery.table.num_groups, battery.table.num_actions)
+    rows = identity(statistics.table.num_groups, statistics.table.num_actions)
     codes: list[Code] = []
-    for name, statistic in (("concordance", battery.concordance), ("interaction", battery.interaction)):
+    for name, statistic in (("concordance", statistics.concordance), ("interaction", statistics.interaction)):
         column = null[:, STATISTICS.index(name)]
         codes += [Code(name, *place, p_value(place.value, column)) for place in statistic.places(rows, num_named)]
     return tuple(codes)

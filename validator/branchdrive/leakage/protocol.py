@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 __all__ = [
-    "CLIP_SD", "CONTROLS", "SEQUENCE_TESTS", "STATISTICS", "TESTS", "AuditProtocol", "ParityProtocol", "Protocol",
+    "CLIP_SD", "CONTROLS", "SEQUENCE_TESTS", "STATISTICS", "TESTS", "AuditProtocol", "BatteryProtocol", "GateProtocol",
 ]  # fmt: skip
 
 STATISTICS = ("rank_max_t", "max_t", "hsic", "ridge", "concordance", "interaction")
@@ -35,7 +35,7 @@ _LISTS = ("subsets", "offsets_sd", "sparse_offsets_sd")
 
 
 @dataclass(frozen=True)
-class Protocol:
+class GateProtocol:
     """Numbers of the gate; they belong into the report.
 
     Attributes:
@@ -98,7 +98,7 @@ class Protocol:
 
 
 @dataclass(frozen=True)
-class ParityProtocol:
+class BatteryProtocol:
     """Numbers of the paper's battery; they belong into the report.
 
     Attributes:
@@ -142,21 +142,21 @@ class AuditProtocol:
 
     Attributes:
         gate: Of the gate.
-        parity: Of the paper's battery.
+        battery: Of the paper's battery.
     """
 
-    gate: Protocol = field(default_factory=Protocol)
-    parity: ParityProtocol = field(default_factory=ParityProtocol)
+    gate: GateProtocol = field(default_factory=GateProtocol)
+    battery: BatteryProtocol = field(default_factory=BatteryProtocol)
 
     def as_json(self) -> dict[str, Any]:
         """All numbers that a result depends on."""
         gate = {name: value for name, value in asdict(self.gate).items() if name != "scratch_bytes"}
         lists = {name: list(gate[name]) for name in _LISTS}
-        return {"gate": {**gate, **lists}, "parity": asdict(self.parity)}
+        return {"gate": {**gate, **lists}, "parity": asdict(self.battery)}
 
     @classmethod
     def from_json(cls, numbers: Mapping[str, Any]) -> AuditProtocol:
-        """Protocol that a document states; counts may be written as ``1.0``.
+        """GateProtocol that a document states; counts may be written as ``1.0``.
 
         Raises:
             ValueError: A number is outside of its range.
@@ -164,7 +164,7 @@ class AuditProtocol:
         gate, parity = (_with_whole_counts(numbers[part]) for part in ("gate", "parity"))
         subsets, offsets_sd, sparse_offsets_sd = (tuple(gate.pop(name)) for name in _LISTS)
         lists = {"subsets": tuple(map(int, subsets)), "offsets_sd": offsets_sd, "sparse_offsets_sd": sparse_offsets_sd}
-        return cls(Protocol(**{**gate, **lists}), ParityProtocol(**parity))
+        return cls(GateProtocol(**{**gate, **lists}), BatteryProtocol(**parity))
 
 
 def _with_whole_counts(numbers: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.leakage.audit import code_as_json, described_inputs, gate_as_json, place_as_json
-from branchdrive.leakage.battery import Battery
+from branchdrive.leakage.battery import ways
 from branchdrive.leakage.classifier import Unavailable
 from branchdrive.leakage.gate import Code, Place, dealt, dealt_streams, leakage_gate, strongest_codes, strongest_places
+from branchdrive.leakage.gate_statistics import GateStatistics
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
-from branchdrive.leakage.parity import ways
-from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, Protocol
+from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, GateProtocol
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.score import MEASURES
 from branchdrive.leakage.sensitivity import PATTERNS, replicate_values
@@ -78,13 +78,13 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
         return
     x = dealt(x, protocol.num_folds)
     dealt_columns = dealt_streams(streams, protocol.num_folds)
-    battery = Battery.of(x, protocol, seed=seed, layout=layout, streams=dealt_columns)
-    observed = battery.observed()
-    places = strongest_places(battery, np.empty(0), protocol.num_named)
-    codes = strongest_codes(battery, np.empty((0, len(STATISTICS))), protocol.num_named)
+    statistics = GateStatistics.of(x, protocol, seed=seed, layout=layout, streams=dealt_columns)
+    observed = statistics.observed()
+    places = strongest_places(statistics, np.empty(0), protocol.num_named)
+    codes = strongest_codes(statistics, np.empty((0, len(STATISTICS))), protocol.num_named)
     expected = {
         "bit_identical": False,
-        "bandwidth": battery.reference.bandwidth,
+        "bandwidth": statistics.reference.bandwidth,
         "tests": [{"name": n, "observed": v} for n, v in zip(STATISTICS, observed.tolist(), strict=True)],
         "places": [_without_p(place_as_json(place, columns, keys)) for place in places],
         "codes": [_without_p(code_as_json(code, columns, streams.columns)) for code in codes],
@@ -97,24 +97,24 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
         "codes": [_without_p(code) for code in recorded["codes"]],
     }
     yield from value_mismatches("/gate", expected, found)
-    null = _redrawn(battery, observed, protocol, seed)
+    null = _redrawn(statistics, observed, protocol, seed)
     yield from _p_mismatches(recorded, null, observed, places, codes, protocol.num_permutations)
     if (effect := recorded["minimum_detectable_effect"]) is not None:
         yield from _critical_mismatches(effect, null, protocol)
-        yield from _detection_mismatches(effect, x, battery, protocol, seed)
+        yield from _detection_mismatches(effect, x, statistics, protocol, seed)
 
 
 def _without_p(place: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in place.items() if name != "p"}
 
 
-def _redrawn(battery: Battery, observed: Array, protocol: Protocol, seed: int) -> Array:
+def _redrawn(statistics: GateStatistics, observed: Array, protocol: GateProtocol, seed: int) -> Array:
     """Null distribution of the first permutations, as many as tell the p-values ``[drawn, statistics]``."""
     total = protocol.num_permutations
     null = np.empty((0, len(STATISTICS)))
     stop = min(_FIRST, total)
     while True:
-        more = battery.null(stop, seed=seed, scratch_bytes=protocol.scratch_bytes, start=len(null))
+        more = statistics.null(stop, seed=seed, scratch_bytes=protocol.scratch_bytes, start=len(null))
         null = np.concatenate([null, more])
         if stop == total or (reaching(null, observed) >= _REACHED).all():
             return null
@@ -152,7 +152,7 @@ def _plausible_mismatches(
         yield mismatch_at(pointer, f"a p-value that fits {reached:,} of {drawn:,} permutations", p)
 
 
-def _critical_mismatches(effect: Mapping[str, Any], null: Array, protocol: Protocol) -> Iterator[Mismatch]:
+def _critical_mismatches(effect: Mapping[str, Any], null: Array, protocol: GateProtocol) -> Iterator[Mismatch]:
     """Fewer permutations than the rank of a critical value exceed it, and of all permutations that many reach it."""
     rank = critical_rank(protocol.num_permutations, protocol.alpha / len(STATISTICS))
     for index, (value, column) in enumerate(zip(effect["critical"], null.T, strict=True)):
@@ -168,7 +168,7 @@ def _critical_mismatches(effect: Mapping[str, Any], null: Array, protocol: Proto
 
 
 def _detection_mismatches(
-    effect: Mapping[str, Any], features: Array, battery: Battery, protocol: Protocol, seed: int
+    effect: Mapping[str, Any], features: Array, statistics: GateStatistics, protocol: GateProtocol, seed: int
 ) -> Iterator[Mismatch]:
     """Shares of 0 and 1 against the first replicate, at the smallest offset stated and the largest that was missed."""
     critical = np.array([np.inf if value is None else value for value in effect["critical"]])
@@ -178,10 +178,10 @@ def _detection_mismatches(
         smallest = [(i, d) for i, d in of_pattern if d["offset_sd"] == effect["smallest_sd"][pattern]]
         for index, recorded in (*smallest[:1], *missed[-1:]):
             pointer = f"/gate/minimum_detectable_effect/detections/{index}"
-            moved = replicate_values(features, battery.reference, pattern, recorded["offset_sd"], 0, seed=seed)
+            moved = replicate_values(features, statistics.reference, pattern, recorded["offset_sd"], 0, seed=seed)
             values = np.full(len(critical), -np.inf)
             if moved is not None:
-                values = Battery.like(battery.reference, moved, protocol).observed()
+                values = GateStatistics.like(statistics.reference, moved, protocol).observed()
             found, tied = values > critical, np.isclose(values, critical, rtol=REL, atol=0.0)
             for i, share in enumerate(recorded["shares"]):
                 yield from _share_mismatches(f"{pointer}/shares/{i}", share, found[i], tied[i])
@@ -201,7 +201,7 @@ def score_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> Itera
     Raises:
         ValueError: The protocol of the document is out of range.
     """
-    protocol = AuditProtocol.from_json(document["protocol"]).parity
+    protocol = AuditProtocol.from_json(document["protocol"]).battery
     quick = replace(protocol, num_permutations=min(_HELD_OUT, protocol.num_permutations))
     for index, (way, recorded) in enumerate(zip(ways(inputs), document["battery"]["ways"], strict=True)):
         parts = way.parts(seed=int(document["seed"]), protocol=quick, classifier=Unavailable("not repeated"))

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.protocol import CONTROLS, ParityProtocol
+from branchdrive.leakage.protocol import CONTROLS, BatteryProtocol
 from branchdrive.leakage.table import rows_agree
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import p_value
@@ -119,7 +119,7 @@ def _interval(per_group: Array, num_resamples: int, seed: int) -> tuple[float, f
     return low, high
 
 
-def judged_battery(ways: Sequence[Mapping[str, Any]], protocol: ParityProtocol) -> dict[str, Any]:
+def judged_battery(ways: Sequence[Mapping[str, Any]], protocol: BatteryProtocol) -> dict[str, Any]:
     """The battery with all that follows from its scores.
 
     Args:
@@ -149,7 +149,7 @@ def judged_battery(ways: Sequence[Mapping[str, Any]], protocol: ParityProtocol) 
 
 
 def _judged_way(
-    way: Mapping[str, Any], adjusted: Sequence[dict[str, float] | None], least: float, protocol: ParityProtocol
+    way: Mapping[str, Any], adjusted: Sequence[dict[str, float] | None], least: float, protocol: BatteryProtocol
 ) -> dict[str, Any]:
     controls = [_judged_control(control, protocol.control_alpha) for control in way["controls"]]
     astray = [control["name"] for control in controls if control["found"] is not None and not control["as_expected"]]
@@ -201,7 +201,7 @@ def _status(
     p_adjusted: Mapping[str, float] | None,
     astray: Sequence[str],
     least: float,
-    protocol: ParityProtocol,
+    protocol: BatteryProtocol,
 ) -> tuple[str, str]:
     if p_adjusted is None:
         return "not_run", test["reason"]

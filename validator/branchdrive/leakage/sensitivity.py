@@ -26,8 +26,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.battery import Battery, Reference
-from branchdrive.leakage.protocol import STATISTICS, Protocol
+from branchdrive.leakage.gate_statistics import GateStatistics, Reference
+from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.table import checked
 from branchdrive.statistics.permutation import critical_value
 from branchdrive.statistics.stream import below, group_orders, orders, words
@@ -89,19 +89,19 @@ class Sensitivity:
         return smallest
 
 
-def offsets_of(pattern: Pattern, protocol: Protocol) -> tuple[float, ...]:
+def offsets_of(pattern: Pattern, protocol: GateProtocol) -> tuple[float, ...]:
     """Offsets of a pattern, standard deviations, ascending."""
     return protocol.offsets_sd if _PART_OF_GROUPS[pattern] == 1 else protocol.sparse_offsets_sd
 
 
 def sensitivity(
-    features: ArrayLike, reference: Reference, null: Array, *, protocol: Protocol, seed: int
+    features: ArrayLike, reference: Reference, null: Array, *, protocol: GateProtocol, seed: int
 ) -> Sensitivity:
     """Minimum detectable effect in features ``[groups, actions, features]``; nothing is found where nothing can move.
 
     Args:
         features: As the gate saw them.
-        reference: Of the battery that gave `null`.
+        reference: Of the gate statistics that gave `null`.
         null: Null distribution ``[permutations, statistics]``.
         protocol: Numbers of the gate.
         seed: Of the replicates.
@@ -117,7 +117,7 @@ def sensitivity(
             for place in range(len(offsets))[::-1]:
                 moved = replicate_values(x, reference, pattern, offsets[place], replicate, seed=seed)
                 if moved is not None:
-                    found[place, replicate] = Battery.like(reference, moved, protocol).observed() > critical
+                    found[place, replicate] = GateStatistics.like(reference, moved, protocol).observed() > critical
                 if not found[place, replicate].any():
                     break
         for offset_sd, of_offset in zip(offsets, found, strict=True):
@@ -133,7 +133,7 @@ def replicate_values(
 
     Args:
         features: As the gate saw them ``[groups, actions, features]``.
-        reference: Of the battery of these features.
+        reference: Of the gate statistics of these features.
         pattern: Where the offset is added.
         offset_sd: Its size, standard deviations.
         replicate: Its number, from 0.

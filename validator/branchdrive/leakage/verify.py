@@ -15,10 +15,10 @@ from typing import Any
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.layers.compare import format_cell
+from branchdrive.leakage.battery import PARTITIONS
 from branchdrive.leakage.gate import IDENTICAL, NOTHING, Outcome, gate_verdict, too_few
 from branchdrive.leakage.inputs import CONTROL_SPANS
-from branchdrive.leakage.parity import PARTITIONS
-from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, Protocol
+from branchdrive.leakage.protocol import SEQUENCE_TESTS, STATISTICS, AuditProtocol, GateProtocol
 from branchdrive.leakage.score import MEASURES, judged_battery
 from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, offsets_of
 from branchdrive.leakage.streams import IMAGES, WINDOWS, stream_columns
@@ -140,7 +140,7 @@ def gate_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
     yield from _effect_mismatches(gate, protocol)
 
 
-def _effect_mismatches(gate: Mapping[str, Any], protocol: Protocol) -> Iterator[Mismatch]:
+def _effect_mismatches(gate: Mapping[str, Any], protocol: GateProtocol) -> Iterator[Mismatch]:
     """Minimum detectable effect against its detections, and critical values against the p-values."""
     recorded, pointer = gate["minimum_detectable_effect"], "/gate/minimum_detectable_effect"
     if gate["bit_identical"]:
@@ -184,7 +184,7 @@ def battery_mismatches(document: Mapping[str, Any]) -> Iterator[Mismatch]:
     Raises:
         ValueError: The protocol of the document is out of range.
     """
-    battery, protocol = document["battery"], AuditProtocol.from_json(document["protocol"]).parity
+    battery, protocol = document["battery"], AuditProtocol.from_json(document["protocol"]).battery
     has_classifier = document["protocol"]["sequence_classifier"] is not None
     not_run = []
     for index, way in enumerate(battery["ways"]):

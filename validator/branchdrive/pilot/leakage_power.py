@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.text import NONE, counted
 from branchdrive.leakage.gate import Gate, leakage_gate
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
-from branchdrive.leakage.protocol import Protocol
+from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.replays import inputs_of_facts
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.sensitivity import Pattern
@@ -39,7 +39,7 @@ _OFFSETS_SD = (0.1, 0.2, 0.4, 0.8)
 _ENOUGH = 96
 """Groups from which on the law of the root holds well; fewer are repeated until there are as many."""
 
-_POWER = Protocol(offsets_sd=_OFFSETS_SD, sparse_offsets_sd=(), num_permutations=5_999, num_replicates=3)
+_POWER = GateProtocol(offsets_sd=_OFFSETS_SD, sparse_offsets_sd=(), num_permutations=5_999, num_replicates=3)
 """The fewest permutations with which the gate can fail, and few trials: a pilot's figures are rough."""
 
 _WANTED_SD = (0.1, 0.2)
@@ -56,7 +56,7 @@ def leakage_power(pilot: Pilot) -> Section:
     if not pilot.rows:
         return Section("leakage", _TITLE, not_examined=[pilot.no_rows])
     inputs = _inputs(pilot)
-    protocol = Protocol(offsets_sd=(), sparse_offsets_sd=())
+    protocol = GateProtocol(offsets_sd=(), sparse_offsets_sd=())
     if inputs is None or inputs.num_groups < protocol.num_folds:
         count = 0 if inputs is None else inputs.num_groups
         return Section(

@@ -237,8 +237,8 @@ PURE = (
     "branchdrive.leakage.rules.statistic_mismatches",
     "branchdrive.files.survey.schema_mismatches",
     "branchdrive.benchmark.protocol.schema_mismatches",
-    "branchdrive.leakage.parity.fit_logistic",
-    "branchdrive.leakage.parity.held_out_score",
+    "branchdrive.leakage.battery.fit_logistic",
+    "branchdrive.leakage.battery.held_out_score",
     "branchdrive.leakage.recompute._redrawn",
     "branchdrive.quality.retention._resampled_sums",
 )

@@ -68,7 +68,7 @@ def state(d: ReleaseDraft, p_values: list[float]) -> None:
 def judge(d: ReleaseDraft) -> None:
     """Give the battery the statuses that follow from its scores."""
     battery = audit(d)["battery"]
-    audit(d)["battery"] = judged_battery(battery["ways"], AuditProtocol.from_json(audit(d)["protocol"]).parity)
+    audit(d)["battery"] = judged_battery(battery["ways"], AuditProtocol.from_json(audit(d)["protocol"]).battery)
     audit(d)["not_run"] = [
         {"test": f"{way['name']}/{result['name']}", "reason": result["reason"]}
         for way in battery["ways"]
