@@ -26,9 +26,9 @@ from branchdrive.leakage.protocol import TESTS, BatteryProtocol, GateProtocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.streams import Streams
-from branchdrive.release.layers import load_layers
+from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 from branchdrive_reference.leakage.uniformity import uniformity
 
 NUM_GROUPS = 20

@@ -28,7 +28,7 @@ from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.text import access_sentence, target_sentences
-from branchdrive.release.layers import BuiltLayers, load_layers
+from branchdrive.release.built_layers import BuiltLayers, load_layers
 from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 

@@ -53,7 +53,7 @@ QUICK_CORE_TESTS = (
     "tests/validator/raw",
     "tests/validator/writer/test_round_trip.py",
     "tests/validator/contract",
-    "tests/validator/statistics/test_stream.py",
+    "tests/validator/statistics/test_drawn_words.py",
 )
 
 EXTRA_TESTS = (

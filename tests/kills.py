@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.progress import Progress
 from tests.reference_impl.benchmark.small_release import contents, make_release, smallest_protocol, write_protocol
 
-from branchdrive.statistics.stream import uniforms, words
+from branchdrive.statistics.random_words import uniforms, words
 
 KILLS_A_ROUND = 4
 """Kills after which a command may end."""

@@ -28,8 +28,8 @@ from branchdrive.testing.drive import (
     NUM_TICKS,
     STRIDE,
     WINDOW_TICKS,
+    InventedScene,
     Plan,
-    Scene,
     group_name,
     plans,
 )
@@ -52,7 +52,7 @@ def make_group(
     index: int,
     planned: Sequence[Plan] | None = None,
     *,
-    scene: Scene | None = None,
+    scene: InventedScene | None = None,
     bank: ActionBank | None = None,
     num_ticks: int = NUM_TICKS,
 ) -> Tables:

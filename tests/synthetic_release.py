@@ -16,7 +16,7 @@ from tests.scenes import ACTORS, ROUTES
 from tests.synthetic import Tables, concat, descriptor, make_group, shared, to_table
 from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.testing.drive import Scene, group_name
+from branchdrive.testing.drive import InventedScene, group_name
 from branchdrive.testing.group import by_key
 from branchdrive.testing.media import frame_columns, media_document
 
@@ -51,7 +51,7 @@ MOVED = "g10"
 """A validation group that fails the extended variables alone: in one attempt, its actors start elsewhere."""
 
 
-def _scene(index: int) -> Scene:
+def _scene(index: int) -> InventedScene:
     name = group_name(index)
     if name == NEAR_DUPLICATE[1]:
         model = _scene(int(NEAR_DUPLICATE[0][1:]))
@@ -60,7 +60,7 @@ def _scene(index: int) -> Scene:
         return replace(model, route=elsewhere, town="Town13", start=(2.0, 0.4, 5.001))
     origin = int(TWINS[0][1:]) if name == TWINS[1] else index
     x, y = ROUTES[origin % 3].start
-    return Scene(
+    return InventedScene(
         replace(ROUTES[origin % 3], start=(x + 1000.0 * origin, y)),
         ACTORS[origin % 3],
         town=("Town12", "Town13")[origin % 2],

@@ -12,7 +12,7 @@ from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.release.builder import build_release
 from branchdrive.release.stage import BuildOptions
 from branchdrive.testing.dataset import SmallDataset
-from branchdrive.testing.drive import CAR_M, CONE_M, PERSON_M, Actor, Route, Scene
+from branchdrive.testing.drive import CAR_M, CONE_M, PERSON_M, InventedActor, InventedScene, Route
 
 __all__ = ["WEIGHTS", "write_base", "write_bases"]
 
@@ -38,13 +38,13 @@ def _dataset(num_groups: int) -> SmallDataset:
     )
 
 
-def _scene(index: int) -> Scene:
-    return Scene(
+def _scene(index: int) -> InventedScene:
+    return InventedScene(
         Route((300.0 * index, 40.0 * index), 0.1 * index),
         (
-            Actor("vehicle", CAR_M, 32.0, 0.0, speed_mps=5.0),
-            Actor("pedestrian", PERSON_M, 75.0, -7.0, lateral_mps=0.75),
-            Actor("static", CONE_M, 60.0, 4.0),
+            InventedActor("vehicle", CAR_M, 32.0, 0.0, speed_mps=5.0),
+            InventedActor("pedestrian", PERSON_M, 75.0, -7.0, lateral_mps=0.75),
+            InventedActor("static", CONE_M, 60.0, 4.0),
         ),
         town="Town01",
         start=(2.0, 0.4, 5.0 + 0.1 * index),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
-from branchdrive.statistics.stream import below, words
+from branchdrive.statistics.random_words import below, words
 
 __all__ = ["Draw"]
 

@@ -28,7 +28,7 @@ from branchdrive.errors import UsageError
 from branchdrive.interrupt import deferred_interrupt
 from branchdrive.writer.writer import DatasetWriter
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
-from branchdrive_reference.collect.group import collect_group
+from branchdrive_reference.collect.group import execute_group
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.town import TOWN_NAMES, town
@@ -98,7 +98,7 @@ def collect(
             need.check(root)
             foresee(need)
 
-        return run_campaign(writer, plans, collect_group, jobs=jobs, prepare=prepare, watch=watch)
+        return run_campaign(writer, plans, execute_group, jobs=jobs, prepare=prepare, watch=watch)
 
 
 @cache

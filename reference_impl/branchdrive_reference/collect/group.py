@@ -17,21 +17,21 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive_reference.collect.effect import execute_attempt, protocol_variant, record_attempt
-from branchdrive_reference.collect.plan import GroupPlan
+from branchdrive_reference.collect.plan import PlannedGroup
 from branchdrive_reference.collect.script import Attempt, group_script
 from branchdrive_reference.simulation.branch_kind import BranchKind
 from branchdrive_reference.simulation.placement import place_branch
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
 
-__all__ = ["collect_group"]
+__all__ = ["execute_group"]
 
 
 @dataclass
 class _Collection:
     writer: GroupWriter
     descriptor: Descriptor
-    plan: GroupPlan
+    plan: PlannedGroup
     report: GroupReport = field(init=False)
 
     def __post_init__(self) -> None:
@@ -99,8 +99,8 @@ _UNFOUND = {
 }
 
 
-def collect_group(
-    writer: GroupWriter, descriptor: Descriptor, plan: GroupPlan, *, between: Callable[[], None] = lambda: None
+def execute_group(
+    writer: GroupWriter, descriptor: Descriptor, plan: PlannedGroup, *, between: Callable[[], None] = lambda: None
 ) -> GroupReport:
     """Execute what is missing of a group.
 

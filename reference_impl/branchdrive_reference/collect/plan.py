@@ -26,7 +26,7 @@ __all__ = [
     "CONSEQUENTIAL",
     "FAULT_PRESETS",
     "PRESETS",
-    "GroupPlan",
+    "PlannedGroup",
     "Preset",
     "plan_group",
     "select_scenarios",
@@ -34,7 +34,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class GroupPlan:
+class PlannedGroup:
     """One planned group.
 
     Attributes:
@@ -70,7 +70,7 @@ def select_scenarios(names: Sequence[str]) -> tuple[str, ...]:
 
 def plan_group(
     seed: int, index: int, scenario_types: Sequence[str] = (), branches: Mapping[str, float] = MappingProxyType({})
-) -> GroupPlan:
+) -> PlannedGroup:
     """The group at `index` of the collection with `seed`: scenario types take turns, the rest is drawn.
 
     Args:
@@ -90,7 +90,7 @@ def plan_group(
         environment=environments[choice(len(environments), seed, Purpose.PLAN_ENVIRONMENT, index)],
         seed=integer(seed, Purpose.PLAN_SEED, index),
     )
-    return GroupPlan(index, f"g{index:05d}-{scenario.name.lower()}", spec, drawn_kind(branches, seed, index))
+    return PlannedGroup(index, f"g{index:05d}-{scenario.name.lower()}", spec, drawn_kind(branches, seed, index))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 from numpy.typing import NDArray
 
 from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
-from branchdrive_reference.drawing.scene import Actor, Scene
+from branchdrive_reference.drawing.scene import DrawnActor, DrawnScene
 from branchdrive_reference.drawing.view import Layer, View
 
 __all__ = ["box_corners", "draw_actors", "draw_ego"]
@@ -36,7 +36,7 @@ def box_corners(u: float, v: float, angle_rad: float, length_m: float, width_m: 
     return np.stack([u + cos * along - sin * left, v + sin * along + cos * left], axis=1)
 
 
-def draw_actors(axes: Axes, scene: Scene, view: View) -> None:
+def draw_actors(axes: Axes, scene: DrawnScene, view: View) -> None:
     """Draw every actor in view: its box, its velocity, and faintly its nominal future."""
     for actor in scene.actors:
         u, v = view.place(actor.x_m, actor.y_m)
@@ -48,7 +48,7 @@ def draw_actors(axes: Axes, scene: Scene, view: View) -> None:
         _draw_box(axes, actor, view, colour)
 
 
-def _draw_ghosts(axes: Axes, actor: Actor, view: View, colour: Rgb) -> None:
+def _draw_ghosts(axes: Axes, actor: DrawnActor, view: View, colour: Rgb) -> None:
     u, v = view.place(actor.x_m, actor.y_m)
     axes.plot(u, v, color=colour, linewidth=1.0, linestyle=(0, (1, 1.5)), zorder=Layer.GHOST)
     for row in range(_GHOST_STRIDE, len(u), _GHOST_STRIDE):
@@ -58,7 +58,7 @@ def _draw_ghosts(axes: Axes, actor: Actor, view: View, colour: Rgb) -> None:
                                zorder=Layer.GHOST))  # fmt: skip
 
 
-def _draw_box(axes: Axes, actor: Actor, view: View, colour: Rgb) -> None:
+def _draw_box(axes: Axes, actor: DrawnActor, view: View, colour: Rgb) -> None:
     ink = BACKDROP["ink"]
     u, v = (float(values[0]) for values in view.place(actor.x_m[:1], actor.y_m[:1]))
     angle = view.angle(float(actor.yaw_rad[0]))
@@ -76,7 +76,7 @@ def _draw_box(axes: Axes, actor: Actor, view: View, colour: Rgb) -> None:
                                    shrinkA=0, shrinkB=0, zorder=Layer.ACTOR))  # fmt: skip
 
 
-def draw_ego(axes: Axes, scene: Scene) -> None:
+def draw_ego(axes: Axes, scene: DrawnScene) -> None:
     """Draw the ego at the branch: the origin of the view, heading along u."""
     length_m, width_m = float(scene.record["ego_length_m"]), float(scene.record["ego_width_m"])
     ink, white = BACKDROP["ink"], BACKDROP["marking"]

@@ -14,7 +14,7 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:
-    from branchdrive_reference.drawing.scene import Scene
+    from branchdrive_reference.drawing.scene import DrawnScene
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return 0
 
 
-def _touches(scene: Scene) -> str:
+def _touches(scene: DrawnScene) -> str:
     """How many candidates touch something in the picture, and how many end before it does."""
     from branchdrive_reference.drawing.scene import HORIZON_S
 

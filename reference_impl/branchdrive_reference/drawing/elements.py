@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP
-from branchdrive_reference.drawing.scene import Scene
+from branchdrive_reference.drawing.scene import DrawnScene
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.recorded import Rectangle, recorded_elements
 from branchdrive_reference.town.town import TOWN_NAMES, town
@@ -22,7 +22,7 @@ _AROUND_M = 150.0
 """Farther from every candidate than a picture is wide, nothing is drawn."""
 
 
-def elements_around(dataset: Dataset, scene: Scene) -> tuple[Element, ...]:
+def elements_around(dataset: Dataset, scene: DrawnScene) -> tuple[Element, ...]:
     """Elements near the candidates of a scene; none where nobody knows the town. Broken elements are left out.
 
     Raises:
@@ -44,7 +44,7 @@ def _map_of(dataset: Dataset, name: str) -> pa.Table | None:
     return None
 
 
-def _around(scene: Scene) -> Rectangle:
+def _around(scene: DrawnScene) -> Rectangle:
     """The part of the world that a picture of the scene can show."""
     x, y = (np.concatenate([getattr(one, name) for one in scene.candidates]) for name in ("x_m", "y_m"))
     low, high = (x.min() - _AROUND_M, y.min() - _AROUND_M), (x.max() + _AROUND_M, y.max() + _AROUND_M)

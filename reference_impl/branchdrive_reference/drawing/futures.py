@@ -12,7 +12,7 @@ from matplotlib.patheffects import Normal, Stroke
 
 from branchdrive_reference.drawing.actors import box_corners
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
-from branchdrive_reference.drawing.scene import Candidate, Scene
+from branchdrive_reference.drawing.scene import Candidate, DrawnScene
 from branchdrive_reference.drawing.view import Layer, View
 
 __all__ = ["CONTACT_MARKER", "END_MARKER", "draw_futures", "draw_history", "draw_route"]
@@ -34,13 +34,13 @@ END_MARKER: Mapping[str, Any] = {
 """How the last observation of a rollout is marked that ends before the picture does."""
 
 
-def draw_route(axes: Axes, scene: Scene, view: View) -> None:
+def draw_route(axes: Axes, scene: DrawnScene, view: View) -> None:
     """Draw the route, dashed."""
     u, v = view.place(*scene.route)
     axes.plot(u, v, color=BACKDROP["route"], linewidth=1.4, linestyle=(0, (7, 5)), zorder=Layer.ROUTE)
 
 
-def draw_history(axes: Axes, scene: Scene, view: View) -> None:
+def draw_history(axes: Axes, scene: DrawnScene, view: View) -> None:
     """Draw the ego's way to the branch with its observations."""
     nominal = scene.nominal
     u, v = view.place(nominal.x_m[nominal.history], nominal.y_m[nominal.history])
@@ -48,7 +48,7 @@ def draw_history(axes: Axes, scene: Scene, view: View) -> None:
               markerfacecolor=BACKDROP["marking"], markeredgewidth=0.9, zorder=Layer.HISTORY)  # fmt: skip
 
 
-def draw_futures(axes: Axes, scene: Scene, view: View, colours: Mapping[str, Rgb]) -> None:
+def draw_futures(axes: Axes, scene: DrawnScene, view: View, colours: Mapping[str, Rgb]) -> None:
     """Draw every candidate's future in the order of the bank, the nominal one on top."""
     for candidate in (*scene.candidates[1:], scene.nominal):
         colour = colours[candidate.policy.key]
@@ -73,7 +73,7 @@ def _draw_paths(axes: Axes, candidate: Candidate, view: View, colour: Rgb) -> No
               markeredgecolor="white", markeredgewidth=0.5, zorder=Layer.FUTURE)  # fmt: skip
 
 
-def _draw_last_box(axes: Axes, scene: Scene, candidate: Candidate, view: View, colour: Rgb) -> None:
+def _draw_last_box(axes: Axes, scene: DrawnScene, candidate: Candidate, view: View, colour: Rgb) -> None:
     """The ego's outline at the last tick of the future."""
     row = int(np.flatnonzero(candidate.future)[-1])
     u, v = view.place(candidate.x_m[row : row + 1], candidate.y_m[row : row + 1])

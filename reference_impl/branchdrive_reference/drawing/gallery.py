@@ -14,7 +14,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.errors import UsageError
 from branchdrive.raw.reader import Dataset
 from branchdrive_reference.drawing.elements import elements_around
-from branchdrive_reference.drawing.scene import Scene, read_scene
+from branchdrive_reference.drawing.scene import DrawnScene, read_scene
 from branchdrive_reference.study.label import label
 
 __all__ = ["Gallery", "named_pictures", "picture_path"]
@@ -25,7 +25,7 @@ _REASONS_OF_TYPE = 3
 
 def named_pictures(
     dataset: Dataset, names: Sequence[str], folder: Path, file_format: str
-) -> Iterator[tuple[Path, Scene]]:
+) -> Iterator[tuple[Path, DrawnScene]]:
     """File and scene of every named group.
 
     Raises:
@@ -36,7 +36,7 @@ def named_pictures(
         yield path, _scene(dataset, name)
 
 
-def _scene(dataset: Dataset, group_id: str) -> Scene:
+def _scene(dataset: Dataset, group_id: str) -> DrawnScene:
     """The scene of a group with the map around it."""
     scene = read_scene(dataset.group(group_id), dataset.descriptor)
     return replace(scene, elements=elements_around(dataset, scene))
@@ -63,7 +63,7 @@ class Gallery:
         """Pictures to come at most."""
         return len(self._types) if self._every else len(set(self._types.values()))
 
-    def pictures(self, folder: Path, file_format: str) -> Iterator[tuple[Path, Scene]]:
+    def pictures(self, folder: Path, file_format: str) -> Iterator[tuple[Path, DrawnScene]]:
         """File and scene of every picture; a group that cannot be drawn gives way to the next of its type."""
         for group_id, scenario_type in self._types.items():
             if scenario_type in self._drawn and not self._every:

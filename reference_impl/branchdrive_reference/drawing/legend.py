@@ -20,7 +20,7 @@ from matplotlib.patheffects import withStroke
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
 from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
 from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
-from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_S, Array, Candidate, Scene, outcome_texts
+from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_S, Array, Candidate, DrawnScene, outcome_texts
 from branchdrive_reference.drawing.view import Layer, View
 
 __all__ = [
@@ -64,7 +64,7 @@ def draw_axes_of_world(axes: Axes, view: View) -> None:
 
 
 def draw_legend(
-    figure: Figure, scene: Scene, posts: Mapping[str, Mapping[str, Any]], place: tuple[float, float]
+    figure: Figure, scene: DrawnScene, posts: Mapping[str, Mapping[str, Any]], place: tuple[float, float]
 ) -> None:
     """The key to everything on the map but the candidates, whose key is the table of outcomes.
 
@@ -113,7 +113,7 @@ FOOTNOTE = "a touch counts as gap 0; otherwise static objects count only inside 
 """What a gap is, in the panel of gaps and in the table."""
 
 
-def draw_speed(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
+def draw_speed(axes: Axes, scene: DrawnScene, colours: Mapping[str, Rgb]) -> None:
     """Speed over time."""
     _prepare(axes, "Speed (m/s)")
     _draw_lines(axes, scene, colours, lambda candidate: candidate.speed_mps)
@@ -125,7 +125,7 @@ def draw_speed(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
                   color=BACKDROP["quiet"])  # fmt: skip
 
 
-def draw_separation(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
+def draw_separation(axes: Axes, scene: DrawnScene, colours: Mapping[str, Rgb]) -> None:
     """Separation over time; lines break where no relevant actor is in range, and touches lie at gap 0."""
     _prepare(axes, "Gap to the nearest relevant actor (m)")
     _draw_lines(axes, scene, colours, lambda candidate: candidate.separation_m, touch=0.0)
@@ -149,7 +149,7 @@ def _prepare(axes: Axes, title: str) -> None:
 
 def _draw_lines(
     axes: Axes,
-    scene: Scene,
+    scene: DrawnScene,
     colours: Mapping[str, Rgb],
     values: Callable[[Candidate], Array],
     *,
@@ -170,7 +170,7 @@ def _draw_lines(
                   **{**CONTACT_MARKER, "markersize": 7})  # fmt: skip
 
 
-def draw_outcomes(axes: Axes, scene: Scene, colours: Mapping[str, Rgb]) -> None:
+def draw_outcomes(axes: Axes, scene: DrawnScene, colours: Mapping[str, Rgb]) -> None:
     """One row for every candidate: its colour, what the future brought, and when it first touched something."""
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(0, 1))

@@ -29,7 +29,7 @@ from branchdrive_reference.drawing.legend import (
 )
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
 from branchdrive_reference.drawing.roads import draw_roads
-from branchdrive_reference.drawing.scene import Scene
+from branchdrive_reference.drawing.scene import DrawnScene
 from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.view import View, view_of
 from branchdrive_reference.study.label import label
@@ -55,7 +55,7 @@ _SETTINGS: dict[Any, Any] = {
 _METADATA: dict[str, dict[str, str | None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
-def title(scene: Scene) -> tuple[str, str]:
+def title(scene: DrawnScene) -> tuple[str, str]:
     """Heading and subheading of a picture."""
     record = scene.record
     heading = f"{label(record['scenario_type'])}  ·  {label(record['group_id'])}"
@@ -75,7 +75,7 @@ def _rectangle(left: float, bottom: float, width: float, height: float) -> tuple
     return left / _SIZE_IN[0], bottom / _SIZE_IN[1], width / _SIZE_IN[0], height / _SIZE_IN[1]
 
 
-def draw_scene(scene: Scene) -> Figure:
+def draw_scene(scene: DrawnScene) -> Figure:
     """The picture of a group."""
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, facecolor="white")
     colours = candidate_colours(scene.bank)
@@ -98,7 +98,7 @@ def draw_scene(scene: Scene) -> Figure:
     return figure
 
 
-def _draw_plan(plan: Axes, scene: Scene, view: View) -> Mapping[str, Mapping[str, Any]]:
+def _draw_plan(plan: Axes, scene: DrawnScene, view: View) -> Mapping[str, Mapping[str, Any]]:
     """Draw everything below the futures; returns the signals and signs in view for the legend."""
     posts: Mapping[str, Mapping[str, Any]] = {}
     if scene.elements:
@@ -117,7 +117,7 @@ def _draw_plan(plan: Axes, scene: Scene, view: View) -> Mapping[str, Mapping[str
     return posts
 
 
-def save(scene: Scene, path: Path, file_format: Literal["png", "svg"]) -> None:
+def save(scene: DrawnScene, path: Path, file_format: Literal["png", "svg"]) -> None:
     """Draw a group into a file, which is never seen half-written."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:

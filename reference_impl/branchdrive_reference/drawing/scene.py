@@ -34,9 +34,9 @@ __all__ = [
     "HISTORY_TICKS",
     "HORIZON_S",
     "HORIZON_TICKS",
-    "Actor",
     "Candidate",
-    "Scene",
+    "DrawnActor",
+    "DrawnScene",
     "check_scene",
     "outcome_texts",
     "read_scene",
@@ -135,7 +135,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Actor:
+class DrawnActor:
     """One actor at the branch, and its poses in the nominal future ``[observations]``, the branch's first."""
 
     actor_id: int
@@ -150,7 +150,7 @@ class Actor:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class DrawnScene:
     """A group as a picture shows it.
 
     Attributes:
@@ -167,7 +167,7 @@ class Scene:
     record: dict[str, Any]
     bank: ActionBank
     candidates: tuple[Candidate, ...]
-    actors: tuple[Actor, ...]
+    actors: tuple[DrawnActor, ...]
     nearest_actor_id: int | None
     lane_id: str | None
     traffic_light: str | None
@@ -202,7 +202,7 @@ def outcome_texts(candidate: Candidate) -> tuple[str, str, str, str]:
     )
 
 
-def read_scene(group: BranchGroup, descriptor: Descriptor) -> Scene:
+def read_scene(group: BranchGroup, descriptor: Descriptor) -> DrawnScene:
     """What a picture of the group shows.
 
     Raises:
@@ -216,7 +216,7 @@ def read_scene(group: BranchGroup, descriptor: Descriptor) -> Scene:
     candidates = tuple(_candidate(rollouts[policy.key], policy) for policy in (bank.nominal, *bank.interventions))
     lane_id, traffic_light = (_evidence_text(nominal, name) for name in ("lane_id", "traffic_light"))
     nearest = _nearest_actor_id(nominal)
-    scene = Scene(nominal.record, bank, candidates, _actors(nominal), nearest, lane_id, traffic_light)
+    scene = DrawnScene(nominal.record, bank, candidates, _actors(nominal), nearest, lane_id, traffic_light)
     check_scene(scene)
     return scene
 
@@ -265,7 +265,7 @@ def _candidate(rollout: Rollout, policy: Policy) -> Candidate:
     )
 
 
-def _actors(nominal: Rollout) -> tuple[Actor, ...]:
+def _actors(nominal: Rollout) -> tuple[DrawnActor, ...]:
     tick, ids = _since_branch(nominal, "actors"), nominal.column("actors", "actor_id")
     columns = {name: nominal.column("actors", name) for name in nominal.tables["actors"].column_names}
     ahead = (tick >= 0) & (tick <= ACTIVE_TICKS)
@@ -280,7 +280,9 @@ def _actors(nominal: Rollout) -> tuple[Actor, ...]:
         length, width, vel_x, vel_y = (
             float(columns[name][row]) for name in ("length_m", "width_m", "vel_x_mps", "vel_y_mps")
         )
-        actors.append(Actor(int(ids[row]), str(columns["actor_class"][row]), length, width, vel_x, vel_y, x, y, yaw))
+        actors.append(
+            DrawnActor(int(ids[row]), str(columns["actor_class"][row]), length, width, vel_x, vel_y, x, y, yaw)
+        )
     return tuple(actors)
 
 
@@ -313,7 +315,7 @@ _TEXTS = ("group_id", "scenario_type", "town", "route_id", "environment", "trigg
 _NUMBERS = ("branch_tick", "trigger_tick", "trigger_value", "trigger_threshold", "trigger_confidence")
 
 
-def check_scene(scene: Scene) -> None:
+def check_scene(scene: DrawnScene) -> None:
     """Refuse a scene that holds what cannot be drawn.
 
     Raises:
@@ -326,7 +328,7 @@ def check_scene(scene: Scene) -> None:
         )
 
 
-def _faults(scene: Scene) -> Iterator[str]:
+def _faults(scene: DrawnScene) -> Iterator[str]:
     record = scene.record
     for name in _TEXTS:
         if not isinstance(record[name], str):
@@ -373,7 +375,7 @@ def _candidate_faults(candidate: Candidate) -> Iterator[str]:
         yield f"`separation_m` {whose} is no distance at some tick"
 
 
-def _actor_faults(actor: Actor) -> Iterator[str]:
+def _actor_faults(actor: DrawnActor) -> Iterator[str]:
     for name in ("x_m", "y_m", "yaw_rad", "vel_x_mps", "vel_y_mps"):
         if not _are_numbers(getattr(actor, name)):
             yield f"`{name}` of actor {actor.actor_id} is not a number at some tick"

@@ -10,7 +10,7 @@ from matplotlib.patheffects import withStroke
 
 from branchdrive_reference.drawing.palette import BACKDROP, Rgb
 from branchdrive_reference.drawing.roads import elements_in_view
-from branchdrive_reference.drawing.scene import Scene
+from branchdrive_reference.drawing.scene import DrawnScene
 from branchdrive_reference.drawing.view import Layer, View
 from branchdrive_reference.town.elements import Element
 
@@ -38,7 +38,7 @@ _POSTS: Mapping[str, tuple[str, _Post]] = {
 """The post at a signal or sign: what it is called, and how it is drawn."""
 
 
-def draw_signs(axes: Axes, view: View, scene: Scene) -> Mapping[str, _Post]:
+def draw_signs(axes: Axes, view: View, scene: DrawnScene) -> Mapping[str, _Post]:
     """Draw stop lines, signals and signs in view; the ego's light has its colour at the branch, and lies on top.
 
     Returns:
@@ -65,7 +65,7 @@ def draw_signs(axes: Axes, view: View, scene: Scene) -> Mapping[str, _Post]:
     return dict(sorted(drawn.items()))
 
 
-def _governs_ego(element: Element, scene: Scene) -> bool:
+def _governs_ego(element: Element, scene: DrawnScene) -> bool:
     """Whether an element is the signal of the ego's lane, and its state is known."""
     is_own = element["kind"] == "signal" and element["lane_id"] is not None and element["lane_id"] == scene.lane_id
     return is_own and scene.traffic_light in _LIGHTS

@@ -14,7 +14,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive_reference.drawing.scene import Array, Candidate, Scene
+from branchdrive_reference.drawing.scene import Array, Candidate, DrawnScene
 
 __all__ = ["Layer", "View", "view_of"]
 
@@ -68,7 +68,7 @@ def _turned(x: Array, y: Array, heading_rad: float) -> tuple[Array, Array]:
     return cos * x + sin * y, cos * y - sin * x
 
 
-def view_of(scene: Scene, *, aspect: float) -> View:
+def view_of(scene: DrawnScene, *, aspect: float) -> View:
     """The view that holds every future, and what comes of them as far as it is near; at least 75 m wide.
 
     Args:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.statistics.stream import words
+from branchdrive.statistics.random_words import words
 
 __all__ = ["NUM_FOLDS", "cluster_folds"]
 

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from branchdrive.leakage.classifier import SequenceScores, SequenceTask
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.execution import deterministic
 

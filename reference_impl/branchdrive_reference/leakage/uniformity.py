@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.leakage.gate import leakage_gate
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
-from branchdrive.statistics.stream import group_orders
+from branchdrive.statistics.random_words import group_orders
 
 __all__ = ["GateSize", "Uniformity", "gate_size", "uniformity"]
 

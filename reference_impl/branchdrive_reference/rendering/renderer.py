@@ -19,7 +19,7 @@ from branchdrive_reference.rendering.palette import daylight_of
 from branchdrive_reference.rendering.patch import Tile, Town
 from branchdrive_reference.rendering.semantic import SemanticView
 from branchdrive_reference.rendering.snapshot import Snapshot
-from branchdrive_reference.rendering.stage import Stage
+from branchdrive_reference.rendering.surroundings import Surroundings
 from branchdrive_reference.rendering.view import View
 
 __all__ = ["Renderer"]
@@ -70,14 +70,14 @@ class Renderer:
         patch = self._town.patch(tile)
         images = {name: view.draw(patch, snapshot) for name, view in self._maps.items()}
         if self._views:
-            stages: dict[bool, Stage] = {}
+            surroundings: dict[bool, Surroundings] = {}
             for name, view in self._views.items():
                 from_above = view.camera.stream == "rgb_top_down"
-                if from_above not in stages:
-                    stages[from_above] = Stage(
+                if from_above not in surroundings:
+                    surroundings[from_above] = Surroundings(
                         patch, self._textures(tile), snapshot, self._light,
                         focal_px=view.camera.fx_px, paint_reach_m=_PAINT_MARGIN * view.paint_reach_m,
                         shows_ego=from_above,
                     )  # fmt: skip
-                images[name] = view.draw(stages[from_above])
+                images[name] = view.draw(surroundings[from_above])
         return images

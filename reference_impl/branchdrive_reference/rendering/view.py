@@ -12,7 +12,7 @@ from branchdrive.contract.camera import PinholeCamera
 from branchdrive_reference.rendering.opencv import SUBPIXEL_BITS, Image, cv2, fixed_point
 from branchdrive_reference.rendering.palette import Daylight, beam_of
 from branchdrive_reference.rendering.projection import Pinhole
-from branchdrive_reference.rendering.stage import Stage
+from branchdrive_reference.rendering.surroundings import Surroundings
 
 __all__ = ["View"]
 
@@ -82,22 +82,22 @@ class View:
         coarse = [last for _, last, level in self._bands if level]
         return float(self._pinhole.depth_m[coarse[0] - 1].max()) if coarse else float("inf")
 
-    def draw(self, stage: Stage) -> Image:
+    def draw(self, surroundings: Surroundings) -> Image:
         """The image of the camera ``[height, width, 3]``."""
         image = self._backdrop.copy()
-        self._draw_ground(image, stage)
-        self._draw_outlines(image, stage)
+        self._draw_ground(image, surroundings)
+        self._draw_outlines(image, surroundings)
         return image
 
-    def _draw_ground(self, image: Image, stage: Stage) -> None:
-        to_pixels = self._pinhole.ground @ stage.world_to_ego
+    def _draw_ground(self, image: Image, surroundings: Surroundings) -> None:
+        to_pixels = self._pinhole.ground @ surroundings.world_to_ego
         for first, end, level in self._bands:
-            texture, to_world = stage.textures[level]
+            texture, to_world = surroundings.textures[level]
             shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - first], [0, 0, 1.0]])
             part = image[first:end]
             ground = cv2.warpPerspective(
                 texture, shift @ to_pixels @ to_world, (part.shape[1], part.shape[0]), flags=cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_CONSTANT, borderValue=stage.beyond,
+                borderMode=cv2.BORDER_CONSTANT, borderValue=surroundings.beyond,
             )  # fmt: skip
             if self._gain is not None:
                 cv2.multiply(ground, self._gain[first:end], ground, dtype=cv2.CV_8U)
@@ -121,11 +121,11 @@ class View:
     def _frustum(self) -> tuple[Array, Array]:
         return self._pinhole.frustum(NEAR_M)
 
-    def _draw_outlines(self, image: Image, stage: Stage) -> None:
-        """Fill what faces the camera and is in its view, in the order of the stage."""
+    def _draw_outlines(self, image: Image, surroundings: Surroundings) -> None:
+        """Fill what faces the camera and is in its view, in the order of the surroundings."""
         pinhole, (normals, distances_m) = self._pinhole, self._frustum
-        facing = np.flatnonzero(stage.normals @ pinhole.place_m > stage.offsets_m)
-        corners = stage.outlines_m[facing]
+        facing = np.flatnonzero(surroundings.normals @ pinhole.place_m > surroundings.offsets_m)
+        corners = surroundings.outlines_m[facing]
         inside = np.greater(corners.reshape(-1, 3) @ normals.T, distances_m).reshape(-1, 4, len(normals))
         in_view = np.all(inside.any(axis=1), axis=1)
         chosen, is_near = facing[in_view], ~np.all(inside[in_view, :, 0], axis=1)
@@ -133,7 +133,7 @@ class View:
         outlines = list(fixed_point(pinhole.pixels(np.where(is_near[:, None, None], 1.0, seen))))
         for number in np.flatnonzero(is_near).tolist():
             outlines[number] = fixed_point(pinhole.pixels(_clipped(seen[number])))
-        for outline, colour in zip(outlines, stage.colours[chosen].tolist(), strict=True):
+        for outline, colour in zip(outlines, surroundings.colours[chosen].tolist(), strict=True):
             if len(outline) > 2:
                 cv2.fillConvexPoly(image, outline, colour, cv2.LINE_AA, SUBPIXEL_BITS)
 

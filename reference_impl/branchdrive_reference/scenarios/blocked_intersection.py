@@ -6,8 +6,8 @@ import math
 
 from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.route import Place, Route
 from branchdrive_reference.world.body import BOX_TRUCK, CAR, VAN, Body
@@ -33,22 +33,22 @@ class BlockedIntersection(Scenario):
             return False
         return crossroads.control is Control.SIGNAL or route.chain[0].way[0] in crossroads.major
 
-    def _place_m(self, stage: Stage) -> float:
-        return stage.tables.route.junction_m[1] + stage.draw(*_BEHIND_JUNCTION_M, Purpose.SCENARIO_PLACE)
+    def _place_m(self, road: EmptyRoad) -> float:
+        return road.tables.route.junction_m[1] + road.draw(*_BEHIND_JUNCTION_M, Purpose.SCENARIO_PLACE)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The vehicle that stands there."""
-        size = stage.pick(_VEHICLES, Purpose.SCENARIO_BODY)
-        return [stage.vehicle(size, self._place_m(stage), speed_mps=0.0)]
+        size = road.pick(_VEHICLES, Purpose.SCENARIO_BODY)
+        return [road.vehicle(size, self._place_m(road), speed_mps=0.0)]
 
     def update(self, scene: Scene, tick: int) -> bool:
         """It drives on some time after it came into sight."""
-        active = scene.hazard_tick >= 0 or scene.way_to_m(self._place_m(scene.stage)) < _ACTIVE_M
+        active = scene.hazard_tick >= 0 or scene.way_to_m(self._place_m(scene.road)) < _ACTIVE_M
         waited_s = scene.since_hazard_s(tick) if scene.hazard_tick >= 0 else 0.0
-        stands = waited_s < scene.stage.draw(*_STANDS_S, Purpose.SCENARIO_TIMING)
+        stands = waited_s < scene.road.draw(*_STANDS_S, Purpose.SCENARIO_TIMING)
         scene.bodies["commanded_accel_mps2"][FIRST_ROW] = 0.0 if stands else math.nan
         return active
 
-    def signal_offset(self, stage: Stage) -> int:
+    def signal_offset(self, road: EmptyRoad) -> int:
         """The ego comes at green."""
-        return green_on_arrival(stage, 4.0)
+        return green_on_arrival(road, 4.0)

@@ -11,9 +11,9 @@ from abc import abstractmethod
 
 from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose, choice
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.population import PARKED_OFFSET_M
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Scenario, Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import Lane, LaneSide, RoadClass
 from branchdrive_reference.town.route import Place, Route
@@ -55,37 +55,37 @@ class Crossing(Scenario):
         return route.place is Place.ROAD and route.site_lane.road_class is RoadClass.STREET
 
     @abstractmethod
-    def start_offset_m(self, stage: Stage) -> float:
+    def start_offset_m(self, road: EmptyRoad) -> float:
         """Signed offset from the route at which it waits."""
 
-    def place_m(self, stage: Stage) -> float:
+    def place_m(self, road: EmptyRoad) -> float:
         """Arc length on the route where it crosses."""
-        return stage.site_m
+        return road.site_m
 
-    def lane(self, stage: Stage) -> Lane:
+    def lane(self, road: EmptyRoad) -> Lane:
         """Lane of the route there."""
-        return stage.tables.route.site_lane
+        return road.tables.route.site_lane
 
-    def draw_speed_mps(self, stage: Stage) -> float:
+    def draw_speed_mps(self, road: EmptyRoad) -> float:
         """Speed of this world."""
-        return stage.draw(*self.speed_mps, Purpose.SCENARIO_SPEED)
+        return road.draw(*self.speed_mps, Purpose.SCENARIO_SPEED)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """Who crosses, facing the road."""
-        offset_m = self.start_offset_m(stage)
+        offset_m = self.start_offset_m(road)
         turn_rad = math.copysign(math.pi / 2, -offset_m)
-        return [stage.standing(self.kind, self.size, self.place_m(stage), offset_m, turn_rad=turn_rad)]
+        return [road.standing(self.kind, self.size, self.place_m(road), offset_m, turn_rad=turn_rad)]
 
     def update(self, scene: Scene, _tick: int) -> bool:
         """Set out in time to be at the meeting point when the ego arrives."""
         if scene.hazard_tick >= 0:
             return True
-        stage = scene.stage
-        speed, start_m = self.draw_speed_mps(stage), self.start_offset_m(stage)
-        meeting_m = stage.draw(*self.meeting_m, Purpose.SCENARIO_TIMING)
-        if scene.time_to_s(self.place_m(stage)) > (abs(start_m) - meeting_m) / speed:
+        road = scene.road
+        speed, start_m = self.draw_speed_mps(road), self.start_offset_m(road)
+        meeting_m = road.draw(*self.meeting_m, Purpose.SCENARIO_TIMING)
+        if scene.time_to_s(self.place_m(road)) > (abs(start_m) - meeting_m) / speed:
             return False
-        lane = self.lane(stage)
+        lane = self.lane(road)
         body = scene.bodies[FIRST_ROW]
         body["behaviour"], body["speed_mps"] = Behaviour.WALKING, speed
         body["travel_m"] = abs(start_m) + (lane.right_edge_m if start_m > 0 else lane.left_edge_m) + _BEYOND_KERB_M
@@ -101,12 +101,12 @@ class PedestrianCrossing(Crossing):
     speed_mps = (1.2, 1.9)
     meeting_m = (-0.8, 0.8)
 
-    def start_offset_m(self, stage: Stage) -> float:
+    def start_offset_m(self, road: EmptyRoad) -> float:
         """Behind the kerb of a side that is not too far from the lane."""
-        left_m, right_m = stage.edges_m()
-        from_left = left_m <= _MAX_EDGE_M and choice(2, stage.seed, Purpose.SCENARIO_SIDE) == 1
+        left_m, right_m = road.edges_m()
+        from_left = left_m <= _MAX_EDGE_M and choice(2, road.seed, Purpose.SCENARIO_SIDE) == 1
         edge_m = left_m if from_left else right_m
-        distance_m = max(edge_m + _KERB_M, _PATH_HALF_WIDTH_M + _WALK_OUT_S * self.draw_speed_mps(stage))
+        distance_m = max(edge_m + _KERB_M, _PATH_HALF_WIDTH_M + _WALK_OUT_S * self.draw_speed_mps(road))
         return distance_m if from_left else -distance_m
 
 
@@ -123,18 +123,18 @@ class ParkingCrossingPedestrian(Crossing):
         """A street with a parking strip."""
         return route.place is Place.ROAD and route.site_lane.right is LaneSide.PARKING
 
-    def start_offset_m(self, stage: Stage) -> float:
+    def start_offset_m(self, road: EmptyRoad) -> float:
         """On the pavement beside the strip."""
-        return -max(stage.edges_m()[1] + _PAVEMENT_M, _STEP_OUT_S * self.draw_speed_mps(stage))
+        return -max(road.edges_m()[1] + _PAVEMENT_M, _STEP_OUT_S * self.draw_speed_mps(road))
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The pedestrian, and a parked vehicle on either side of its way."""
-        site_m = self.place_m(stage)
+        site_m = self.place_m(road)
         before_m = site_m - VAN.length_m / 2 - _PARKED_GAP_M
         return [
-            *super().bodies(stage),
-            stage.standing(Kind.VEHICLE, VAN, before_m, PARKED_OFFSET_M),
-            stage.standing(Kind.VEHICLE, CAR, site_m + CAR.length_m / 2 + _PARKED_GAP_M, PARKED_OFFSET_M),
+            *super().bodies(road),
+            road.standing(Kind.VEHICLE, VAN, before_m, PARKED_OFFSET_M),
+            road.standing(Kind.VEHICLE, CAR, site_m + CAR.length_m / 2 + _PARKED_GAP_M, PARKED_OFFSET_M),
         ]
 
 
@@ -153,13 +153,13 @@ class DynamicObjectCrossing(Crossing):
         on_road = route.place is Place.ROAD and lane.road_class in (RoadClass.STREET, RoadClass.RURAL)
         return on_road and lane.right is LaneSide.NOTHING
 
-    def start_offset_m(self, stage: Stage) -> float:
+    def start_offset_m(self, road: EmptyRoad) -> float:
         """To the right, far enough for a run-up."""
-        return -max(stage.edges_m()[1] + 1.0, _RUN_OUT_S * self.draw_speed_mps(stage))
+        return -max(road.edges_m()[1] + 1.0, _RUN_OUT_S * self.draw_speed_mps(road))
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """Who runs, and what hides it."""
-        aside_m = max(stage.edges_m()[1] + _BESIDE_M, _HIDDEN_SHARE * abs(self.start_offset_m(stage)))
-        before_m = _BEFORE_M + 0.5 * choice(3, stage.seed, Purpose.SCENARIO_GAP)
-        hides = stage.standing(Kind.STATIC, CONTAINER, self.place_m(stage) - before_m, -aside_m)
-        return [*super().bodies(stage), hides]
+        aside_m = max(road.edges_m()[1] + _BESIDE_M, _HIDDEN_SHARE * abs(self.start_offset_m(road)))
+        before_m = _BEFORE_M + 0.5 * choice(3, road.seed, Purpose.SCENARIO_GAP)
+        hides = road.standing(Kind.STATIC, CONTAINER, self.place_m(road) - before_m, -aside_m)
+        return [*super().bodies(road), hides]

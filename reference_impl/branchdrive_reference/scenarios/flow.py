@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks
 from branchdrive_reference.world.body import VEHICLES, Body
 
@@ -14,9 +14,9 @@ _FIRST_DRAW = 200
 _RELAX_S = 0.8
 
 
-def rival_tracks(stage: Stage, *, ego_yields: bool) -> list[int]:
+def rival_tracks(road: EmptyRoad, *, ego_yields: bool) -> list[int]:
     """Tracks whose traffic meets the ego's: those that the ego yields to, or those that yield to the ego."""
-    rows = stage.tables.conflicts
+    rows = road.tables.conflicts
     own, other = ("track", "other") if ego_yields else ("other", "track")
     found = rows[(rows[own] == EGO_TRACK) & (rows["yields"] == 1)]
     return sorted({int(track) for track in found[other]})
@@ -30,17 +30,17 @@ def side_tracks(tables: RouteTracks) -> list[int]:
 
 
 def flow(
-    stage: Stage, track: int, at_m: float, first_s: float, count: int, headway_s: tuple[float, float],
+    road: EmptyRoad, track: int, at_m: float, first_s: float, count: int, headway_s: tuple[float, float],
     *, eagerness: float = 1.0,
 ) -> list[Body]:  # fmt: skip
     """`count` vehicles of a track, the first of which is at `at_m` after `first_s`, the others a headway later each."""
     bodies, time_s = [], first_s
     for index in range(_FIRST_DRAW, _FIRST_DRAW + count):
-        size = stage.pick(VEHICLES, Purpose.TRAFFIC_BODY, index)
-        arc_m = stage.arc_before(track, at_m, time_s, eagerness)
-        own_headway_s = stage.draw(0.9, 1.3, Purpose.TRAFFIC_HEADWAY, index)
-        bodies.append(stage.vehicle(size, arc_m, track, eagerness=eagerness, headway_s=own_headway_s))
-        time_s += stage.draw(*headway_s, Purpose.TRAFFIC_GAP, index)
+        size = road.pick(VEHICLES, Purpose.TRAFFIC_BODY, index)
+        arc_m = road.arc_before(track, at_m, time_s, eagerness)
+        own_headway_s = road.draw(0.9, 1.3, Purpose.TRAFFIC_HEADWAY, index)
+        bodies.append(road.vehicle(size, arc_m, track, eagerness=eagerness, headway_s=own_headway_s))
+        time_s += road.draw(*headway_s, Purpose.TRAFFIC_GAP, index)
     return bodies
 
 

@@ -6,8 +6,8 @@ import math
 
 from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.route import START_M, Place, Route
 from branchdrive_reference.world.body import CAR, VAN, Body
@@ -19,9 +19,9 @@ _BEFORE_SITE_M = 20.0
 """How far before the site the leader brakes where no junction lies there."""
 
 
-def _brake_m(stage: Stage) -> float:
+def _brake_m(road: EmptyRoad) -> float:
     """Arc length at which the leader brakes."""
-    return stage.site_m - (0.0 if stage.tables.route.early else _BEFORE_SITE_M)
+    return road.site_m - (0.0 if road.tables.route.early else _BEFORE_SITE_M)
 
 
 class HardBrakeRoute(Scenario):
@@ -35,22 +35,22 @@ class HardBrakeRoute(Scenario):
         """Any stretch of road or motorway."""
         return route.place in (Place.ROAD, Place.MOTORWAY)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The leader, a short headway before the ego."""
-        speed = stage.advisory_mps(START_M)
-        headway_s = stage.draw(1.5, 2.0, Purpose.SCENARIO_PLACE)
-        size = stage.pick(_LEADERS, Purpose.SCENARIO_BODY)
+        speed = road.advisory_mps(START_M)
+        headway_s = road.draw(1.5, 2.0, Purpose.SCENARIO_PLACE)
+        size = road.pick(_LEADERS, Purpose.SCENARIO_BODY)
         arc_m = START_M + size.length_m + headway_s * speed
-        return [stage.vehicle(size, arc_m, eagerness=0.96, headway_s=1.4)]
+        return [road.vehicle(size, arc_m, eagerness=0.96, headway_s=1.4)]
 
     def update(self, scene: Scene, tick: int) -> bool:
         """Brake near the site for 2.6 to 4 s, standstill included."""
-        stage = scene.stage
+        road = scene.road
         if scene.hazard_tick < 0:
-            if scene.bodies["arc_m"][FIRST_ROW] < _brake_m(stage):
+            if scene.bodies["arc_m"][FIRST_ROW] < _brake_m(road):
                 return False
-            decel = stage.draw(5.0, 7.5, Purpose.SCENARIO_STRENGTH)
+            decel = road.draw(5.0, 7.5, Purpose.SCENARIO_STRENGTH)
             scene.bodies["commanded_accel_mps2"][FIRST_ROW] = -decel
-        elif scene.since_hazard_s(tick) > stage.draw(2.6, 4.0, Purpose.SCENARIO_TIMING):
+        elif scene.since_hazard_s(tick) > road.draw(2.6, 4.0, Purpose.SCENARIO_TIMING):
             scene.bodies["commanded_accel_mps2"][FIRST_ROW] = math.nan
         return True

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.scenarios.standing_obstacle import StandingObstacle, obstacle_trigger
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import LaneSide
@@ -34,18 +34,18 @@ class HazardAtSideLane(StandingObstacle):
         outermost = route.site_lane.right is not LaneSide.SAME_DIRECTION
         return goes_first and outermost and super().fits(route, crossroads)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The cyclists, last first, so far ahead that the ego sees them shortly before the site."""
-        speed = stage.draw(2.6, 4.2, Purpose.SCENARIO_SPEED)
-        behind_m = stage.site_m - speed * stage.ego_arrival_s(stage.site_m - _SEEN_M)
-        last_m = max(behind_m, stage.tables.route.junction_m[1] + BICYCLE.length_m)
-        eagerness = speed / stage.advisory_mps(stage.site_m)
+        speed = road.draw(2.6, 4.2, Purpose.SCENARIO_SPEED)
+        behind_m = road.site_m - speed * road.ego_arrival_s(road.site_m - _SEEN_M)
+        last_m = max(behind_m, road.tables.route.junction_m[1] + BICYCLE.length_m)
+        eagerness = speed / road.advisory_mps(road.site_m)
         return [
-            stage.vehicle(
+            road.vehicle(
                 BICYCLE, last_m + _SPACING_M * index, kind=Kind.CYCLE, speed_mps=speed, eagerness=eagerness,
-                offset_m=stage.draw(-1.25, -0.75, Purpose.SCENARIO_PLACE, index), headway_s=0.6,
+                offset_m=road.draw(-1.25, -0.75, Purpose.SCENARIO_PLACE, index), headway_s=0.6,
             )
-            for index in range(stage.count((1, 3), Purpose.SCENARIO_COUNT))
+            for index in range(road.count((1, 3), Purpose.SCENARIO_COUNT))
         ]  # fmt: skip
 
     def update(self, scene: Scene, _tick: int) -> bool:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.flow import flow, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene, green_on_arrival
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.route import Place, Route
@@ -49,23 +49,23 @@ class JunctionTurn(Scenario):
         conflicts = route_tracks(route.town, route.route_id).conflicts
         return bool(((conflicts["track"] == EGO_TRACK) & (conflicts["yields"] == 1)).any())
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """One flow, from a side that has priority."""
-        rivals = rival_tracks(stage, ego_yields=True)
-        track = stage.pick(rivals, Purpose.SCENARIO_SIDE)
-        _, other_at_m = stage.meeting_m(track)
-        first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(*_EARLY_S, Purpose.SCENARIO_TIMING)
-        count = stage.count(_FLOW, Purpose.SCENARIO_COUNT)
-        eagerness = stage.draw(0.9, 1.02, Purpose.SCENARIO_SPEED)
-        return flow(stage, track, other_at_m, max(first_s, 1.0), count, _HEADWAY_S, eagerness=eagerness)
+        rivals = rival_tracks(road, ego_yields=True)
+        track = road.pick(rivals, Purpose.SCENARIO_SIDE)
+        _, other_at_m = road.meeting_m(track)
+        first_s = road.ego_arrival_s(road.site_m) + road.draw(*_EARLY_S, Purpose.SCENARIO_TIMING)
+        count = road.count(_FLOW, Purpose.SCENARIO_COUNT)
+        eagerness = road.draw(0.9, 1.02, Purpose.SCENARIO_SPEED)
+        return flow(road, track, other_at_m, max(first_s, 1.0), count, _HEADWAY_S, eagerness=eagerness)
 
     def update(self, scene: Scene, _tick: int) -> bool:
         """The flow drives by itself."""
-        return scene.way_to_m(scene.stage.site_m) < _ACTIVE_M
+        return scene.way_to_m(scene.road.site_m) < _ACTIVE_M
 
-    def signal_offset(self, stage: Stage) -> int:
+    def signal_offset(self, road: EmptyRoad) -> int:
         """The ego comes at green."""
-        return green_on_arrival(stage, stage.draw(4.0, 6.0, Purpose.SIGNAL_OFFSET))
+        return green_on_arrival(road, road.draw(4.0, 6.0, Purpose.SIGNAL_OFFSET))
 
 
 class SignalizedJunctionLeftTurn(JunctionTurn):
@@ -97,22 +97,22 @@ class EncounterSign(Scenario):
 
     ambient = Ambient(ahead=False, crossing=False)
 
-    def rivals(self, stage: Stage) -> list[int]:
+    def rivals(self, road: EmptyRoad) -> list[int]:
         """Tracks on which the flow may come."""
-        return rival_tracks(stage, ego_yields=True)
+        return rival_tracks(road, ego_yields=True)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The flow, if there is a side from which it can come."""
-        rivals = self.rivals(stage)
+        rivals = self.rivals(road)
         if not rivals:
             return []
-        track = stage.pick(rivals, Purpose.SCENARIO_SIDE)
-        first_s = stage.ego_arrival_s(stage.site_m) + stage.draw(-2.5, -0.5, Purpose.SCENARIO_TIMING)
-        return flow(stage, track, stage.meeting_m(track)[1], first_s, _LINE_COUNT, _LINE_HEADWAY_S)
+        track = road.pick(rivals, Purpose.SCENARIO_SIDE)
+        first_s = road.ego_arrival_s(road.site_m) + road.draw(-2.5, -0.5, Purpose.SCENARIO_TIMING)
+        return flow(road, track, road.meeting_m(track)[1], first_s, _LINE_COUNT, _LINE_HEADWAY_S)
 
     def update(self, scene: Scene, _tick: int) -> bool:
         """Active from some way before the line."""
-        return scene.way_to_m(scene.stage.site_m) < _LINE_ACTIVE_M
+        return scene.way_to_m(scene.road.site_m) < _LINE_ACTIVE_M
 
 
 class VanillaSignalizedTurnEncounterRedLight(EncounterSign):
@@ -125,13 +125,13 @@ class VanillaSignalizedTurnEncounterRedLight(EncounterSign):
         """Any way through a junction with signals."""
         return route.place is Place.JUNCTION and crossroads is not None and crossroads.control is Control.SIGNAL
 
-    def rivals(self, stage: Stage) -> list[int]:
+    def rivals(self, road: EmptyRoad) -> list[int]:
         """The sides, which have green."""
-        return side_tracks(stage.tables)
+        return side_tracks(road.tables)
 
-    def signal_offset(self, stage: Stage) -> int:
+    def signal_offset(self, road: EmptyRoad) -> int:
         """Green begins some time after the ego would be at the line."""
-        return green_on_arrival(stage, -stage.draw(*_GREEN_AFTER_S, Purpose.SIGNAL_OFFSET))
+        return green_on_arrival(road, -road.draw(*_GREEN_AFTER_S, Purpose.SIGNAL_OFFSET))
 
 
 class VanillaNonSignalizedTurnEncounterStopsign(EncounterSign):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.flow import flow
 from branchdrive_reference.scenarios.scenario import Ambient, Scenario, Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.route import Place, Route
 from branchdrive_reference.town.track import Role
@@ -32,18 +32,18 @@ class EnterActorFlow(Scenario):
         """Any entry."""
         return route.place is Place.MERGE
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The flow, around the time at which the ego would be there."""
-        track = stage.tables.roles[Role.MAINLINE]
-        at_m, other_at_m = stage.meeting_m(track)
-        first_s = stage.ego_arrival_s(at_m) - self.early_s + stage.draw(-1.0, 1.0, Purpose.SCENARIO_TIMING)
-        count = stage.count(self.count, Purpose.SCENARIO_COUNT)
-        eagerness = stage.draw(*self.eagerness, Purpose.SCENARIO_SPEED)
-        return flow(stage, track, other_at_m, first_s, count, self.headway_s, eagerness=eagerness)
+        track = road.tables.roles[Role.MAINLINE]
+        at_m, other_at_m = road.meeting_m(track)
+        first_s = road.ego_arrival_s(at_m) - self.early_s + road.draw(-1.0, 1.0, Purpose.SCENARIO_TIMING)
+        count = road.count(self.count, Purpose.SCENARIO_COUNT)
+        eagerness = road.draw(*self.eagerness, Purpose.SCENARIO_SPEED)
+        return flow(road, track, other_at_m, first_s, count, self.headway_s, eagerness=eagerness)
 
     def update(self, scene: Scene, _tick: int) -> bool:
         """The flow drives by itself."""
-        return scene.way_to_m(scene.stage.site_m) < _ACTIVE_M
+        return scene.way_to_m(scene.road.site_m) < _ACTIVE_M
 
 
 class MergerIntoSlowTraffic(EnterActorFlow):

@@ -6,9 +6,9 @@ import math
 
 from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.flow import arrive_with_ego, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import FIRST_ROW, Ambient, Scenario, Scene, green_on_arrival
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.route import Place, Route
@@ -28,39 +28,39 @@ class OppositeVehicle(Scenario):
 
     ambient = Ambient(ahead=False, crossing=False)
 
-    def rivals(self, stage: Stage) -> list[int]:
+    def rivals(self, road: EmptyRoad) -> list[int]:
         """Tracks on which the vehicle may come."""
-        return rival_tracks(stage, ego_yields=False)
+        return rival_tracks(road, ego_yields=False)
 
-    def _rival(self, stage: Stage) -> int:
-        rivals = self.rivals(stage)
-        return stage.pick(rivals, Purpose.SCENARIO_SIDE)
+    def _rival(self, road: EmptyRoad) -> int:
+        rivals = self.rivals(road)
+        return road.pick(rivals, Purpose.SCENARIO_SIDE)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The vehicle, which heeds nothing."""
-        track = self._rival(stage)
-        at_m, other_at_m = stage.meeting_m(track)
-        eagerness = stage.draw(0.85, 1.15, Purpose.SCENARIO_SPEED)
-        arc_m = stage.arc_before(track, other_at_m, stage.ego_arrival_s(at_m), eagerness)
-        size = stage.pick(_VEHICLES, Purpose.SCENARIO_BODY)
-        return [stage.vehicle(size, arc_m, track, eagerness=eagerness, heeds=Heed.NOTHING)]
+        track = self._rival(road)
+        at_m, other_at_m = road.meeting_m(track)
+        eagerness = road.draw(0.85, 1.15, Purpose.SCENARIO_SPEED)
+        arc_m = road.arc_before(track, other_at_m, road.ego_arrival_s(at_m), eagerness)
+        size = road.pick(_VEHICLES, Purpose.SCENARIO_BODY)
+        return [road.vehicle(size, arc_m, track, eagerness=eagerness, heeds=Heed.NOTHING)]
 
     def update(self, scene: Scene, _tick: int) -> bool:
         """Time the vehicle to the ego, then let it go."""
-        stage = scene.stage
-        at_m, other_at_m = stage.meeting_m(self._rival(stage))
+        road = scene.road
+        at_m, other_at_m = road.meeting_m(self._rival(road))
         time_s = scene.time_to_s(at_m)
         if scene.hazard_tick >= 0 and not math.isnan(scene.bodies["commanded_accel_mps2"][FIRST_ROW]):
             if time_s < _FREE_S:
                 scene.bodies["commanded_accel_mps2"][FIRST_ROW] = 0.0
         elif scene.hazard_tick < 0:
-            late_s = stage.draw(-1.1, 0.2, Purpose.SCENARIO_TIMING)
+            late_s = road.draw(-1.1, 0.2, Purpose.SCENARIO_TIMING)
             arrive_with_ego(scene, FIRST_ROW, at_m, other_at_m, late_s)
         return scene.hazard_tick >= 0 or time_s < _ACTIVE_S
 
-    def signal_offset(self, stage: Stage) -> int:
+    def signal_offset(self, road: EmptyRoad) -> int:
         """The ego comes at green."""
-        return green_on_arrival(stage, stage.draw(4.0, 7.0, Purpose.SIGNAL_OFFSET))
+        return green_on_arrival(road, road.draw(4.0, 7.0, Purpose.SIGNAL_OFFSET))
 
 
 class OppositeVehicleRunningRedLight(OppositeVehicle):
@@ -75,9 +75,9 @@ class OppositeVehicleRunningRedLight(OppositeVehicle):
             return False
         return crossroads.control is Control.SIGNAL and bool(side_tracks(route_tracks(route.town, route.route_id)))
 
-    def rivals(self, stage: Stage) -> list[int]:
+    def rivals(self, road: EmptyRoad) -> list[int]:
         """The sides."""
-        return side_tracks(stage.tables)
+        return side_tracks(road.tables)
 
 
 class OppositeVehicleTakingPriority(OppositeVehicle):

@@ -1,4 +1,4 @@
-"""What a scenario type is: where it fits, who is on stage, what they do, and which manoeuvre the expert must show."""
+"""What a scenario type is: where it fits, who is on road, what they do, and which manoeuvre the expert must show."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from branchdrive.collector.trigger import Trigger
 from branchdrive.contract.timing import TICK_S
 from branchdrive_reference.noise import Purpose
-from branchdrive_reference.scenarios.stage import Stage
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.route import Route
 from branchdrive_reference.town.signal import NO_GROUP, green_begins
@@ -55,13 +55,13 @@ class Scene:
     """The running world, as far as a scenario may see and change it.
 
     Attributes:
-        stage: The road and the seed.
+        road: The road and the seed.
         bodies: `BODY` rows ``[bodies]``; a scenario commands its own rows only.
         feet: `FOOT` rows ``[tracks, bodies]``.
         hazard_tick: Tick at which the hazard became active; -1 before.
     """
 
-    stage: Stage
+    road: EmptyRoad
     bodies: NDArray[np.void]
     feet: NDArray[np.void]
     hazard_tick: int = -1
@@ -100,22 +100,22 @@ class Scenario(ABC):
         """Whether the scenario can be staged on a route; `crossroads` is the junction that it crosses."""
 
     @abstractmethod
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The scenario's bodies, from row `FIRST_ROW` on."""
 
     @abstractmethod
     def update(self, scene: Scene, tick: int) -> bool:
         """Command the scenario's bodies for this tick; true once the hazard is active."""
 
-    def signal_offset(self, stage: Stage) -> int:
+    def signal_offset(self, road: EmptyRoad) -> int:
         """Where in their cycle the signals begin: the ego comes at green, unless a scenario needs something else."""
-        return green_on_arrival(stage, stage.draw(*_GREEN_EARLY_S, Purpose.SIGNAL_OFFSET))
+        return green_on_arrival(road, road.draw(*_GREEN_EARLY_S, Purpose.SIGNAL_OFFSET))
 
 
-def green_on_arrival(stage: Stage, early_s: float) -> int:
+def green_on_arrival(road: EmptyRoad, early_s: float) -> int:
     """Signal offset with which the ego's green begins `early_s` before the ego is at its line."""
-    track = stage.tables.tracks[EGO_TRACK]
+    track = road.tables.tracks[EGO_TRACK]
     if track["group"] == NO_GROUP:
         return 0
-    tick = round((stage.ego_arrival_s(float(track["stop_m"])) - early_s) / TICK_S)
+    tick = round((road.ego_arrival_s(float(track["stop_m"])) - early_s) / TICK_S)
     return green_begins(int(track["group"]), tick)

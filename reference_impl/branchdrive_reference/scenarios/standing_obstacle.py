@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from branchdrive.collector.trigger import Signal, Trigger
 from branchdrive_reference.noise import Purpose
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import Scenario, Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Crossroads
 from branchdrive_reference.town.lane import LaneSide
 from branchdrive_reference.town.route import Place, Route, obstacle_sight_m
@@ -54,7 +54,7 @@ class StandingObstacle(Scenario):
     def update(self, scene: Scene, _tick: int) -> bool:
         """Nothing moves."""
         sight_m = obstacle_sight_m(float(scene.bodies["speed_mps"][0])) + _SIGHT_MARGIN_M
-        return scene.way_to_m(scene.stage.site_m) < sight_m
+        return scene.way_to_m(scene.road.site_m) < sight_m
 
 
 class Accident(StandingObstacle):
@@ -63,13 +63,13 @@ class Accident(StandingObstacle):
     name = "Accident"
     trigger = obstacle_trigger("accident-onset 1")
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The helper first, then the two that crashed, askew."""
         sizes, turns_rad = (VAN, CAR, COMPACT), (0.0, 0.25, -0.45)
         return [
-            stage.standing(
-                Kind.VEHICLE, size, stage.site_m + gap_m, stage.draw(-0.6, 0.0, Purpose.SCENARIO_PLACE, index),
-                turn_rad=turn_rad * stage.draw(0.6, 1.2, Purpose.SCENARIO_ANGLE, index),
+            road.standing(
+                Kind.VEHICLE, size, road.site_m + gap_m, road.draw(-0.6, 0.0, Purpose.SCENARIO_PLACE, index),
+                turn_rad=turn_rad * road.draw(0.6, 1.2, Purpose.SCENARIO_ANGLE, index),
             )
             for index, (size, gap_m, turn_rad) in enumerate(zip(sizes, _CRASH_GAPS_M, turns_rad, strict=True))
         ]  # fmt: skip
@@ -89,15 +89,15 @@ class ConstructionObstacle(StandingObstacle):
     name = "ConstructionObstacle"
     trigger = obstacle_trigger("construction-obstacle-onset 1")
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The barrier across the lane, the container behind it, and a line of cones beside it."""
-        site_m, offset_m = stage.site_m, stage.draw(-0.5, -0.2, Purpose.SCENARIO_PLACE)
-        cones = stage.count((2, 4), Purpose.SCENARIO_COUNT)
+        site_m, offset_m = road.site_m, road.draw(-0.5, -0.2, Purpose.SCENARIO_PLACE)
+        cones = road.count((2, 4), Purpose.SCENARIO_COUNT)
         return [
-            stage.standing(Kind.STATIC, BARRIER, site_m, offset_m),
-            stage.standing(Kind.STATIC, CONTAINER, site_m + 6.0, offset_m),
+            road.standing(Kind.STATIC, BARRIER, site_m, offset_m),
+            road.standing(Kind.STATIC, CONTAINER, site_m + 6.0, offset_m),
             *(
-                stage.standing(Kind.STATIC, CONE, site_m + 2.5 + _CONE_SPACING_M * index, offset_m + _CONE_OFFSET_M)
+                road.standing(Kind.STATIC, CONE, site_m + 2.5 + _CONE_SPACING_M * index, offset_m + _CONE_OFFSET_M)
                 for index in range(cones)
             ),
         ]
@@ -117,12 +117,12 @@ class ParkedObstacle(StandingObstacle):
     name = "ParkedObstacle"
     trigger = obstacle_trigger("parked-obstacle-onset 1")
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The obstacle, a little to the right of the lane's centre and slightly askew."""
-        kind, size = stage.pick(_OBSTACLES, Purpose.SCENARIO_BODY)
-        offset_m = stage.draw(-0.7, -0.1, Purpose.SCENARIO_PLACE)
-        turn_rad = stage.draw(-0.06, 0.06, Purpose.SCENARIO_ANGLE)
-        return [stage.standing(kind, size, stage.site_m, offset_m, turn_rad=turn_rad)]
+        kind, size = road.pick(_OBSTACLES, Purpose.SCENARIO_BODY)
+        offset_m = road.draw(-0.7, -0.1, Purpose.SCENARIO_PLACE)
+        turn_rad = road.draw(-0.06, 0.06, Purpose.SCENARIO_ANGLE)
+        return [road.standing(kind, size, road.site_m, offset_m, turn_rad=turn_rad)]
 
 
 class ParkedObstacleTwoWays(ParkedObstacle):

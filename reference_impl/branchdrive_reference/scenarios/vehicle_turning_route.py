@@ -8,8 +8,8 @@ from branchdrive.collector.trigger import brake_trigger
 from branchdrive_reference.geometry.polyline import interpolate
 from branchdrive_reference.noise import Purpose, choice
 from branchdrive_reference.scenarios.crossing import Crossing
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import Ambient, Scene, green_on_arrival
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.town.crossroads import Control, Crossroads
 from branchdrive_reference.town.lane import Lane, Turn
 from branchdrive_reference.town.route import Place, Route
@@ -42,25 +42,25 @@ class VehicleTurningRoute(Crossing):
             return False
         return crossroads.control is Control.SIGNAL or route.chain[0].way[0] in crossroads.major
 
-    def lane(self, stage: Stage) -> Lane:
+    def lane(self, road: EmptyRoad) -> Lane:
         """The lane behind the junction."""
-        return stage.tables.route.chain[-1]
+        return road.tables.route.chain[-1]
 
-    def place_m(self, stage: Stage) -> float:
+    def place_m(self, road: EmptyRoad) -> float:
         """Right behind the junction."""
-        return stage.tables.route.junction_m[1] + _BEHIND_JUNCTION_M
+        return road.tables.route.junction_m[1] + _BEHIND_JUNCTION_M
 
-    def start_offset_m(self, stage: Stage) -> float:
+    def start_offset_m(self, road: EmptyRoad) -> float:
         """Beside the road, on either side."""
-        lane = self.lane(stage)
-        from_left = choice(2, stage.seed, Purpose.SCENARIO_SIDE) == 1
+        lane = self.lane(road)
+        from_left = choice(2, road.seed, Purpose.SCENARIO_SIDE) == 1
         edge_m = lane.left_edge_m if from_left else lane.right_edge_m
-        distance_m = max(edge_m + 0.8, _RUN_UP_S * self.draw_speed_mps(stage))
+        distance_m = max(edge_m + 0.8, _RUN_UP_S * self.draw_speed_mps(road))
         return distance_m if from_left else -distance_m
 
-    def signal_offset(self, stage: Stage) -> int:
+    def signal_offset(self, road: EmptyRoad) -> int:
         """The ego comes at green."""
-        return green_on_arrival(stage, 4.0)
+        return green_on_arrival(road, 4.0)
 
 
 class VehicleTurningRoutePedestrian(VehicleTurningRoute):
@@ -80,19 +80,19 @@ class CrossingBicycleFlow(VehicleTurningRoute):
     trigger = brake_trigger("bicycle-flow-onset 1")
     speed_mps = (3.2, 4.6)
 
-    def bodies(self, stage: Stage) -> list[Body]:
+    def bodies(self, road: EmptyRoad) -> list[Body]:
         """The cyclists, on the move from the beginning, timed around the ego's arrival."""
-        place_m, speed = self.place_m(stage), self.draw_speed_mps(stage)
-        side = 1 if choice(2, stage.seed, Purpose.SCENARIO_SIDE) else -1
-        time_s = stage.ego_arrival_s(place_m) + stage.draw(-2.5, 0.0, Purpose.SCENARIO_TIMING)
+        place_m, speed = self.place_m(road), self.draw_speed_mps(road)
+        side = 1 if choice(2, road.seed, Purpose.SCENARIO_SIDE) else -1
+        time_s = road.ego_arrival_s(place_m) + road.draw(-2.5, 0.0, Purpose.SCENARIO_TIMING)
         bodies = []
-        for index in range(stage.count(_FLOW_COUNT, Purpose.SCENARIO_COUNT)):
-            x, y, yaw = interpolate(stage.tables.path(EGO_TRACK), place_m, side * speed * time_s)
+        for index in range(road.count(_FLOW_COUNT, Purpose.SCENARIO_COUNT)):
+            x, y, yaw = interpolate(road.tables.path(EGO_TRACK), place_m, side * speed * time_s)
             heading = yaw + math.copysign(math.pi / 2, -side)
             bodies.append(Body(Kind.CYCLE, Behaviour.WALKING, BICYCLE, x, y, heading, speed, travel_m=500.0))
-            time_s += stage.draw(*_FLOW_HEADWAY_S, Purpose.SCENARIO_GAP, index)
+            time_s += road.draw(*_FLOW_HEADWAY_S, Purpose.SCENARIO_GAP, index)
         return bodies
 
     def update(self, scene: Scene, _tick: int) -> bool:
         """The cyclists ride on."""
-        return scene.way_to_m(self.place_m(scene.stage)) < _FLOW_ACTIVE_M
+        return scene.way_to_m(self.place_m(scene.road)) < _FLOW_ACTIVE_M

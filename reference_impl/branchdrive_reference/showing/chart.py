@@ -25,7 +25,7 @@ from branchdrive.contract.semantic_bev import (
 )
 from branchdrive.contract.timing import ACTIVE_TICKS
 from branchdrive_reference.drawing.palette import ACTORS, BACKDROP, Rgb
-from branchdrive_reference.drawing.scene import Array, Candidate, Scene
+from branchdrive_reference.drawing.scene import Array, Candidate, DrawnScene
 from branchdrive_reference.rendering.marking import Pieces
 from branchdrive_reference.rendering.patch import Tile, Town
 from branchdrive_reference.rendering.semantic import SemanticView
@@ -86,7 +86,7 @@ class Chart:
         camera: Declaration of the semantic view; ``None`` where there is none.
     """
 
-    scene: Scene
+    scene: DrawnScene
     recording: Recording
     colours: Mapping[str, Rgb]
     side_px: int

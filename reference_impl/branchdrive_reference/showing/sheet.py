@@ -18,7 +18,7 @@ from branchdrive.errors import UsageError
 from branchdrive.raw.media.camera_frames import CameraFrames
 from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
-from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, Scene, outcome_texts
+from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, DrawnScene, outcome_texts
 from branchdrive_reference.rendering.snapshot import Recording
 from branchdrive_reference.showing.chart import Chart, ink
 from branchdrive_reference.study.label import label
@@ -58,7 +58,7 @@ class Sheet:
         descriptor: The dataset's descriptor.
     """
 
-    scene: Scene
+    scene: DrawnScene
     nominal: Rollout
     descriptor: Descriptor
     _frames: dict[str, CameraFrames] = field(default_factory=dict)

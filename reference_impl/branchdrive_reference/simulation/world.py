@@ -11,10 +11,10 @@ import numpy as np
 from branchdrive_reference.expert.control import PLAN
 from branchdrive_reference.expert.decision import decide
 from branchdrive_reference.noise import Purpose, uniform_between
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.population import populate
 from branchdrive_reference.scenarios.registry import SCENARIOS
 from branchdrive_reference.scenarios.scenario import Scene
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.replay_noise import ReplayNoise
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.town.route import START_M
@@ -53,9 +53,9 @@ class World:
         self.tick = 0
         self.scenario = SCENARIOS[spec.scenario_type]
         self._grip = ENVIRONMENTS[spec.environment].grip
-        stage = Stage(self.tables, spec.seed)
-        cast = self.scenario.bodies(stage)
-        self.bodies = body_table([_ego(stage), *cast, *populate(stage, self.scenario.ambient, cast)])
+        road = EmptyRoad(self.tables, spec.seed)
+        cast = self.scenario.bodies(road)
+        self.bodies = body_table([_ego(road), *cast, *populate(road, self.scenario.ambient, cast)])
         self.noise = ReplayNoise.of(spec)
         self.noise.disturb_start(self.bodies, self.tables)
         self.vehicle = np.zeros(1, VEHICLE)
@@ -63,9 +63,9 @@ class World:
         self.plan = np.zeros(1, PLAN)
         self.feet = np.zeros((len(self.tables.tracks), len(self.bodies)), FOOT)
         find_feet(self.feet, self.bodies, self.tables.vertices, self.tables.tracks)
-        self.scene = Scene(stage, self.bodies, self.feet)
+        self.scene = Scene(road, self.bodies, self.feet)
         self.lights = np.zeros(2, np.int64)
-        self._signal_offset = self.scenario.signal_offset(stage)
+        self._signal_offset = self.scenario.signal_offset(road)
         self._goals = np.zeros((len(self.bodies), 3))
         self.contacts = ContactSpace(self.bodies)
 
@@ -95,7 +95,7 @@ class World:
         self.tick += 1
 
 
-def _ego(stage: Stage) -> Body:
-    share = uniform_between(0.9, 1.0, stage.seed, Purpose.EGO_SPEED)
-    ego = stage.vehicle(EGO_SIZE, START_M, EGO_TRACK, speed_mps=share * stage.advisory_mps(START_M))
+def _ego(road: EmptyRoad) -> Body:
+    share = uniform_between(0.9, 1.0, road.seed, Purpose.EGO_SPEED)
+    ego = road.vehicle(EGO_SIZE, START_M, EGO_TRACK, speed_mps=share * road.advisory_mps(START_M))
     return Body(Kind.VEHICLE, Behaviour.DRIVEN, EGO_SIZE, ego.x_m, ego.y_m, ego.yaw_rad, ego.speed_mps)

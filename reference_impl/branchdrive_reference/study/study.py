@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Equality", "Population", "Rate", "Scenario", "Spread", "Study"]
+__all__ = ["CollectedGroups", "Equality", "Rate", "Scenario", "Spread", "Study"]
 
 Rate = float | None
 """A share in ``[0, 1]``; ``None`` where there is nothing to take a share of."""
 
 
 @dataclass(frozen=True)
-class Population:
+class CollectedGroups:
     """What was collected.
 
     Attributes:
@@ -140,7 +140,7 @@ class Study:
 
     dataset_id: str
     dataset_version: str
-    population: Population
+    population: CollectedGroups
     profile: str
     not_monitored: tuple[str, ...]
     has_evidence: bool

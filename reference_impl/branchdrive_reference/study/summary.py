@@ -18,7 +18,7 @@ from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, uti
 from branchdrive_reference.simulation.branch_kind import BranchKind
 from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity, Groups
 from branchdrive_reference.study.fidelity import COMPARED_TABLES
-from branchdrive_reference.study.study import Equality, Population, Rate, Scenario, Spread, Study
+from branchdrive_reference.study.study import CollectedGroups, Equality, Rate, Scenario, Spread, Study
 
 __all__ = ["PROFILE", "summarise"]
 
@@ -54,9 +54,9 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
     )
 
 
-def _population(facts: Facts) -> Population:
+def _population(facts: Facts) -> CollectedGroups:
     groups: Groups = facts.groups
-    return Population(
+    return CollectedGroups(
         len(groups.town),
         int(groups.is_complete.sum()),
         int((~groups.has_complete).sum()),

@@ -16,7 +16,7 @@ from branchdrive.driving.discrepancy import CORE
 from branchdrive.text.table import Column, Table
 from branchdrive.text.terminal import print_facts, print_section, render
 from branchdrive_reference.study.label import label
-from branchdrive_reference.study.study import Population, Rate, Scenario, Spread, Study
+from branchdrive_reference.study.study import CollectedGroups, Rate, Scenario, Spread, Study
 
 __all__ = ["render_study"]
 
@@ -136,7 +136,7 @@ def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{label(name)} {count:,}" for name, count in counts.items())
 
 
-def _skipped(population: Population) -> str:
+def _skipped(population: CollectedGroups) -> str:
     """How many groups the tables leave out, and why; empty if none."""
     skipped = population.num_groups - population.num_integrity_complete
     if not skipped:
@@ -149,7 +149,7 @@ def _skipped(population: Population) -> str:
     return f"; {skipped:,} skipped: {', '.join(reasons)}"
 
 
-def _print_population(console: Console, population: Population) -> None:
+def _print_population(console: Console, population: CollectedGroups) -> None:
     hours = population.num_ticks * TICK_S / 3600
     complete = f"{population.num_integrity_complete:,} integrity-complete{_skipped(population)}"
     facts = {

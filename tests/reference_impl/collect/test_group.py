@@ -13,8 +13,8 @@ from tests.sampling import sampled
 from branchdrive import DatasetWriter, Descriptor, check_rollout
 from branchdrive.collector.report import GroupReport
 from branchdrive_reference.collect.campaign import collection_descriptor, town_maps
-from branchdrive_reference.collect.group import collect_group
-from branchdrive_reference.collect.plan import GroupPlan, plan_group
+from branchdrive_reference.collect.group import execute_group
+from branchdrive_reference.collect.plan import PlannedGroup, plan_group
 from branchdrive_reference.collect.script import NUM_NOMINAL_REPLAYS, GroupScript, group_script
 from branchdrive_reference.rendering.plan import MediaPlan, with_media
 from branchdrive_reference.simulation.rollout import run
@@ -43,10 +43,10 @@ def interrupt_after(count: int) -> object:
 
 
 def collect_one(
-    root: Path, plan: GroupPlan, between: object = lambda: None, descriptor: Descriptor = DESCRIPTOR
+    root: Path, plan: PlannedGroup, between: object = lambda: None, descriptor: Descriptor = DESCRIPTOR
 ) -> GroupReport:
     with DatasetWriter(root, descriptor) as writer, writer.begin_group(plan.group_id, index=plan.index) as group:
-        return collect_group(group, descriptor, plan, between=between)  # type: ignore[arg-type]
+        return execute_group(group, descriptor, plan, between=between)  # type: ignore[arg-type]
 
 
 def identity(root: Path, descriptor: Descriptor = DESCRIPTOR) -> str:
@@ -58,7 +58,7 @@ def test_every_rollout_of_a_group_complies(tmp_path: Path) -> None:
     plan = plan_group(SEED, 1)
     with DatasetWriter(tmp_path / "d", DESCRIPTOR) as writer:
         with writer.begin_group(plan.group_id, index=0) as group:
-            report = collect_group(group, DESCRIPTOR, plan)
+            report = execute_group(group, DESCRIPTOR, plan)
         rollouts = group.rollouts
     nominal = rollouts[0]
     assert (report.num_simulated, report.num_reused, report.unbranched_because) == (ROLLOUTS, 0, "")
@@ -104,7 +104,7 @@ def test_a_recommendation_is_a_note_and_costs_no_group(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def eventful() -> tuple[GroupPlan, GroupScript]:
+def eventful() -> tuple[PlannedGroup, GroupScript]:
     """A group whose nominal needs a second attempt, and which is collected to its end."""
     for index in range(1000):
         script = group_script(FAULTY, index)
@@ -115,18 +115,18 @@ def eventful() -> tuple[GroupPlan, GroupScript]:
 
 @pytest.fixture(scope="module")
 def eventful_identity(
-    eventful: tuple[GroupPlan, GroupScript], tmp_path_factory: pytest.TempPathFactory, remembered_runs: None
+    eventful: tuple[PlannedGroup, GroupScript], tmp_path_factory: pytest.TempPathFactory, remembered_runs: None
 ) -> str:
     root = tmp_path_factory.mktemp("whole") / "d"
     collect_one(root, eventful[0], descriptor=FAULTY)
     return identity(root, FAULTY)
 
 
-def test_attempts_are_made_as_the_script_says(tmp_path: Path, eventful: tuple[GroupPlan, GroupScript]) -> None:
+def test_attempts_are_made_as_the_script_says(tmp_path: Path, eventful: tuple[PlannedGroup, GroupScript]) -> None:
     plan, script = eventful
     with DatasetWriter(tmp_path / "d", FAULTY) as writer:
         with writer.begin_group(plan.group_id, index=0) as group:
-            report = collect_group(group, FAULTY, plan)
+            report = execute_group(group, FAULTY, plan)
         made = {(r.record["role"], r.record["action_key"], r.record["attempt"]): r.record for r in group.rollouts}
     attempts = [*script.nominal, *script.replays]
     assert report.num_simulated == len(made) == len(attempts)
@@ -140,7 +140,7 @@ def test_attempts_are_made_as_the_script_says(tmp_path: Path, eventful: tuple[Gr
 
 @pytest.mark.parametrize("finished", sampled([2, 1, 9], every=3))
 def test_a_resumed_group_goes_on_in_its_script(
-    tmp_path: Path, eventful: tuple[GroupPlan, GroupScript], eventful_identity: str, finished: int
+    tmp_path: Path, eventful: tuple[PlannedGroup, GroupScript], eventful_identity: str, finished: int
 ) -> None:
     plan, script = eventful
     with pytest.raises(InterruptionError):

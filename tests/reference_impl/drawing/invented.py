@@ -11,7 +11,7 @@ import pyarrow as pa
 from tests.synthetic import base_tables, descriptor, write_dataset
 
 from branchdrive import Dataset, open_dataset
-from branchdrive_reference.drawing.scene import Scene, read_scene
+from branchdrive_reference.drawing.scene import DrawnScene, read_scene
 
 
 def write_invented(root: Path, changes: Mapping[str, Mapping[str, Any]] | None = None) -> Dataset:
@@ -24,7 +24,7 @@ def write_invented(root: Path, changes: Mapping[str, Mapping[str, Any]] | None =
     return open_dataset(root)
 
 
-def scene_of(dataset: Dataset, group_id: str = "g0") -> Scene:
+def scene_of(dataset: Dataset, group_id: str = "g0") -> DrawnScene:
     return read_scene(dataset.group(group_id), dataset.descriptor)
 
 

@@ -13,7 +13,7 @@ from tests.reference_impl.drawing.invented import scene_of, write_invented
 from branchdrive_reference.drawing.futures import CONTACT_MARKER, END_MARKER
 from branchdrive_reference.drawing.legend import draw_outcomes, draw_separation, draw_speed
 from branchdrive_reference.drawing.palette import candidate_colours
-from branchdrive_reference.drawing.scene import HORIZON_TICKS, Candidate, Scene
+from branchdrive_reference.drawing.scene import HORIZON_TICKS, Candidate, DrawnScene
 
 
 def driven(like: Candidate, last_tick: int, touch_tick: int | None = None) -> Candidate:
@@ -24,7 +24,7 @@ def driven(like: Candidate, last_tick: int, touch_tick: int | None = None) -> Ca
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> DrawnScene:
     """Three candidates: one that lasts, one that ends early, and one that touches something and ends early."""
     invented = scene_of(write_invented(tmp_path_factory.mktemp("invented") / "d"))
     nominal, ending, touching = invented.candidates[:3]
@@ -38,7 +38,7 @@ def marks(axes: Axes, marker: object) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in np.concatenate(places)]
 
 
-def test_a_touch_lies_at_gap_0_and_on_the_speed(scene: Scene) -> None:
+def test_a_touch_lies_at_gap_0_and_on_the_speed(scene: DrawnScene) -> None:
     gaps, speeds = (Figure().add_subplot() for _ in range(2))
     draw_separation(gaps, scene, candidate_colours(scene.bank))
     draw_speed(speeds, scene, candidate_colours(scene.bank))
@@ -46,13 +46,13 @@ def test_a_touch_lies_at_gap_0_and_on_the_speed(scene: Scene) -> None:
     assert marks(speeds, CONTACT_MARKER["marker"]) == [(2.0, 7.0)]
 
 
-def test_curves_that_end_early_have_an_end(scene: Scene) -> None:
+def test_curves_that_end_early_have_an_end(scene: DrawnScene) -> None:
     axes = Figure().add_subplot()
     draw_separation(axes, scene, candidate_colours(scene.bank))
     assert marks(axes, END_MARKER["marker"]) == [(3.25, 3.5), (4.5, 3.5)]
 
 
-def test_the_table_claims_no_more_than_was_recorded(scene: Scene) -> None:
+def test_the_table_claims_no_more_than_was_recorded(scene: DrawnScene) -> None:
     axes = Figure().add_subplot()
     draw_outcomes(axes, scene, candidate_colours(scene.bank))
     rows: dict[float, list[str]] = {}

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tests.reference_impl.drawing.invented import scene_of, write_invented
 
 from branchdrive_reference.drawing.legend import draw_legend
-from branchdrive_reference.drawing.scene import Scene
+from branchdrive_reference.drawing.scene import DrawnScene
 from branchdrive_reference.drawing.signs import draw_signs
 from branchdrive_reference.drawing.view import View
 from branchdrive_reference.town.crossroads import Control
@@ -24,7 +24,7 @@ HALF_M = 60.0
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> DrawnScene:
     return scene_of(write_invented(tmp_path_factory.mktemp("invented") / "d"))
 
 
@@ -44,20 +44,20 @@ def controlled(control: Control) -> str:
     return next(name for name, junction in NETWORK.junctions.items() if junction.control is control)
 
 
-def drawn(scene: Scene, junction: str) -> dict[str, dict[str, object]]:
+def drawn(scene: DrawnScene, junction: str) -> dict[str, dict[str, object]]:
     axes = Figure().add_axes((0, 0, 1, 1))
     mapped = replace(scene, elements=town_elements(NETWORK))
     return {name: dict(post) for name, post in draw_signs(axes, around(junction), mapped).items()}
 
 
 @pytest.mark.parametrize("control", Control)
-def test_signs_are_those_of_the_junctions_in_view(scene: Scene, control: Control) -> None:
+def test_signs_are_those_of_the_junctions_in_view(scene: DrawnScene, control: Control) -> None:
     junction = controlled(control)
     assert set(drawn(scene, junction)) == ({NAMES[control]} if arriving(junction) else set())
 
 
 @pytest.mark.parametrize("state", ["red", "yellow", "green"])
-def test_the_signal_of_the_ego_has_its_colour_and_its_name(scene: Scene, state: str) -> None:
+def test_the_signal_of_the_ego_has_its_colour_and_its_name(scene: DrawnScene, state: str) -> None:
     junction = controlled(Control.SIGNAL)
     lane = arriving(junction)[0]
     posts = drawn(replace(scene, lane_id=lane.lane_id, traffic_light=state), junction)
@@ -69,13 +69,13 @@ def test_the_signal_of_the_ego_has_its_colour_and_its_name(scene: Scene, state: 
 
 
 @pytest.mark.parametrize("state", [None, "blue"])
-def test_a_signal_without_known_state_has_none(scene: Scene, state: str | None) -> None:
+def test_a_signal_without_known_state_has_none(scene: DrawnScene, state: str | None) -> None:
     junction = controlled(Control.SIGNAL)
     posts = drawn(replace(scene, lane_id=arriving(junction)[0].lane_id, traffic_light=state), junction)
     assert set(posts) == {NAMES[Control.SIGNAL]}
 
 
-def test_a_stop_sign_is_no_red_signal(scene: Scene) -> None:
+def test_a_stop_sign_is_no_red_signal(scene: DrawnScene) -> None:
     signal, stop = controlled(Control.SIGNAL), controlled(Control.STOP)
     red = replace(scene, lane_id=arriving(signal)[0].lane_id, traffic_light="red")
     post, sign = drawn(red, signal)["ego's signal (red)"], drawn(red, stop)["stop sign"]
@@ -83,7 +83,7 @@ def test_a_stop_sign_is_no_red_signal(scene: Scene) -> None:
     assert sign["markersize"] > 1.5 * post["markersize"]  # type: ignore[operator]
 
 
-def test_the_legend_names_what_was_drawn(scene: Scene) -> None:
+def test_the_legend_names_what_was_drawn(scene: DrawnScene) -> None:
     junction = controlled(Control.SIGNAL)
     posts = drawn(replace(scene, lane_id=arriving(junction)[0].lane_id, traffic_light="red"), junction)
     figure = Figure()

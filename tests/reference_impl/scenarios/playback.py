@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tests.reference_impl.simulation.worlds import spec_of
 
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS, TICK_S
-from branchdrive_reference.scenarios.stage import Stage
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.route import Route
 from branchdrive_reference.town.track import EGO_TRACK, RouteTracks
@@ -26,7 +26,7 @@ class Playback:
     """The nominal rollout of one world.
 
     Attributes:
-        stage: The road and the seed.
+        road: The road and the seed.
         cast: Rows of the scenario's own bodies.
         bodies: `BODY` rows ``[frames, bodies]``.
         feet: `FOOT` rows ``[frames, tracks, bodies]``.
@@ -35,7 +35,7 @@ class Playback:
         hazard: Frame in which the hazard is active for the first time.
     """
 
-    stage: Stage
+    road: EmptyRoad
     cast: range
     bodies: NDArray[np.void]
     feet: NDArray[np.void]
@@ -45,11 +45,11 @@ class Playback:
 
     @property
     def tables(self) -> RouteTracks:
-        return self.stage.tables
+        return self.road.tables
 
     @property
     def route(self) -> Route:
-        return self.stage.tables.route
+        return self.road.tables.route
 
     @property
     def ego(self) -> NDArray[np.void]:
@@ -84,8 +84,8 @@ def playback(scenario: str, number: int) -> Playback:
                 break
         plan = world.plan[0]
         world.act(float(plan["steer"]), float(plan["throttle"]), float(plan["brake"]))
-    stage = world.scene.stage
-    cast = range(EGO + 1, EGO + 1 + len(world.scenario.bodies(stage)))
+    road = world.scene.road
+    cast = range(EGO + 1, EGO + 1 + len(world.scenario.bodies(road)))
     hazard = -(-world.scene.hazard_tick // OBSERVATION_STRIDE_TICKS)
     bodies, feet, lights, plans = (np.array(values) for values in zip(*frames, strict=True))
-    return Playback(stage, cast, bodies, feet, lights, plans, hazard)
+    return Playback(road, cast, bodies, feet, lights, plans, hazard)

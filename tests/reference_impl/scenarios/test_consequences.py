@@ -20,8 +20,8 @@ from tests.sampling import sampled
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OBSERVATIONS, OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.target import Motion, Risk, Targets, scalar_targets
 from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.record import record
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.town.track import route_tracks
@@ -48,7 +48,7 @@ def moved_others(scenario: str, changed: Run) -> bool:
     frame = branch_of(scenario).branch_frame + (ACTIVE_TICKS + 40) // OBSERVATION_STRIDE_TICKS
     frame = min(frame, len(nominal.log.bodies) - 1, len(changed.log.bodies) - 1)
     spec = nominal.spec
-    first = EGO + 1 + len(SCENARIOS[scenario].bodies(Stage(route_tracks(spec.town, spec.route_id), spec.seed)))
+    first = EGO + 1 + len(SCENARIOS[scenario].bodies(EmptyRoad(route_tracks(spec.town, spec.route_id), spec.seed)))
     before, after = nominal.log.bodies[frame, first:], changed.log.bodies[frame, first:]
     drives = (before["behaviour"] == Behaviour.FOLLOWING) & (after["behaviour"] == Behaviour.FOLLOWING)
     apart = np.hypot(before["x_m"] - after["x_m"], before["y_m"] - after["y_m"])

@@ -124,7 +124,7 @@ def test_priority_is_taken_from_the_ego(number: int) -> None:
 @each("scenario", TAKING_THE_RIGHT_OF_WAY)
 def test_the_rival_never_stops_and_meets_the_ego(scenario: str, number: int) -> None:
     played = playback(scenario, number)
-    at_m, rival_at_m = played.stage.meeting_m(int(played.bodies["track"][0, FIRST_ROW]))
+    at_m, rival_at_m = played.road.meeting_m(int(played.bodies["track"][0, FIRST_ROW]))
     rival, ego = entered(played, FIRST_ROW, rival_at_m), entered(played, EGO, at_m)
     assert played.bodies["speed_mps"][: rival + 1, FIRST_ROW].min() > 2.0
     assert rival <= ego + math.ceil(1.0 / FRAME_S)

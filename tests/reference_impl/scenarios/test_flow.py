@@ -7,9 +7,9 @@ import pytest
 from tests.reference_impl.scenarios.playback import PLAYED, playback
 from tests.reference_impl.simulation.worlds import drive_of
 
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.flow import arrive_with_ego, flow, rival_tracks, side_tracks
 from branchdrive_reference.scenarios.scenario import FIRST_ROW
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.track import EGO_TRACK, Role, route_tracks
 from branchdrive_reference.world.body import EGO, Heed
@@ -17,24 +17,24 @@ from branchdrive_reference.world.body import EGO, Heed
 COUNT, HEADWAY_S, FIRST_S = 5, (1.5, 2.5), 6.0
 
 
-def stage_of(scenario: str, number: int = 0) -> Stage:
+def road_of(scenario: str, number: int = 0) -> EmptyRoad:
     spec = drive_of(scenario, number).spec
-    return Stage(route_tracks(spec.town, spec.route_id), spec.seed)
+    return EmptyRoad(route_tracks(spec.town, spec.route_id), spec.seed)
 
 
-def passing_times_s(stage: Stage, track: int, at_m: float, eagerness: float) -> list[float]:
+def passing_times_s(road: EmptyRoad, track: int, at_m: float, eagerness: float) -> list[float]:
     """When each vehicle of a flow is at `at_m`, found by asking how far a lead brings it."""
-    bodies = flow(stage, track, at_m, FIRST_S, COUNT, HEADWAY_S, eagerness=eagerness)
+    bodies = flow(road, track, at_m, FIRST_S, COUNT, HEADWAY_S, eagerness=eagerness)
     leads_s = np.arange(0.0, 40.0, 0.01)
-    arcs_m = np.array([stage.arc_before(track, at_m, lead_s, eagerness) for lead_s in leads_s])
+    arcs_m = np.array([road.arc_before(track, at_m, lead_s, eagerness) for lead_s in leads_s])
     return [float(np.interp(-body.arc_m, -arcs_m, leads_s)) for body in bodies]
 
 
 @pytest.mark.parametrize("eagerness", [0.5, 1.0])
 def test_vehicles_follow_each_other_by_the_headway(eagerness: float) -> None:
-    stage = stage_of("EnterActorFlow")
-    track = stage.tables.roles[Role.MAINLINE]
-    times_s = passing_times_s(stage, track, stage.meeting_m(track)[1], eagerness)
+    road = road_of("EnterActorFlow")
+    track = road.tables.roles[Role.MAINLINE]
+    times_s = passing_times_s(road, track, road.meeting_m(track)[1], eagerness)
     assert times_s[0] == pytest.approx(FIRST_S, abs=0.02)
     assert len(times_s) == COUNT
     assert (np.diff(times_s) >= HEADWAY_S[0] - 0.02).all()
@@ -42,20 +42,20 @@ def test_vehicles_follow_each_other_by_the_headway(eagerness: float) -> None:
 
 
 def test_a_flow_drives_on_its_track_at_its_desired_speed() -> None:
-    stage = stage_of("EnterActorFlow")
-    track = stage.tables.roles[Role.MAINLINE]
-    at_m = stage.meeting_m(track)[1]
-    for body in flow(stage, track, at_m, FIRST_S, COUNT, HEADWAY_S, eagerness=0.7):
+    road = road_of("EnterActorFlow")
+    track = road.tables.roles[Role.MAINLINE]
+    at_m = road.meeting_m(track)[1]
+    for body in flow(road, track, at_m, FIRST_S, COUNT, HEADWAY_S, eagerness=0.7):
         assert (body.track, body.heeds, body.eagerness) == (track, Heed.ALL, 0.7)
-        assert body.speed_mps == pytest.approx(0.7 * stage.advisory_mps(body.arc_m, track))
+        assert body.speed_mps == pytest.approx(0.7 * road.advisory_mps(body.arc_m, track))
 
 
 @pytest.mark.parametrize("scenario", ["NonSignalizedJunctionLeftTurn", "OppositeVehicleTakingPriority"])
 def test_rivals_are_those_who_meet_and_who_yields_says_the_rule(scenario: str) -> None:
-    stage = stage_of(scenario)
-    rules = stage.tables.conflicts
+    road = road_of(scenario)
+    rules = road.tables.conflicts
     for ego_yields, (own, other) in ((True, ("track", "other")), (False, ("other", "track"))):
-        for rival in rival_tracks(stage, ego_yields=ego_yields):
+        for rival in rival_tracks(road, ego_yields=ego_yields):
             rule = rules[(rules[own] == EGO_TRACK) & (rules[other] == rival)]
             assert rival != EGO_TRACK
             assert (rule["yields"] == 1).all()

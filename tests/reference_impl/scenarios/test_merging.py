@@ -120,7 +120,7 @@ def test_the_ego_turns_across_or_into_a_flow_with_priority(
 @each_turn
 def test_the_ego_waits_for_a_gap(scenario: str, turn: Turn, signalized: bool, number: int) -> None:
     played = playback(scenario, number)
-    enter_m, rival_enter_m = played.stage.meeting_m(int(played.bodies["track"][0, FIRST_ROW]))
+    enter_m, rival_enter_m = played.road.meeting_m(int(played.bodies["track"][0, FIRST_ROW]))
     before = played.ego["arc_m"] + played.ego["half_length_m"] < enter_m
     waited = before & (played.plan["cause"] == Cause.PRIORITY)
     went = int(np.argmin(before))

@@ -13,9 +13,9 @@ import shapely.affinity
 from tests.each import each
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, drawn_spec
 
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.population import populate
 from branchdrive_reference.scenarios.scenario import Ambient
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.lane import LANE_WIDTH_M
@@ -53,13 +53,13 @@ class Opening:
 def openings(scenario: str) -> list[Opening]:
     found = []
     for world in (World(drawn_spec(scenario, number)) for number in WORLDS):
-        stage = world.scene.stage
+        road = world.scene.road
         line = world.tables.route.polyline
         centre = shapely.LineString(np.column_stack([line.x_m, line.y_m]))
-        first = EGO + 1 + len(world.scenario.bodies(stage))
+        first = EGO + 1 + len(world.scenario.bodies(road))
         lane = centre.buffer(LANE_WIDTH_M / 2, cap_style="flat")
         shapely.prepare(lane)
-        found.append(Opening(world.spec, world.bodies, world.bodies[first:], lane, stage.site_m))
+        found.append(Opening(world.spec, world.bodies, world.bodies[first:], lane, road.site_m))
     return found
 
 
@@ -93,7 +93,7 @@ def test_vehicles_of_the_own_lane_keep_clear_of_the_ego_and_the_site(scenario: s
 
 
 def ambient_of(spec: WorldSpec, ambient: Ambient) -> list[Body]:
-    return populate(Stage(route_tracks(spec.town, spec.route_id), spec.seed), ambient, ())
+    return populate(EmptyRoad(route_tracks(spec.town, spec.route_id), spec.seed), ambient, ())
 
 
 @each("part", [field.name for field in dataclasses.fields(Ambient)])

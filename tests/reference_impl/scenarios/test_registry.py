@@ -78,7 +78,7 @@ def test_instances_hold_no_state(scenario: str) -> None:
 
     def staged() -> list[Body]:
         world = World(WorldSpec(scenario, route.town, route.route_id, "clear-noon", 5))
-        return world.scenario.bodies(world.scene.stage)
+        return world.scenario.bodies(world.scene.road)
 
     assert staged() == staged()
     assert vars(SCENARIOS[scenario]) == {}

@@ -8,8 +8,8 @@ from tests.reference_impl.scenarios.playback import PLAYED, playback
 from tests.reference_impl.simulation.worlds import drive_of
 
 from branchdrive.contract.timing import TICK_S
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.scenario import green_on_arrival
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation.world import World
 from branchdrive_reference.town.signal import NO_GROUP, Light, light_of
 from branchdrive_reference.town.track import EGO_TRACK, route_tracks
@@ -18,20 +18,20 @@ from branchdrive_reference.world.body import EGO
 SIGNALIZED = "BlockedIntersection"
 
 
-def stages(scenario: str) -> list[Stage]:
+def roads(scenario: str) -> list[EmptyRoad]:
     specs = [drive_of(scenario, number).spec for number in range(20)]
-    return [Stage(route_tracks(spec.town, spec.route_id), spec.seed) for spec in specs]
+    return [EmptyRoad(route_tracks(spec.town, spec.route_id), spec.seed) for spec in specs]
 
 
 @pytest.mark.parametrize("early_s", [-8.0, -2.0, 0.0, 1.0, 5.0])
 def test_green_begins_as_early_as_asked(early_s: float) -> None:
     found = 0
-    for stage in stages(SIGNALIZED):
-        track = stage.tables.tracks[EGO_TRACK]
+    for road in roads(SIGNALIZED):
+        track = road.tables.tracks[EGO_TRACK]
         if track["group"] == NO_GROUP:
             continue
-        offset = green_on_arrival(stage, early_s)
-        begins = round((stage.ego_arrival_s(float(track["stop_m"])) - early_s) / TICK_S)
+        offset = green_on_arrival(road, early_s)
+        begins = round((road.ego_arrival_s(float(track["stop_m"])) - early_s) / TICK_S)
         assert light_of(int(track["group"]), begins, offset) == Light.GREEN
         assert light_of(int(track["group"]), begins - 1, offset) != Light.GREEN
         found += 1
@@ -39,8 +39,8 @@ def test_green_begins_as_early_as_asked(early_s: float) -> None:
 
 
 def test_without_signals_there_is_no_offset() -> None:
-    for stage in stages("OppositeVehicleTakingPriority"):
-        assert green_on_arrival(stage, 3.0) == 0
+    for road in roads("OppositeVehicleTakingPriority"):
+        assert green_on_arrival(road, 3.0) == 0
 
 
 @pytest.mark.parametrize("number", PLAYED)

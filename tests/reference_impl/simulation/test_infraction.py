@@ -10,8 +10,8 @@ import pytest
 from tests.each import each
 from tests.reference_impl.simulation.worlds import BANK, nominal_of
 
+from branchdrive_reference.scenarios.empty_road import EmptyRoad
 from branchdrive_reference.scenarios.registry import SCENARIOS
-from branchdrive_reference.scenarios.stage import Stage
 from branchdrive_reference.simulation import ending as infraction
 from branchdrive_reference.simulation.ending import NO_LIGHT, LineMonitor, governing_light
 from branchdrive_reference.simulation.record import record
@@ -122,7 +122,7 @@ def test_the_governing_light_recomputes(scenario: str, number: int) -> None:
     """From the programme of the signals and the recorded poses."""
     rollout = nominal_of(scenario, number)
     tables = route_tracks(rollout.spec.town, rollout.spec.route_id)
-    offset_ticks = SCENARIOS[scenario].signal_offset(Stage(tables, rollout.spec.seed))
+    offset_ticks = SCENARIOS[scenario].signal_offset(EmptyRoad(tables, rollout.spec.seed))
     group, gap_m = int(tables.tracks["group"][EGO_TRACK]), gaps_m(rollout)
     lights = np.array([light_of(group, 5 * frame, offset_ticks) for frame in range(len(gap_m))])
     expected = np.where((gap_m >= 0.0) & (gap_m <= infraction._GOVERNED_M), lights, NO_LIGHT)

@@ -9,7 +9,7 @@ import pytest
 from tests.each import each
 
 from branchdrive.contract.columns import TABLES
-from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, InputProfile
 from branchdrive.errors import UsageError
 
 EVERY_COLUMN = [(table.name, column.name, column.track) for table in TABLES.values() for column in table.columns]
@@ -98,9 +98,9 @@ def test_a_feature_is_data() -> None:
 def test_a_feature_is_as_restricted_as_its_most_restricted_column() -> None:
     feature = Feature("gap", "observations", ("speed_mps", "target_speed_mps"), "Speed below the target.")
     assert feature.track == "mixed"
-    assert Profile("wider", InputContract.MIXED, (feature,)).state_columns == ("speed_mps", "target_speed_mps")
+    assert InputProfile("wider", InputContract.MIXED, (feature,)).state_columns == ("speed_mps", "target_speed_mps")
     with pytest.raises(UsageError, match=r"`observations.target_speed_mps` is of track 'mixed'"):
-        Profile("sensor", InputContract.SENSOR, (feature,))
+        InputProfile("sensor", InputContract.SENSOR, (feature,))
 
 
 SPEED = Feature("speed_mps", "observations", ("speed_mps",), "Speed.")
@@ -125,7 +125,7 @@ REFUSED = {
 def test_a_profile_cannot_be_built_around_what_its_contract_refuses(case: str) -> None:
     state, controls, message = REFUSED[case]
     with pytest.raises(UsageError, match=message):
-        Profile("mine", InputContract.SENSOR, state, controls)
+        InputProfile("mine", InputContract.SENSOR, state, controls)
 
 
 def test_a_profile_cannot_be_changed_into_one_that_its_contract_refuses() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.driving.angle import wrap_rad
-from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, InputProfile
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW, HistoryInput, control_history, state_history
 from branchdrive.errors import UsageError
 
@@ -32,14 +32,14 @@ def drive(x: Any, y: Any, yaw: Any, speed: Any, **others: Any) -> dict[str, Any]
     return {name: np.broadcast_to(np.asarray(values), 17)[None] for name, values in given.items()}
 
 
-def state(columns: dict[str, Any], profile: Profile = SENSOR_PROFILE) -> HistoryInput:
+def state(columns: dict[str, Any], profile: InputProfile = SENSOR_PROFILE) -> HistoryInput:
     num_groups = len(columns["x_m"])
     branch_tick = 100 + 5 * np.arange(num_groups)
     tick = branch_tick[:, None] + np.array(STATE_WINDOW)
     return state_history(profile, columns, tick=tick, branch_tick=branch_tick)
 
 
-def named(columns: dict[str, Any], profile: Profile = SENSOR_PROFILE) -> dict[str, Array]:
+def named(columns: dict[str, Any], profile: InputProfile = SENSOR_PROFILE) -> dict[str, Array]:
     """Features of the only group, by name."""
     found = state(columns, profile)
     assert found.available.all()
@@ -255,7 +255,7 @@ def test_columns_that_the_profile_did_not_ask_for_are_refused() -> None:
     ],
 )
 def test_a_formula_reads_only_the_columns_that_its_feature_declares(feature: Feature) -> None:
-    profile = Profile("mine", InputContract.SENSOR, (feature, *SENSOR_PROFILE.state[1:]))
+    profile = InputProfile("mine", InputContract.SENSOR, (feature, *SENSOR_PROFILE.state[1:]))
     with pytest.raises(UsageError, match=f"the formula of the feature `{feature.name}` reads the column"):
         state(drive(0, 0, 0, 0), profile)
 

@@ -21,7 +21,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.rule import rules_of
-from branchdrive.engine.layers import judge_layers
+from branchdrive.engine.derived_rules import judge_layers
 from branchdrive.engine.tally import Tally
 from branchdrive.layers.view import ReleaseView
 from branchdrive.tables.frame import Alignment, Frame

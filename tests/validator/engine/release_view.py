@@ -8,7 +8,7 @@ import numpy as np
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.derived import layer_files_task, layers_tasks
-from branchdrive.engine.layers import view_of
+from branchdrive.engine.derived_rules import view_of
 from branchdrive.engine.reading import read_dataset
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.worker import in_process

@@ -19,7 +19,7 @@ from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import rules_of
-from branchdrive.engine.layers import judge_layers
+from branchdrive.engine.derived_rules import judge_layers
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.frame import Frame, Values
 

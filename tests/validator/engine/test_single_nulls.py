@@ -16,7 +16,7 @@ from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.engine.derived import layer_files_task
-from branchdrive.engine.layer_files import LayerFiles, read_layers
+from branchdrive.engine.derived_files import LayerFiles, read_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
 from branchdrive.engine.worker import in_process

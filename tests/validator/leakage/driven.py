@@ -26,7 +26,7 @@ from branchdrive.leakage.replays import EGO_NAMES, ego_frames
 from branchdrive.leakage.table import tabulate
 from branchdrive.leakage.verify import battery_mismatches, count_mismatches, gate_mismatches
 from branchdrive.quality.retention import retention
-from branchdrive.statistics.stream import normals, words
+from branchdrive.statistics.random_words import normals, words
 
 PROTOCOL = AuditProtocol(
     GateProtocol(alpha=0.05, num_permutations=199, offsets_sd=(0.2, 0.8), num_replicates=2),

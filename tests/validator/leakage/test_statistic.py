@@ -12,7 +12,7 @@ from tests.validator.leakage.samples import exchangeable
 from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median_distance
 from branchdrive.leakage.table import tabulate
 from branchdrive.statistics.permutation import identity, labels
-from branchdrive.statistics.stream import group_orders
+from branchdrive.statistics.random_words import group_orders
 
 
 def test_it_is_what_its_formula_says() -> None:

@@ -14,7 +14,7 @@ from tests.validator.leakage.samples import exchangeable
 
 from branchdrive.leakage.table import MAX_GROUPS, Column, Table, rows_agree, step_limit, tabulate, within_group_rank
 from branchdrive.statistics.permutation import labels
-from branchdrive.statistics.stream import group_orders
+from branchdrive.statistics.random_words import group_orders
 
 Array = NDArray[np.float64]
 ANY = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, 2.0, -3.5, 1e308, -1e308, 5e-324, 1e-300])

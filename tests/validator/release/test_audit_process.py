@@ -26,7 +26,7 @@ from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, S
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.release import audit_process
 from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
-from branchdrive.release.layers import load_layers
+from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
 
 

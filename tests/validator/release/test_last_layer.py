@@ -68,7 +68,7 @@ def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:
 @pytest.fixture
 def benchmarked(release: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A release with a benchmark layer that needs its protocol and ledger, and nothing else."""
-    from branchdrive.release import layers as module
+    from branchdrive.release import built_layers as module
     from branchdrive.release import publish as other
 
     whole = module.LAYERS["benchmark"]

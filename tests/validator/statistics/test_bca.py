@@ -12,7 +12,7 @@ from tests.validator.statistics.samples import alone, pairs, same
 
 from branchdrive.statistics.bca import LEAST_UNITS, LEVELS, Intervals, intervals
 from branchdrive.statistics.bootstrap import Design, counted_mean, design
-from branchdrive.statistics.stream import below, words
+from branchdrive.statistics.random_words import below, words
 
 
 def of_values(values: np.ndarray, resampling: Design) -> Intervals:

@@ -10,7 +10,7 @@ from scipy.stats import chisquare
 from tests.validator.statistics.samples import alone, pairs
 
 from branchdrive.statistics.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
-from branchdrive.statistics.stream import below, words
+from branchdrive.statistics.random_words import below, words
 
 
 def test_a_design_holds_estimate_resamples_and_jackknife() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.each import each
 
 from branchdrive.statistics.permutation import critical_value, identity, is_plausible, labels, p_value
-from branchdrive.statistics.stream import group_orders
+from branchdrive.statistics.random_words import group_orders
 
 
 def test_labels_sum_the_rows_that_an_action_gets() -> None:

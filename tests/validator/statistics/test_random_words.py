@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.validator.statistics import random_words as reference
 
 from branchdrive.contract.resources import load_resource
-from branchdrive.statistics.stream import below, bits, counts, normals, orders, uniforms, words
+from branchdrive.statistics.random_words import below, bits, counts, normals, orders, uniforms, words
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from tests.each import each
 
 from branchdrive.statistics.bca import LEAST_UNITS
+from branchdrive.statistics.random_words import orders, words
 from branchdrive.statistics.split import (
     CALIBRATION,
     DIVIDED,
@@ -24,7 +25,6 @@ from branchdrive.statistics.split import (
     assign_split,
     split_digest,
 )
-from branchdrive.statistics.stream import orders, words
 
 
 class Groups(NamedTuple):

@@ -25,7 +25,7 @@ from typing import Any
 from branchdrive.contract.columns import STREAMS, TABLES, Column, Stream
 from branchdrive.errors import UsageError
 
-__all__ = ["MIXED_PROFILE", "SENSOR_PROFILE", "Feature", "InputContract", "Profile"]
+__all__ = ["MIXED_PROFILE", "SENSOR_PROFILE", "Feature", "InputContract", "InputProfile"]
 
 _TRACKS = ("sensor", "mixed", "privileged", "debug", "audit", "evaluation")
 """Tracks from the freest to the most restricted."""
@@ -184,7 +184,7 @@ _CONTROLS = tuple(
 
 
 @dataclass(frozen=True)
-class Profile:
+class InputProfile:
     """Features of the state and control histories, in order, under one input contract.
 
     Raises:
@@ -210,7 +210,7 @@ class Profile:
         if any(len(feature.columns) != 1 for feature in self.controls):
             raise UsageError(f"profile {self.name!r}: a control is one column that reached the vehicle")
 
-    def without(self, unrecorded: Collection[str]) -> Profile:
+    def without(self, unrecorded: Collection[str]) -> InputProfile:
         """This profile without the state variables that need a column, as ``table.column``, that is not recorded."""
         kept = tuple(feature for feature in self.state if not feature.sources & set(unrecorded))
         return replace(self, state=kept)
@@ -226,8 +226,8 @@ class Profile:
         return tuple(dict.fromkeys(column for feature in self.controls for column in feature.columns))
 
 
-SENSOR_PROFILE = Profile("sensor", InputContract.SENSOR, _STATE)
+SENSOR_PROFILE = InputProfile("sensor", InputContract.SENSOR, _STATE)
 """The 21 state variables and three controls that the ego vehicle can know on the road."""
 
-MIXED_PROFILE = Profile("mixed", InputContract.MIXED, _STATE + _EXPERT)
+MIXED_PROFILE = InputProfile("mixed", InputContract.MIXED, _STATE + _EXPERT)
 """The sensor profile, then target speed and hazard flags of the privileged expert: 25 state variables."""

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
-from branchdrive.driving.feature import Feature, Profile
+from branchdrive.driving.feature import Feature, InputProfile
 from branchdrive.driving.target import STEP_S
 from branchdrive.errors import UsageError
 
@@ -55,7 +55,7 @@ class HistoryInput(NamedTuple):
 
 
 def state_history(
-    profile: Profile, columns: Mapping[str, ArrayLike], *, tick: ArrayLike, branch_tick: ArrayLike
+    profile: InputProfile, columns: Mapping[str, ArrayLike], *, tick: ArrayLike, branch_tick: ArrayLike
 ) -> HistoryInput:
     """State before the branch, ``[groups, 16, features]`` in the order of ``profile.state``.
 
@@ -78,7 +78,7 @@ def state_history(
 
 
 def control_history(
-    profile: Profile, columns: Mapping[str, ArrayLike], *, tick: ArrayLike, branch_tick: ArrayLike
+    profile: InputProfile, columns: Mapping[str, ArrayLike], *, tick: ArrayLike, branch_tick: ArrayLike
 ) -> HistoryInput:
     """Applied controls before the branch, ``[groups, 80, controls]`` in the order of ``profile.controls``.
 

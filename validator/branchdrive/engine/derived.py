@@ -11,9 +11,9 @@ from typing import Any
 
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
+from branchdrive.engine.derived_files import STRUCTURE_RULES, LayerFiles, LayerFilesTask
+from branchdrive.engine.derived_rules import POPULATION_RULE, LayersResult, LayersTask, RawRows, judge_part
 from branchdrive.engine.finding import Finding
-from branchdrive.engine.layer_files import STRUCTURE_RULES, LayerFiles, LayerFilesTask
-from branchdrive.engine.layers import POPULATION_RULE, LayersResult, LayersTask, RawRows, judge_part
 from branchdrive.engine.reading import Reading
 from branchdrive.engine.shard import ShardResult, spooled_name
 from branchdrive.engine.spool import Spool

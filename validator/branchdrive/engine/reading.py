@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from branchdrive.contract.media import MediaMode
-from branchdrive.engine.layer_files import LayerFiles, LayerFilesTask, read_layers
+from branchdrive.engine.derived_files import LayerFiles, LayerFilesTask, read_layers
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.worker import Executor, Failed

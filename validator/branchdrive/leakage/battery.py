@@ -27,7 +27,7 @@ from branchdrive.leakage.inputs import ReplayInputs, pooled_controls
 from branchdrive.leakage.protocol import CLIP_SD, CONTROLS, SEQUENCE_TESTS, TESTS, BatteryProtocol
 from branchdrive.leakage.score import held_out_score
 from branchdrive.leakage.table import median_of_available, robust_sd
-from branchdrive.statistics.stream import group_orders, words
+from branchdrive.statistics.random_words import group_orders, words
 
 __all__ = ["PARTITIONS", "Part", "Way", "ways"]
 

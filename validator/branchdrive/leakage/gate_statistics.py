@@ -21,7 +21,7 @@ from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median
 from branchdrive.leakage.streams import Streams
 from branchdrive.leakage.table import Column, Table, checked, tabulate
 from branchdrive.statistics.permutation import identity, labels
-from branchdrive.statistics.stream import group_orders
+from branchdrive.statistics.random_words import group_orders
 
 __all__ = ["GateStatistics", "Reference", "chunk_length"]
 

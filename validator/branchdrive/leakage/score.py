@@ -37,7 +37,7 @@ from branchdrive.leakage.protocol import CONTROLS, BatteryProtocol
 from branchdrive.leakage.table import rows_agree
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import p_value
-from branchdrive.statistics.stream import counts, group_orders, words
+from branchdrive.statistics.random_words import counts, group_orders, words
 
 __all__ = ["MEASURES", "Score", "held_out_score", "judged_battery"]
 

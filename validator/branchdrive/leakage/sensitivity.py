@@ -30,7 +30,7 @@ from branchdrive.leakage.gate_statistics import GateStatistics, Reference
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.table import checked
 from branchdrive.statistics.permutation import critical_value
-from branchdrive.statistics.stream import below, group_orders, orders, words
+from branchdrive.statistics.random_words import below, group_orders, orders, words
 
 __all__ = ["PATTERNS", "Detection", "Pattern", "Sensitivity", "inject", "offsets_of", "replicate_values", "sensitivity"]
 

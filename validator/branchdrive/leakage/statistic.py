@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.angle import cos_sin
 from branchdrive.leakage.table import Table, step_limit
-from branchdrive.statistics.stream import WORDS_PER_NORMAL, normals, words
+from branchdrive.statistics.random_words import WORDS_PER_NORMAL, normals, words
 
 __all__ = ["Hsic", "MaxT", "Ridge", "frequencies", "median_distance"]
 

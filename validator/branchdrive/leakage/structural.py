@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.leakage.rank_correlation import centred_ranks, spearman
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 
 __all__ = [
     "ALPHA",

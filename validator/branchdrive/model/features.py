@@ -27,7 +27,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS, HISTORY_OFFSETS
-from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, Profile
+from branchdrive.driving.feature import MIXED_PROFILE, SENSOR_PROFILE, Feature, InputContract, InputProfile
 from branchdrive.driving.history import CONTROL_WINDOW
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import UsageError
@@ -52,7 +52,7 @@ class History(NamedTuple):
     features: tuple[Feature, ...]
 
 
-EXPERT_PROFILE = Profile("expert", InputContract.MIXED, MIXED_PROFILE.state[len(SENSOR_PROFILE.state) :])
+EXPERT_PROFILE = InputProfile("expert", InputContract.MIXED, MIXED_PROFILE.state[len(SENSOR_PROFILE.state) :])
 """What the privileged expert adds to the sensor profile: target speed and three hazard flags."""
 
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.driving.feature import Feature, Profile
+from branchdrive.driving.feature import Feature, InputProfile
 from branchdrive.driving.history import HistoryInput
 from branchdrive.driving.target import TRAJECTORY, Targets, Trajectory
 from branchdrive.statistics.split import TRAINING, split_digest
@@ -98,7 +98,7 @@ def training(group_ids: Sequence[str], assignment: Mapping[str, str]) -> Trainin
     return Training(rows, split_digest(assignment))
 
 
-def fit_state(history: HistoryInput, profile: Profile, fitted_on: Training) -> Scaling:
+def fit_state(history: HistoryInput, profile: InputProfile, fitted_on: Training) -> Scaling:
     """Scaling ``[features]`` of a state history ``[groups, 16, features]``.
 
     Raises:
@@ -107,7 +107,7 @@ def fit_state(history: HistoryInput, profile: Profile, fitted_on: Training) -> S
     return _fit_history(history, profile.state, fitted_on)
 
 
-def fit_controls(history: HistoryInput, profile: Profile, fitted_on: Training) -> Scaling:
+def fit_controls(history: HistoryInput, profile: InputProfile, fitted_on: Training) -> Scaling:
     """Scaling ``[controls]`` of a control history ``[groups, 80, controls]``.
 
     Raises:

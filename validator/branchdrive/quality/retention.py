@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.statistics.stream import below, words
+from branchdrive.statistics.random_words import below, words
 
 __all__ = ["NUM_RESAMPLES", "TARGET_SHARES", "Retention", "retention"]
 

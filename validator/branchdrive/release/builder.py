@@ -33,7 +33,7 @@ from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import Manifest
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
-from branchdrive.release.layers import LEDGERS, BuiltLayers, load_layers, load_ledger
+from branchdrive.release.built_layers import LEDGERS, BuiltLayers, load_layers, load_ledger
 from branchdrive.release.leakage import build_leakage
 from branchdrive.release.publish import has_card, publish, published_identity, staging
 from branchdrive.release.scan import RawScan, check_unchanged, scan_raw

@@ -32,7 +32,7 @@ from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.streams import examined_cameras
 from branchdrive.release.audit_process import AuditTask, audit_in_own_process
-from branchdrive.release.layers import BuiltLayers
+from branchdrive.release.built_layers import BuiltLayers
 from branchdrive.release.scan import RawScan
 
 __all__ = ["StoredParts", "build_leakage"]

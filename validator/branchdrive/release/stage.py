@@ -40,7 +40,7 @@ from branchdrive.quality.partition import (
 )
 from branchdrive.quality.population import population_document
 from branchdrive.quality.variants import Variant, variants_document
-from branchdrive.release.layers import BuiltLayers
+from branchdrive.release.built_layers import BuiltLayers
 from branchdrive.release.scan import RawScan
 from branchdrive.statistics.split import Calibration
 from branchdrive.tables.frame import with_homes

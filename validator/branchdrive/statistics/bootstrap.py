@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.statistics.cluster import Clusters
+from branchdrive.statistics.random_words import below, words
 from branchdrive.statistics.rounding import sums
-from branchdrive.statistics.stream import below, words
 
 __all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums", "resampled_counts"]
 

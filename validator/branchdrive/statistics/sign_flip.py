@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.statistics.cluster import Clusters
+from branchdrive.statistics.random_words import bits, words
 from branchdrive.statistics.rounding import RELATIVE_TIE, slack, sums
-from branchdrive.statistics.stream import bits, words
 
 __all__ = ["CLUSTER_STREAM", "NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "sign_flip", "studentised_p"]
 

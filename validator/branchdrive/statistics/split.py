@@ -41,7 +41,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
 
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 
 __all__ = [
     "CALIBRATION",

@@ -21,7 +21,7 @@ from branchdrive.errors import ContractError
 from branchdrive.formats.manifest import build_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of
-from branchdrive.testing.drive import BRANCH_TICK, NUM_TICKS, Scene, plans
+from branchdrive.testing.drive import BRANCH_TICK, NUM_TICKS, InventedScene, plans
 from branchdrive.testing.group import Tables, concat, make_group, to_table
 from branchdrive.testing.media import (
     ARCHIVE_FILE,
@@ -52,7 +52,7 @@ class SmallDataset:
         streams: Optional streams beside the required ones: ``actor_risk_evidence``, then ``rgb_surround`` or ``map``.
     """
 
-    scenes: tuple[Scene, ...]
+    scenes: tuple[InventedScene, ...]
     bank: ActionBank
     branch_tick: int = BRANCH_TICK
     num_ticks: int = NUM_TICKS

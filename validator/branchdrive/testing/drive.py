@@ -59,7 +59,7 @@ class Route:
 
 
 @dataclass(frozen=True)
-class Actor:
+class InventedActor:
     """An actor on a route: start, speeds along and across it, and the ticks at which it is there."""
 
     kind: str
@@ -76,7 +76,7 @@ CAR_M, CYCLE_M, PERSON_M, CONE_M = (4.25, 1.75, 1.5), (1.75, 0.625, 1.75), (0.5,
 
 
 @dataclass(frozen=True)
-class Scene:
+class InventedScene:
     """Where a group drives, and among whom.
 
     Attributes:
@@ -87,7 +87,7 @@ class Scene:
     """
 
     route: Route
-    actors: tuple[Actor, ...]
+    actors: tuple[InventedActor, ...]
     town: str
     scenario_type: str = "CutIn"
     start: tuple[float, float, float] = (2.0, 0.4, 6.0)
@@ -171,7 +171,7 @@ def _expert(route: Route, x: Array, y: Array, yaw: Array, speed: Array, tick: in
 
 
 def drive(
-    scene: Scene, planned: Sequence[Plan], bank: ActionBank, num_ticks: int = NUM_TICKS, *, seed: int = 0
+    scene: InventedScene, planned: Sequence[Plan], bank: ActionBank, num_ticks: int = NUM_TICKS, *, seed: int = 0
 ) -> Drive:
     """Drive all attempts tick by tick; attempt 0 is the nominal whose commands the others store."""
     route, count = scene.route, len(planned)

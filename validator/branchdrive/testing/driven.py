@@ -28,9 +28,9 @@ from branchdrive.testing.drive import (
     NUM_TICKS,
     PERSON_M,
     TICK_S,
-    Actor,
+    InventedActor,
+    InventedScene,
     Route,
-    Scene,
     drive,
     plans,
 )
@@ -62,10 +62,10 @@ def _fractions(low: int, high: int, parts: int) -> SearchStrategy[float]:
 
 
 @st.composite
-def _actors(draw: DrawFn) -> Actor:
+def _actors(draw: DrawFn) -> InventedActor:
     kind = draw(st.sampled_from(tuple(_BOXES_M)))
     fastest = _MAX_SPEEDS_MPS[kind]
-    return Actor(
+    return InventedActor(
         kind,
         _BOXES_M[kind],
         progress_m=draw(_fractions(0, 1200, 10)),
@@ -77,11 +77,11 @@ def _actors(draw: DrawFn) -> Actor:
 
 
 @st.composite
-def scenes(draw: DrawFn, *, max_actors: int = 3) -> Scene:
+def scenes(draw: DrawFn, *, max_actors: int = 3) -> InventedScene:
     """A straight or bent route, an ego that starts on it, and up to `max_actors` actors that it meets late or never."""
     start = draw(st.tuples(_fractions(-500, 500, 1), _fractions(-500, 500, 1)))
     bend = draw(st.sampled_from([{}, {"radius_m": 120.0}, {"radius_m": 300.0}]))
-    scene = Scene(
+    scene = InventedScene(
         Route(start, draw(_fractions(-31, 31, 10)), **bend),
         (),
         town=draw(st.sampled_from(["Town01", "Town02"])),
@@ -92,7 +92,7 @@ def scenes(draw: DrawFn, *, max_actors: int = 3) -> Scene:
     return replace(scene, actors=tuple(actor for actor in actors if not _is_met_early(scene, actor)))
 
 
-def _is_met_early(scene: Scene, actor: Actor) -> bool:
+def _is_met_early(scene: InventedScene, actor: InventedActor) -> bool:
     """Whether the ego comes within `_APART_M` of an actor before it branches, wherever that is in a dataset."""
     ticks = np.arange(_LAST_BRANCH_TICK + 1)
     ego = drive(scene, plans(0)[:1], load_action_bank(), len(ticks))

@@ -23,9 +23,9 @@ from branchdrive.testing.drive import (
     TRIGGER_TICK,
     Array,
     Drive,
+    InventedScene,
     Plan,
     Route,
-    Scene,
     drive,
     group_name,
     plans,
@@ -42,7 +42,7 @@ TOUCHES_STILL_TICKS = 20
 """What touches again within a second touches still."""
 
 
-def _actor_columns(scene: Scene, ticks: Array, moved_m: float) -> dict[str, Any]:
+def _actor_columns(scene: InventedScene, ticks: Array, moved_m: float) -> dict[str, Any]:
     route = scene.route
     parts: list[dict[str, Any]] = []
     for actor_id, actor in enumerate(scene.actors, start=1):
@@ -151,7 +151,7 @@ def collision_counts(evidence: Mapping[str, Any], actors: Mapping[str, Any]) -> 
 
 def _record(
     index: int,
-    scene: Scene,
+    scene: InventedScene,
     plan: Plan,
     bank: ActionBank,
     driven: Drive,
@@ -211,7 +211,7 @@ def by_key(name: str, table: pa.Table) -> pa.Table:
 
 def make_group(
     index: int,
-    scene: Scene,
+    scene: InventedScene,
     planned: Sequence[Plan] | None = None,
     *,
     bank: ActionBank | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from branchdrive.contract.columns import table_schema
-from branchdrive.testing.drive import Scene
+from branchdrive.testing.drive import InventedScene
 from branchdrive.testing.group import Tables, by_key, route_polyline
 
 __all__ = ["with_map"]
@@ -24,7 +24,7 @@ _GROUND_M = np.array([[-60.0, 220.0, 220.0, -60.0], [-60.0, -60.0, 60.0, 60.0]])
 """Along and across the straight continuation of a route's first metre: open ground around everything driven."""
 
 
-def with_map(tables: Tables, towns: Iterable[str], scenes: Mapping[int, Scene]) -> Tables:
+def with_map(tables: Tables, towns: Iterable[str], scenes: Mapping[int, InventedScene]) -> Tables:
     """Tables of a shard with the maps of its towns; evidence names the lane of the routes.
 
     Args:
@@ -43,7 +43,7 @@ def with_map(tables: Tables, towns: Iterable[str], scenes: Mapping[int, Scene]) 
     }
 
 
-def _elements(town: str, scenes: Mapping[int, Scene]) -> list[dict[str, Any]]:
+def _elements(town: str, scenes: Mapping[int, InventedScene]) -> list[dict[str, Any]]:
     """Rows of the map of a town; the lanes of its routes share one id."""
     rows: list[dict[str, Any]] = []
     for index, scene in scenes.items():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from branchdrive.benchmark.guard.figure import RATES, Terms, figures, terms
-from branchdrive.statistics.stream import below, words
+from branchdrive.statistics.random_words import below, words
 
 SELECTION = np.array([0, 1, 1, 2])
 UNGUARDED = np.array([2, 1, 2, 2])

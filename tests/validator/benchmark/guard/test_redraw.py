@@ -24,7 +24,7 @@ from branchdrive.benchmark.guard.redraw import (
 )
 from branchdrive.driving.utility import PROFILES
 from branchdrive.statistics.binomial import binomial_cdf
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 
 SIZES = (1, 2, 1, 3, 1, 1, 2, 5)
 

@@ -220,13 +220,13 @@ def judged_folder(root: Path, **options: Any) -> Report:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
-        patch.setattr("branchdrive.engine.layer_files.decode_table", _decoded)
-        patch.setattr("branchdrive.engine.layer_files.table_digest", _digest)
+        patch.setattr("branchdrive.engine.derived_files.decode_table", _decoded)
+        patch.setattr("branchdrive.engine.derived_files.table_digest", _digest)
         return validate(root, executor=remembering, **options)
 
 
 PURE = (
-    "branchdrive.engine.layer_files.schema_mismatches",
+    "branchdrive.engine.derived_files.schema_mismatches",
     "branchdrive.benchmark.view.read_protocol",
     "branchdrive.benchmark.rules.results_document",
     "branchdrive.leakage.structural_rules.affine_targets",

@@ -45,7 +45,7 @@ from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.quality.population import population_document
 from branchdrive.quality.variants import declared_of, variants_document
-from branchdrive.release.layers import BuiltLayers
+from branchdrive.release.built_layers import BuiltLayers
 from branchdrive.release.leakage import build_leakage
 from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality

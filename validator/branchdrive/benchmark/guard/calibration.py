@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.guard.path import TOLERANCE_M, envelope
 from branchdrive.statistics.binomial import binomial_cdf, exact_fraction
-from branchdrive.statistics.stream import words
+from branchdrive.statistics.random_words import words
 
 __all__ = [
     "ALPHA",

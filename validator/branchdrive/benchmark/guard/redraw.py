@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from branchdrive.benchmark.guard.path import COVERAGE, envelope, violations
 from branchdrive.driving.utility import RANGE, TIE
 from branchdrive.statistics.binomial import binomial_cdf, exact_fraction
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 
 __all__ = [
     "Executed",

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.statistics.stream import orders, words
+from branchdrive.statistics.random_words import orders, words
 
 __all__ = ["KINDS", "SEEDS", "Kind", "Shuffle", "derangements", "shuffles"]
 

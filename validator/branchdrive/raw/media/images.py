@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.media import SAMPLE_STEP, MediaMode
 from branchdrive.contract.semantic_bev import SemanticClass, classes_of
 from branchdrive.raw.media.image_numbers import NAMES
-from branchdrive.statistics.stream import below, words
+from branchdrive.statistics.random_words import below, words
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from branchdrive.statistics.stream import below, bits, group_orders, orders, words
+from branchdrive.statistics.random_words import below, bits, group_orders, orders, words
 
 PINNED = ["0x6490e71440374d02", "0xae38fa279272dbf4", "0xbecca8097aeffa50"]
 

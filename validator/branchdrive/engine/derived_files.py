@@ -27,7 +27,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
 from branchdrive.contract.text import counted, printable, quote
-from branchdrive.engine.layers import judge_layers
+from branchdrive.engine.derived_rules import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError

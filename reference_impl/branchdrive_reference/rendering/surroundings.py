@@ -13,7 +13,7 @@ from branchdrive_reference.rendering.part import FACES, Bodies, Parts, actor_par
 from branchdrive_reference.rendering.patch import Patch, governing_signal
 from branchdrive_reference.rendering.snapshot import Snapshot
 
-__all__ = ["Stage"]
+__all__ = ["Surroundings"]
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ _SUN_SHARE = 0.12
 """Direction of the sun in the world, and how much brighter faces towards it are."""
 
 
-class Stage:
+class Surroundings:
     """What stands and lies around the ego at one observation, in the ego's frame.
 
     Args:

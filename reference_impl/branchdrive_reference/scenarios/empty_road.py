@@ -1,4 +1,4 @@
-"""The stage: where scenarios and ambient traffic put their bodies."""
+"""An empty road: where scenarios and ambient traffic put their bodies."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from branchdrive_reference.town.route import START_M
 from branchdrive_reference.town.track import EGO_TRACK, Role, RouteTracks
 from branchdrive_reference.world.body import Behaviour, Body, Heed, Kind, Size
 
-__all__ = ["Stage"]
+__all__ = ["EmptyRoad"]
 
 _Option = TypeVar("_Option")
 
 
 @dataclass(frozen=True)
-class Stage:
+class EmptyRoad:
     """The empty road of one world.
 
     Attributes:
