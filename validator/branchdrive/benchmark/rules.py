@@ -62,9 +62,9 @@ from branchdrive.contract.rule import rule
 from branchdrive.errors import DatasetError
 from branchdrive.layers.compare import document_check, text_agrees, text_mismatches
 from branchdrive.layers.view import ReleaseView
-from branchdrive.model.rules import FEATURES, NORMALISATION
+from branchdrive.model.rules.inputs import FEATURES, NORMALISATION
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses, benchmark_mismatches
-from branchdrive.quality.split_rules import SPLIT
+from branchdrive.quality.rules.split import SPLIT
 
 
 @rule("BD-BMK-001")

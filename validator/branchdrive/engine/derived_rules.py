@@ -25,7 +25,7 @@ from branchdrive.engine.spool import Spool, SpooledFrames, SpooledTables
 from branchdrive.engine.tally import Tally
 from branchdrive.layers.compare import key_of
 from branchdrive.layers.view import RawLayer, ReleaseView
-from branchdrive.quality.rules import POPULATION
+from branchdrive.quality.rules.qualification import POPULATION
 from branchdrive.tables.frame import Frame, take
 from branchdrive.tables.view import TableView
 

@@ -1,44 +1,18 @@
 """Every module of rules; importing this one binds each rule of the catalogue to its function."""
 
-from branchdrive.benchmark import rules as benchmark_rules
-from branchdrive.canonical import rules as canonical_rules
-from branchdrive.card import rules as card_rules
-from branchdrive.files import rules as file_rules
-from branchdrive.layers import rules as layer_rules
-from branchdrive.leakage import rules as leakage_rules
-from branchdrive.leakage import structural_rules
-from branchdrive.model import near_duplicate_rules
-from branchdrive.model import rules as model_rules
-from branchdrive.quality import fidelity_rules, split_rules
-from branchdrive.quality import rules as quality_rules
-from branchdrive.raw.rules import (
-    controls,
-    coverage,
-    evidence,
-    extents,
-    groups,
-    image_replays,
-    images,
-    infractions,
-    keys,
-    maps,
-    media,
-    motion,
-    nulls,
-    replays,
-    responses,
-    results,
-    route,
-    status,
-    ticks,
-    tracks,
-    values,
-)
+from importlib import import_module
 
-RULE_MODULES = (
-    file_rules, keys, nulls, values, ticks, status, controls, evidence, groups, responses,
-    replays, image_replays, media, images, maps, route, motion, tracks, coverage, extents, results, infractions,
-    layer_rules, canonical_rules, quality_rules, split_rules, fidelity_rules, model_rules, near_duplicate_rules,
-    leakage_rules, structural_rules, benchmark_rules, card_rules,
+_OF_RAW_ROWS = (
+    "keys", "nulls", "values", "ticks", "status", "controls", "evidence", "groups", "responses", "replays",
+    "image_replays", "media", "images", "maps", "route", "motion", "tracks", "coverage", "extents", "results",
+    "infractions",
 )  # fmt: skip
-"""Modules of rules, in order of the layers."""
+
+_NAMES = (
+    "files.rules", *(f"raw.rules.{name}" for name in _OF_RAW_ROWS), "layers.rules", "canonical.rules",
+    "quality.rules.qualification", "quality.rules.split", "quality.rules.fidelity", "model.rules.inputs",
+    "model.rules.near_duplicate", "leakage.rules.audit", "leakage.rules.structural", "benchmark.rules", "card.rules",
+)  # fmt: skip
+
+RULE_MODULES = tuple(import_module(f"branchdrive.{name}") for name in _NAMES)
+"""Modules of rules, in order of the layers: `rules` of a room, or the modules in it where they are several."""

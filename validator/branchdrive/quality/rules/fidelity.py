@@ -38,7 +38,7 @@ from branchdrive.quality.fidelity import (
 )
 from branchdrive.quality.filtering import filtering_document
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses, release_mismatches
-from branchdrive.quality.split_rules import SPLIT
+from branchdrive.quality.rules.split import SPLIT
 from branchdrive.quality.threshold import VARIABLES, Thresholds
 from branchdrive.tables.frame import Frame, num_rows, take
 

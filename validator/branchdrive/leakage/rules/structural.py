@@ -28,7 +28,7 @@ from branchdrive.leakage.structural import (
     ranked_targets,
 )
 from branchdrive.model.features import HISTORIES
-from branchdrive.model.rules import FEATURES, model_arrays
+from branchdrive.model.rules.inputs import FEATURES, model_arrays
 from branchdrive.tables.frame import Frame, take
 
 Array: TypeAlias = NDArray[np.float64]

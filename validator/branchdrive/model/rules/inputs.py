@@ -37,7 +37,7 @@ from branchdrive.model.features import HISTORIES, feature_mismatches, target_mas
 from branchdrive.model.normalisation_document import normalisation_mismatches
 from branchdrive.model.rows import action_rows, context_rows
 from branchdrive.quality.partition import assignment_of
-from branchdrive.quality.split_rules import SPLIT
+from branchdrive.quality.rules.split import SPLIT
 from branchdrive.tables.frame import Frame, align, num_rows, take, with_homes
 
 FEATURES = "model/features.json"

@@ -12,7 +12,7 @@ from tests.validator.quality.release import concat, numbered, paper_groups, reac
 
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.quality.partition import assignment_of, clusters_of, draw_partitions, split_document, with_partitions
-from branchdrive.quality.split_rules import (
+from branchdrive.quality.rules.split import (
     calibration_mismatches,
     cluster_mismatches,
     count_mismatches,

@@ -15,7 +15,7 @@ from branchdrive.errors import DatasetError
 from branchdrive.layers.compare import place
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.near_duplicate import duplicate_flags, duplicates_among
-from branchdrive.model.rules import context_groups
+from branchdrive.model.rules.inputs import context_groups
 from branchdrive.quality.partition import assignment_of
 
 

@@ -1,0 +1,1 @@
+"""Rules on the leakage audit, and on leaks of the structure of a release."""
