@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import NOMINAL, SHARD_0, SHARD_1, judged, new_draft
-from tests.validator.engine.rules.cases.media import COLOURS, JPEG
+from tests.validator.engine.rules.cases.images import COLOURS
+from tests.validator.engine.rules.cases.media import JPEG
 
 from branchdrive.contract.columns import STREAMS
 from branchdrive.testing.media import MEDIA_FILE, png

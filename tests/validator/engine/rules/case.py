@@ -37,6 +37,12 @@ ACCELERATE = "g0.accelerate_0.50.a1"
 STEER_LEFT = "g0.steer_left_0.10.a1"
 """Attempts of the first group that cases edit."""
 
+FURTHER = "g2.brake_0.50.a1"
+"""An attempt of the other shard."""
+
+BOTH = [BRAKE, FURTHER]
+"""Attempts of two shards: one defect in several places is counted, however few of them a report keeps."""
+
 INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "BD-GRP-003"})
 """Qualification rules that groups and attempts of the valid release fail, so that it has something to explain."""
 

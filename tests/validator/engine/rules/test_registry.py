@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.each import each
-from tests.mutation import AREAS, BOUNDARIES, MUTANTS, new_draft
+from tests.mutation import AREAS, BOUNDARIES, MUTANTS, Boundary, Mutant, new_draft
 from tests.validator.engine.rules.case import (
     INHERITED,
     NO_SUBJECT,
@@ -120,6 +120,20 @@ def test_every_module_of_rules_is_imported() -> None:
 def test_every_module_of_cases_is_an_area() -> None:
     folder = Path(__file__).parent / "cases"
     assert {path.stem for path in folder.glob("[a-z]*.py")} == {area.__name__.rsplit(".", 1)[1] for area in AREAS}
+
+
+def _cases_of(rule: str) -> str:
+    """What modules of cases of a rule begin with: the room, but for the raw layer, and the module in it."""
+    room, *parts = RULES[rule].__module__.removeprefix("branchdrive.").split(".")
+    return "_".join([*(() if room == "raw" else (room,)), *parts[1:]])
+
+
+@each("case", [*MUTANTS, *BOUNDARIES], ids=lambda case: case.name)
+def test_cases_stand_in_a_module_called_as_that_of_their_rule(case: Mutant | Boundary) -> None:
+    """With what they have in common behind it, where one module is too small for all of them."""
+    module = case.edit.__module__.rsplit(".", 1)[1]
+    rules = (case.rule,) if isinstance(case, Mutant) else case.rules
+    assert any(module == name or module.startswith(f"{name}_") for name in map(_cases_of, rules))
 
 
 def test_mutants_stand_in_the_order_of_their_areas() -> None:

@@ -26,8 +26,11 @@ from branchdrive.benchmark.warning import warnings
 from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, merged, with_benchmark_access
 
 CHECKPOINT = "checkpoints/M3-seed11.safetensors"
+
+
 ENTRY = 7
 """Its place in the lock."""
+
 
 NOTHING = "0" * 64
 
@@ -83,34 +86,6 @@ def figures_beside_results(d: BenchmarkDraft) -> None:
         (root / "benchmark/figures/policy.png").write_bytes(b"png")
 
     d.before_seal(draw)
-
-
-# BD-LAY-009
-
-
-@mutant("BD-LAY-009", at={"file": "benchmark/notes.txt"}, base="benchmark")
-def file_of_no_kind_beside_results(d: BenchmarkDraft) -> None:
-    d.texts["benchmark/notes.txt"] = "notes"
-
-
-# BD-LYR-005
-
-
-@mutant("BD-LYR-005", at={"file": PROTOCOL, "pointer": "/models/3/title"}, base="benchmark")
-def title_that_writes_a_section_of_its_own(d: BenchmarkDraft) -> None:
-    d.documents[PROTOCOL]["models"][3]["title"] = "Best\n\n## Injected | <script>"
-    d.follow("lock", keep={"ranking", "results", "tables"})
-
-
-@mutant("BD-LYR-005", at={"file": RESULTS, "pointer": "/warnings/0"}, base="benchmark")
-def warning_of_several_lines(d: BenchmarkDraft) -> None:
-    d.documents[RESULTS]["warnings"] = ["Nothing.\n\n## Injected\x1b[2J"]
-
-
-@mutant("BD-LYR-005", at={"file": LOCK, "pointer": "/"}, base="benchmark")
-def version_of_the_code_with_a_control_character(d: BenchmarkDraft) -> None:
-    d.documents[LOCK]["code"]["version"] = "1.0\x1b[2J"
-    d.follow("ranking")
 
 
 # BD-BMK-001

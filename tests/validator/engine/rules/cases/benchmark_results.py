@@ -70,15 +70,6 @@ def latencies_whose_median_is_their_quantile(d: BenchmarkDraft) -> None:
     d.add_latencies()
 
 
-# BD-LYR-007
-
-
-@mutant("BD-LYR-007", at={"file": SCALARS, "column": "min_separation_m"}, base="benchmark")
-def prediction_that_is_no_number(d: BenchmarkDraft) -> None:
-    where = {"model": "M3", "seed": 11, "group_id": first_of(d, "test"), "action_key": "brake_0.50"}
-    d.set("predictions", "min_separation_m", float("nan"), **where)
-
-
 # BD-BMK-007
 
 

@@ -9,8 +9,10 @@ from tests.validator.engine.rules.release import SOURCE, ReleaseDraft
 LATER = {"g1": "g1.brake_0.50.a2", "g2": "g2.brake_0.50.a2"}
 """Second good attempts of an action: one drove a little otherwise, the other is a copy."""
 
+
 NEVER = {"group_id": LOST["bank"], "action_key": "steer_left_0.10"}
 """The action that was never executed."""
+
 
 ALL = tuple(f"BD-CAN-{number:03d}" for number in range(1, 13))
 

@@ -7,14 +7,28 @@ from typing import Any
 
 import numpy as np
 from tests.synthetic import BRANCH_TICK, WINDOW_TICKS, make_group, plans
-from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, REPLAY, STEER_LEFT, boundary, mutant
+from tests.validator.engine.rules.case import (
+    ACCELERATE,
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    REPLAY,
+    STEER_LEFT,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.policy import ActuatorRule, Policy
 
 ACTUATORS = ("steer", "throttle", "brake")
+
+
 MIDDLE = BRANCH_TICK + 10
+
+
 LAST = BRANCH_TICK + WINDOW_TICKS - 1
 
 
@@ -277,6 +291,18 @@ def stored_nominal_copies_what_was_applied(d: Draft) -> None:
     d.set("controls", "expert_throttle", applied + 0.01, rollout_id=NOMINAL, tick=MIDDLE)
 
 
+@mutant("BD-CTL-008", at={"rollout_id": FURTHER, "tick": BRANCH_TICK + 25}, findings=3, lost=2)
+def commands_of_three_attempts_not_applied(d: Draft) -> None:
+    for rollout_id in (*BOTH, STEER_LEFT):
+        ticks = range(BRANCH_TICK + 25, BRANCH_TICK + 28)
+        d.set("controls", "applied_brake", lambda brake: 0.9 - brake / 2, rollout_id=rollout_id, tick=ticks)
+
+
+@mutant("BD-CTL-009", at={"rollout_id": FURTHER, "tick": 3}, findings=2, lost=2)
+def experts_of_two_attempts_not_obeyed(d: Draft) -> None:
+    d.set("controls", "applied_steer", 0.25, rollout_id=BOTH, tick=3)
+
+
 # BD-CTL-010
 
 
@@ -352,35 +378,3 @@ def nominal_that_was_active(d: Draft) -> None:
 @mutant("BD-CTL-013", at=_place(REPLAY, BRANCH_TICK), lost=0)
 def replay_that_was_active_in_the_window(d: Draft) -> None:
     _activate(d, REPLAY, range(BRANCH_TICK, LAST + 1))
-
-
-# BD-CTL-014
-
-
-def _effective(rollout_id: str, column: str) -> dict[str, str]:
-    return {"table": "rollouts", "rollout_id": rollout_id, "column": column}
-
-
-@mutant("BD-CTL-014", at=_effective(ACCELERATE, "effective_steer_rule"))
-def accelerates_with_online_steering(d: Draft) -> None:
-    d.set("rollouts", "effective_steer_rule", "online_expert", rollout_id=ACCELERATE)
-
-
-@mutant("BD-CTL-014", at=_effective(STEER_LEFT, "effective_steer_value"))
-def steers_to_the_other_side(d: Draft) -> None:
-    d.set("rollouts", "effective_steer_value", 0.1, rollout_id=STEER_LEFT)
-
-
-@mutant("BD-CTL-014", at=_effective(BRAKE, "effective_duration_ticks"))
-def meant_to_last_longer(d: Draft) -> None:
-    d.set("rollouts", "effective_duration_ticks", 51, rollout_id=BRAKE)
-
-
-@mutant("BD-CTL-014", at=_effective(BRAKE, "effective_recovery"))
-def recovered_otherwise(d: Draft) -> None:
-    d.set("rollouts", "effective_recovery", "stored_nominal", rollout_id=BRAKE)
-
-
-@mutant("BD-CTL-014", at=_effective(NOMINAL, "effective_brake_rule"))
-def nominal_that_coasts(d: Draft) -> None:
-    d.set("rollouts", "effective_brake_rule", "zero", rollout_id=NOMINAL)

@@ -12,7 +12,11 @@ from tests.validator.engine.rules.cases.responses import seen_again
 from tests.validator.engine.rules.draft import Draft
 
 FIRST = BRANCH_TICK - 75
+
+
 POST_M = (0.5, 0.5, 0.75)
+
+
 PLACE = {"table": "actors", "column": "x_m"}
 
 

@@ -6,15 +6,29 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from tests.validator.engine.rules.case import BRAKE, boundary, mutant
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    FURTHER,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import BRANCH_TICK, CONE_M, EGO_BOX_M
 
 G2_NOMINAL = "g2.nominal.a1"
+
+
 TOLERANCE = 1e-6
+
+
 OUTSIDE_TICK = BRANCH_TICK + 55
+
+
 SCENE_TICK = 5
+
+
 ABSENT: dict[str, Any] = {
     "separation_available": False, "separation_m": None, "separation_actor_id": None,
     "ttc_available": False, "ttc_s": None, "ttc_actor_id": None,
@@ -186,7 +200,11 @@ def _beside(distance_m: float, x_m: float, **more: Any) -> dict[str, Any]:
 
 
 HALF_CORRIDOR_M = EGO_BOX_M[1] / 2 + 0.5
+
+
 SEPARATED = ("separation_available", "separation_m", "separation_actor_id")
+
+
 PROJECTED = ("ttc_available", "ttc_s", "ttc_actor_id")
 
 
@@ -226,6 +244,7 @@ for label, gap in (
 ):
     _on_cutoff("BD-EVD-001", label, [_ahead(gap)], {}, _seen(gap))
 
+
 for label, closing in (
     ("closing_at_the_cutoff", 0.1),
     ("closing_just_below", 0.1 - 0.9e-6),
@@ -238,6 +257,7 @@ for label, closing in (
         _seen(20.0, rel_mps=closing),
         {**_seen(20.0, rel_mps=closing), **_projected(20.0 / closing)},
     )
+
 
 CONE_X_M = EGO_BOX_M[0] / 2 + 2.0 + 10.0
 """Ten metres ahead of the ego, beside it by less than it is wide: the gap is oblique."""
@@ -285,6 +305,7 @@ _on_cutoff(
     _seen(20.0, 2),
 )
 
+
 # Overlap and touch: separation and time to collision are 0, whatever the velocities.
 for label, gap in (("touching", 0.0), ("overlapping", -1.0)):
     _on_cutoff("BD-EVD-002", label, [_ahead(gap, vel_x_mps=5.0)], {**_seen(0.0), **_projected(0.0)})
@@ -302,6 +323,7 @@ def _beyond(rule: str, name: str, actors: Sequence[dict[str, Any]], reading: dic
 
 OFF_M = 2e-6
 
+
 for label, gap, reading, rule in (
     ("separation_beyond_the_range", 50.0 + OFF_M, _separated(50.0 + OFF_M, 1), "BD-EVD-001"),
     ("vehicle_beyond_the_range", 50.0 + OFF_M, _nearest(50.0 + OFF_M), "BD-EVD-003"),
@@ -310,12 +332,14 @@ for label, gap, reading, rule in (
 ):
     _beyond(rule, label, [_ahead(gap)], reading)
 
+
 for label, closing, projected in (
     ("ttc_below_the_closing_cutoff", 0.1 - OFF_M, _projected(20.0 / (0.1 - OFF_M))),
     ("ttc_missing_above_the_closing_cutoff", 0.1 + OFF_M, {}),
 ):
     seen = {**_seen(20.0, rel_mps=closing), **projected}
     _beyond("BD-EVD-002", label, [_ahead(20.0, vel_x_mps=-closing)], seen)
+
 
 for label, distance, claimed in (
     ("cone_beyond_the_corridor_counted", HALF_CORRIDOR_M + OFF_M, True),
@@ -331,3 +355,11 @@ _beyond(
 )
 _beyond("BD-EVD-002", "ttc_missing_on_overlap", [_ahead(-1.0, vel_x_mps=5.0)], _seen(0.0))
 _beyond("BD-EVD-003", "relative_speed_on_overlap", [_ahead(-1.0)], {**_seen(0.0, rel_mps=1.0), **_projected(0.0)})
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-EVD-001", at={"rollout_id": FURTHER, "tick": BRANCH_TICK}, findings=2, lost=2)
+def separations_of_two_attempts_between_centres(d: Draft) -> None:
+    d.set("evidence", "separation_m", lambda gap: gap + 4.0, rollout_id=BOTH, tick=BRANCH_TICK)

@@ -5,7 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from tests.synthetic import BRANCH_TICK, Plan, make_group, plans
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, STEER_LEFT, boundary, mutant
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    NOMINAL,
+    REPLAY,
+    STEER_LEFT,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 GROUP = {"group_id": "g0"}
@@ -179,3 +187,17 @@ def collector_updated_within_a_group(d: Draft) -> None:
 @boundary("BD-GRP-008")
 def collector_updated_between_groups(d: Draft) -> None:
     d.set("rollouts", "collector_version", "other 2", group_id="g0")
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-GRP-003", at={"group_id": "g2", "column": "seed"}, findings=2, lost=2)
+def other_seeds_in_two_groups(d: Draft) -> None:
+    d.set("rollouts", "seed", lambda seed: seed + 1, rollout_id=[*BOTH, STEER_LEFT])
+
+
+@mutant("BD-BNK-001", at={"group_id": "g2"}, findings=2, lost=2)
+def actions_missing_in_two_groups(d: Draft) -> None:
+    for rollout_id in BOTH:
+        d.drop_attempt(rollout_id)

@@ -1,4 +1,4 @@
-"""Defects and limits of identities, references, counts and the media index."""
+"""Defects and limits of identities, references, counts and the order of rows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 from tests.synthetic import BRANCH_TICK, Tables, make_group
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, SHARD_1, STEER_LEFT, boundary, mutant
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    REPLAY,
+    SHARD_0,
+    SHARD_1,
+    STEER_LEFT,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 OTHER_NOMINAL = "g1.nominal.a1"
@@ -211,9 +222,39 @@ def intervention_under_the_nominal_key(d: Draft) -> None:
     d.set("rollouts", "action_key", "nominal", rollout_id="g1.brake_0.50.a2")
 
 
-# BD-FRM-001
+# BD-TAB-007
 
 
-@mutant("BD-FRM-001", at={"table": "frames", "column": "camera", "rollout_id": NOMINAL}, base="media")
-def camera_that_is_not_declared(d: Draft) -> None:
-    d.set("frames", "camera", "drone", rollout_id=NOMINAL, camera="rear", tick=BRANCH_TICK)
+def exchanged(rows: pa.Table, first: int, second: int) -> pa.Table:
+    """The rows with two of them in each other's place."""
+    order = list(range(len(rows)))
+    order[first], order[second] = second, first
+    return rows.take(order)
+
+
+@mutant("BD-TAB-007", at={"table": "actors", "column": "actor_id", "tick": 0})
+def actors_of_a_moment_in_another_order(d: Draft) -> None:
+    d.map_table("actors", lambda rows: exchanged(rows, 0, 1), folder=SHARD_1)
+
+
+@mutant("BD-TAB-007", at={"table": "rollouts", "column": "rollout_id"})
+def attempts_in_another_order(d: Draft) -> None:
+    d.map_table("rollouts", lambda rows: exchanged(rows, 3, 4), folder=SHARD_1)
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-KEY-004", at={"table": "controls", "rollout_id": "nobody"}, findings=201)
+def more_rows_of_nobody_than_a_report_keeps(d: Draft) -> None:
+    d.duplicate("controls", {"rollout_id": "nobody"}, rollout_id=BRAKE)
+
+
+@mutant("BD-KEY-005", at={"rollout_id": FURTHER, "column": "nominal_rollout_id"}, findings=2)
+def two_nominals_that_do_not_exist(d: Draft) -> None:
+    d.set("rollouts", "nominal_rollout_id", "nobody", rollout_id=BOTH)
+
+
+@mutant("BD-KEY-006", at={"rollout_id": FURTHER, "tick": BRANCH_TICK}, findings=2)
+def evidence_of_two_attempts_twice(d: Draft) -> None:
+    d.duplicate("evidence", rollout_id=BOTH, tick=BRANCH_TICK)

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
-from tests.synthetic_release import TWINS, raw_tables
+from tests.synthetic_release import TWINS
 from tests.validator.engine.datasets import parquet_bytes
 from tests.validator.engine.rules.case import boundary, mutant
-from tests.validator.engine.rules.cases.tables import other_settings
+from tests.validator.engine.rules.cases.files_tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 from branchdrive.contract.layer import table_path, table_paths
@@ -19,6 +19,8 @@ from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.edit import with_cells
 
 STATE = "model/state-train.parquet"
+
+
 GROUPS = "quality/group_quality.parquet"
 
 
@@ -48,12 +50,6 @@ def table_missing(d: ReleaseDraft) -> None:
     del d.tables["model"]["state"]
 
 
-@mutant("BD-LAY-009", at={"file": "model"}, base="release")
-def last_layer_without_a_claim(d: ReleaseDraft) -> None:
-    d.descriptor["layers"] = ["raw", "canonical", "quality"]
-    d.reseal("card")
-
-
 @boundary(
     "BD-LYR-001", "BD-LYR-002", "BD-LYR-003", "BD-LYR-005", "BD-LYR-006", "BD-LYR-007", "BD-LYR-008", "BD-LYR-009"
 )
@@ -68,11 +64,6 @@ def release_that_ends_with_the_quality_layer(d: ReleaseDraft) -> None:
     del d.tables["model"]
     d.documents = {path: document for path, document in d.documents.items() if not path.startswith("model/")}
     d.reseal("card")
-
-
-@mutant("BD-LAY-009", at={"file": "raw"}, base="alone")
-def raw_layer_in_a_detached_release(d: ReleaseDraft) -> None:
-    d.tables.update(raw_tables())
 
 
 # BD-LYR-002

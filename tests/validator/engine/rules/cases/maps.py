@@ -14,11 +14,14 @@ from tests.validator.engine.rules.draft import Draft
 TOWN = "Town13"
 """Driven in one shard alone, so that its map may change there."""
 
+
 ROAD = "road1:-1"
 """The lane of every route."""
 
+
 ONCOMING_M = 3.5
 """How far to the left of their routes vehicles come along them."""
+
 
 SLACK_M = 0.05
 

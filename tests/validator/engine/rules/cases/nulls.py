@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
-from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, REPLAY, boundary, mutant
+from tests.validator.engine.rules.case import (
+    ACCELERATE,
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    REPLAY,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.columns import RECORDABLE
@@ -197,3 +206,16 @@ def slowest_closing_at_the_edge_of_range(d: Draft) -> None:
     d.set("evidence", "ttc_available", True, rollout_id=BRAKE, tick=5)
     d.set("evidence", "ttc_s", 500.0, rollout_id=BRAKE, tick=5)
     d.set("evidence", "ttc_actor_id", 1, rollout_id=BRAKE, tick=5)
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-NUL-001", at={"rollout_id": FURTHER, "tick": BRANCH_TICK}, findings=2)
+def two_speeds_missing(d: Draft) -> None:
+    d.set("observations", "speed_mps", None, rollout_id=BOTH, tick=BRANCH_TICK)
+
+
+@mutant("BD-NUL-004", at={"rollout_id": FURTHER, "column": "status_reason"}, findings=2)
+def reasons_of_two_complete_attempts(d: Draft) -> None:
+    d.set("rollouts", "status_reason", "went well", rollout_id=BOTH)

@@ -9,27 +9,15 @@ import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import boundary, mutant
-from tests.validator.engine.rules.cases.experts import give_outcome
+from tests.validator.engine.rules.cases.groups_outcomes import give_outcome, like_nominal
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import route_columns
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
+
+
 Row = dict[str, object]
-
-
-def _like_nominal(d: Draft, copies: Callable[[Row], bool]) -> None:
-    """Give observations of interventions the values of their nominal's at the same tick."""
-    for shard in d.tables.values():
-        record = {row["rollout_id"]: row for row in shard["rollouts"].to_pylist()}
-        rows = shard["observations"].to_pylist()
-        values = {(row["rollout_id"], row["tick"]): row for row in rows}
-        for i, row in enumerate(rows):
-            attempt = record[row["rollout_id"]]
-            if attempt["role"] == "intervention" and copies({**attempt, **row}):
-                own = {"rollout_id": row["rollout_id"]}
-                rows[i] = {**values[attempt["nominal_rollout_id"], row["tick"]], **own}
-        shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)
 
 
 # BD-RSP-001
@@ -58,7 +46,7 @@ def mirrored_world(d: Draft) -> None:
 
 @mutant("BD-RSP-002", base="bare", at={"action_key": "brake_1.00"})
 def command_that_does_nothing(d: Draft) -> None:
-    _like_nominal(d, lambda row: row["action_key"] == "brake_1.00")
+    like_nominal(d, lambda row: row["action_key"] == "brake_1.00")
 
 
 @mutant(
@@ -66,13 +54,13 @@ def command_that_does_nothing(d: Draft) -> None:
 )  # one steers like the nominal in a curve
 def commands_are_ignored(d: Draft) -> None:
     """All but one: in a curve, the nominal steers like `steer_right_0.05`."""
-    _like_nominal(d, lambda row: True)
+    like_nominal(d, lambda row: True)
 
 
 @boundary("BD-RSP-002", "BD-GRP-009", base="bare")
 def throttle_that_does_nothing_in_two_of_three_groups(d: Draft) -> None:
     """A vehicle at its top speed has no use for more throttle."""
-    _like_nominal(d, lambda row: row["action_key"] == "accelerate_0.80" and row["group_id"] != "g0")
+    like_nominal(d, lambda row: row["action_key"] == "accelerate_0.80" and row["group_id"] != "g0")
 
 
 @mutant("BD-RSP-002", base="bare", at={"action_key": "accelerate_0.80"})
@@ -86,36 +74,23 @@ def two_actions_with_one_future_in_two_of_three_groups(d: Draft) -> None:
     give_outcome(d, "accelerate_0.50", "accelerate_0.80", "g0", "g1")
 
 
-# BD-GRP-009
-
-
-@mutant("BD-GRP-009", base="bare", at={"group_id": "g0"})
-def brake_that_does_nothing_in_one_group(d: Draft) -> None:
-    _like_nominal(d, lambda row: row["action_key"] == "brake_1.00" and row["group_id"] == "g0")
-
-
-@mutant("BD-GRP-009", base="bare", at={"group_id": "g1"})
-def steering_that_does_nothing_in_one_group(d: Draft) -> None:
-    _like_nominal(d, lambda row: row["action_key"] == "steer_left_0.10" and row["group_id"] == "g1")
-
-
 # BD-RSP-003, BD-RSP-004
 
 
 @boundary("BD-RSP-003", "BD-RSP-004", base="bare")
 def responses_at_the_first_observation_after_the_branch(d: Draft) -> None:
-    _like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
+    like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
 
 
 @mutant("BD-RSP-003", base="bare", at={"table": "observations"})
 def observation_after_the_control(d: Draft) -> None:
-    _like_nominal(d, lambda row: int(str(row["tick"])) < BRANCH_TICK)
+    like_nominal(d, lambda row: int(str(row["tick"])) < BRANCH_TICK)
 
 
 @mutant("BD-RSP-003", base="bare", at={"table": "observations"})
 def acceleration_of_the_control_to_come(d: Draft) -> None:
     """Braking alone shows in it, which is half of the actions."""
-    _like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
+    like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
     for key in ("brake_0.30", "brake_0.50", "brake_1.00"):
         ids = [f"g{group}.{key}.a1" for group in range(3)]
         d.set("observations", "accel_longitudinal_mps2", lambda v: v - 4.0, rollout_id=ids, tick=BRANCH_TICK)
@@ -147,14 +122,14 @@ def acceleration_that_noise_changes_a_little(d: Draft) -> None:
 
 @boundary("BD-RSP-003", base="bare")
 def acceleration_that_differs_in_two_of_three_groups(d: Draft) -> None:
-    _like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
+    like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK)
     ids = ["g0.brake_1.00.a1", "g1.brake_1.00.a1"]
     d.set("observations", "accel_longitudinal_mps2", lambda v: v - 4.0, rollout_id=ids, tick=BRANCH_TICK)
 
 
 @mutant("BD-RSP-004", base="bare", at={"table": "observations"})
 def observation_a_stride_late(d: Draft) -> None:
-    _like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK + 5)
+    like_nominal(d, lambda row: int(str(row["tick"])) <= BRANCH_TICK + 5)
 
 
 # BD-RSP-006

@@ -1,29 +1,37 @@
-"""Defects and limits of what attempts report of their outcome."""
+"""Defects and limits of what attempts report of contacts and of their end."""
 
 from __future__ import annotations
 
-from tests.validator.engine.rules.case import BRAKE, STEER_LEFT, boundary, mutant
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    FURTHER,
+    STEER_LEFT,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
+
+
 FREE_TICK = 120
 """Nobody is within ten metres of the attempt that cases edit."""
-OFF_ROAD, RED, STOP = (f"result_num_{kind}_infractions" for kind in ("off_road", "red_light", "stop_sign"))
 
 
-def _result(column: str) -> dict[str, str]:
+def result_of(column: str) -> dict[str, str]:
     return {"table": "rollouts", "column": column, "rollout_id": BRAKE}
 
 
 # BD-RES
 
 
-@mutant("BD-RES-001", at=_result(COUNTS[0]))
+@mutant("BD-RES-001", at=result_of(COUNTS[0]))
 def contact_that_is_not_counted(d: Draft) -> None:
     d.set("evidence", "collision", True, rollout_id=BRAKE, tick=150)
 
 
-@mutant("BD-RES-001", at=_result(COUNTS[0]))
+@mutant("BD-RES-001", at=result_of(COUNTS[0]))
 def collision_that_nothing_shows(d: Draft) -> None:
     d.set("rollouts", COUNTS[1], 1, rollout_id=BRAKE)
 
@@ -60,12 +68,12 @@ def contact_that_nobody_counts(d: Draft) -> None:
     d.set("rollouts", COUNTS[1], None, rollout_id=BRAKE)
 
 
-@mutant("BD-RES-002", at=_result("result_route_fraction"))
+@mutant("BD-RES-002", at=result_of("result_route_fraction"))
 def completed_route_that_was_driven_in_part(d: Draft) -> None:
     d.set("rollouts", "result_completion", "completed", rollout_id=BRAKE)
 
 
-@mutant("BD-RES-002", at=_result("result_route_fraction"))
+@mutant("BD-RES-002", at=result_of("result_route_fraction"))
 def route_fraction_of_the_nominal(d: Draft) -> None:
     d.set("rollouts", "result_route_fraction", 1.0, rollout_id=BRAKE)
 
@@ -75,12 +83,12 @@ def route_fraction_to_a_goal_before_the_end(d: Draft) -> None:
     d.set("rollouts", "result_route_fraction", lambda v: v + 0.2, rollout_id=BRAKE)
 
 
-@mutant("BD-RES-002", at=_result("result_completion"))
+@mutant("BD-RES-002", at=result_of("result_completion"))
 def blocked_and_driving(d: Draft) -> None:
     d.set("rollouts", "result_completion", "blocked", rollout_id=BRAKE)
 
 
-@mutant("BD-RES-002", at=_result("result_completion"))
+@mutant("BD-RES-002", at=result_of("result_completion"))
 def deviated_along_the_route(d: Draft) -> None:
     d.set("rollouts", "result_completion", "deviated", rollout_id=BRAKE)
 
@@ -92,54 +100,10 @@ def blocked_until_somebody_pushes(d: Draft) -> None:
     d.set("observations", "speed_mps", 0.5, rollout_id=BRAKE, tick=165)
 
 
-# BD-RES-004
-
-
-@mutant("BD-RES-004", base="full", at=_result(OFF_ROAD))
-def departure_that_is_not_counted(d: Draft) -> None:
-    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[150, 155])
-
-
-@mutant("BD-RES-004", base="full", at=_result(OFF_ROAD))
-def departures_that_are_counted_tick_by_tick(d: Draft) -> None:
-    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[150, 155])
-    d.set("rollouts", OFF_ROAD, 10, rollout_id=BRAKE)
-
-
-@mutant("BD-RES-004", base="full", at=_result(RED))
-def red_light_in_green(d: Draft) -> None:
-    _lights(d, "green")
-    d.set("rollouts", RED, 1, rollout_id=BRAKE)
-
-
-@mutant("BD-RES-004", base="map", at=_result(STOP))
-def stop_sign_where_the_map_has_none(d: Draft) -> None:
-    d.set("rollouts", STOP, 1, rollout_id=BRAKE)
-
-
-@boundary("BD-RES-004", base="full")
-def departures_from_the_start_and_later(d: Draft) -> None:
-    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[0, 5, 150])
-    d.set("rollouts", OFF_ROAD, 2, rollout_id=BRAKE)
-
-
-@boundary("BD-RES-004", base="full")
-def departure_that_nobody_monitors(d: Draft) -> None:
-    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=150)
-    d.set("rollouts", OFF_ROAD, None, rollout_id=BRAKE)
-
-
-@boundary("BD-RES-004", base="full")
-def light_that_changes_at_the_line(d: Draft) -> None:
-    """Green at the last observation before the line, and red when the front is at it."""
-    d.set("evidence", "traffic_light", "green", rollout_id=BRAKE, tick=range(60))
-    d.set("rollouts", RED, 1, rollout_id=BRAKE)
-
-
 # BD-RES-005
 
 
-@mutant("BD-RES-005", at=_result(COUNTS[0]))
+@mutant("BD-RES-005", at=result_of(COUNTS[0]))
 def one_collision_for_two_contacts(d: Draft) -> None:
     """The second begins after a second and a quarter without one."""
     d.set("evidence", "collision", True, rollout_id=BRAKE, tick=[FREE_TICK, FREE_TICK + 30])
@@ -170,22 +134,9 @@ def contacts_that_are_not_all_monitored(d: Draft) -> None:
     d.set("rollouts", COUNTS[1], None, rollout_id=BRAKE)
 
 
-# BD-RES-006
+# Several places: what violates a rule is counted
 
 
-def _lights(d: Draft, light: str, last_tick: int = 200) -> None:
-    """Show one light from the start to a tick, and none after it."""
-    for name, shown, none in (("traffic_light_available", True, False), ("traffic_light", light, None)):
-        d.set("evidence", name, none, rollout_id=BRAKE)
-        d.set("evidence", name, shown, rollout_id=BRAKE, tick=range(last_tick + 1))
-
-
-@mutant("BD-RES-006", at=_result(RED))
-def red_light_that_is_passed(d: Draft) -> None:
-    _lights(d, "red", 50)
-
-
-@boundary("BD-RES-006")
-def red_light_that_is_passed_and_counted(d: Draft) -> None:
-    _lights(d, "red", 50)
-    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+@mutant("BD-RES-001", at={"rollout_id": FURTHER}, findings=2, lost=2)
+def contacts_of_two_attempts_that_are_not_counted(d: Draft) -> None:
+    d.set("evidence", "collision", True, rollout_id=BOTH, tick=150)

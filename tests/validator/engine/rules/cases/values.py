@@ -5,10 +5,20 @@ from __future__ import annotations
 import math
 
 from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, boundary, mutant
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    REPLAY,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 NAN, INF = math.nan, math.inf
+
+
 FAR_ACTOR = 7
 
 
@@ -281,3 +291,22 @@ def boxes_of_a_hundred_metres_and_of_a_hair(d: Draft) -> None:
     d.set("actors", ("length_m", "width_m", "height_m"), 100.0, rollout_id=BRAKE, actor_id=FAR_ACTOR)
     d.set("actors", ("length_m", "width_m", "height_m"), 1e-6, rollout_id=BRAKE, actor_id=1)
     d.refresh_evidence(BRAKE)
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-VAL-001", at={"rollout_id": BRAKE, "tick": 5}, findings=5)
+def numbers_missing_in_five_rows_of_two_attempts(d: Draft) -> None:
+    d.set("observations", "accel_lateral_mps2", math.nan, rollout_id=BRAKE, tick=[5, 10, 15])
+    d.set("observations", "accel_lateral_mps2", math.nan, rollout_id=FURTHER, tick=[5, 10])
+
+
+@mutant("BD-VAL-002", at={"rollout_id": FURTHER, "tick": 0}, findings=402)
+def every_brake_of_two_attempts_in_percent(d: Draft) -> None:
+    d.set("controls", "expert_brake", 50.0, rollout_id=BOTH)
+
+
+@mutant("BD-BOX-001", at={"rollout_id": FURTHER, "column": "ego_width_m"}, findings=2)
+def two_egos_without_width(d: Draft) -> None:
+    d.set("rollouts", "ego_width_m", 0.0, rollout_id=BOTH)

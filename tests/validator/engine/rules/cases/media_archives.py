@@ -8,15 +8,17 @@ import numpy as np
 from tests.archives import FOREIGN, HOSTILE, Images, Writer, plain
 from tests.synthetic import BRANCH_TICK, STRIDE
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, SHARD_0, Edit, boundary, mutant
-from tests.validator.engine.rules.cases.media import COLOURS, replace_image, unseen
+from tests.validator.engine.rules.cases.images import COLOURS
+from tests.validator.engine.rules.cases.media import replace_image, unseen
 from tests.validator.engine.rules.draft import Draft
-from tests.validator.engine.rules.semantic_map import add_semantic_map
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.formats.media_archive import member_name
 from branchdrive.testing.media import png
 
 ARCHIVE = "views.tar"
+
+
 TICKS = (BRANCH_TICK - STRIDE, BRANCH_TICK, BRANCH_TICK + STRIDE)
 
 
@@ -48,6 +50,7 @@ def _written(write: Writer) -> Edit:
 
 SEVERAL = {"one name for all": 2, "images in another order": 2}
 """Kinds with several findings."""
+
 
 for kind, writer in HOSTILE.items():
     mutant(
@@ -108,7 +111,7 @@ def index_in_another_order_than_its_archive(d: Draft) -> None:
 # BD-LAY-007, of the index
 
 
-def _repeated(d: Draft, num_rows: int) -> None:
+def repeated(d: Draft, num_rows: int) -> None:
     """Let as many rows of one camera name one range."""
     content = png(COLOURS)
     rows = d.take("frames", camera="rear", tick=range(BRANCH_TICK + 1))
@@ -118,26 +121,6 @@ def _repeated(d: Draft, num_rows: int) -> None:
     assert len(in_shard) == num_rows
 
 
-INDEX = {"file": f"{SHARD_0}/frames.parquet"}
-
-
-@mutant("BD-LAY-007", base="media", at=INDEX)
-def range_that_too_many_rows_name(d: Draft) -> None:
-    _repeated(d, spec_limits().max_range_rows + 1)
-
-
-@mutant("BD-LAY-007", base="media", at=INDEX)
-def semantic_map_of_two_moments(d: Draft) -> None:
-    add_semantic_map(d)
-    d.duplicate("frames", {"tick": BRANCH_TICK + STRIDE}, rollout_id=NOMINAL, camera="bev")
-
-
-@mutant("BD-LAY-007", base="media", at=INDEX, findings=2)
-def images_of_too_many_pixels(d: Draft) -> None:
-    for camera in d.descriptor["cameras"]:
-        camera["width_px"] = camera["height_px"] = 16_384
-
-
 @boundary("BD-LAY-007", "BD-FRM-002", "BD-FRM-005", base="media")
 def range_that_as_many_rows_name_as_may(d: Draft) -> None:
-    _repeated(d, spec_limits().max_range_rows)
+    repeated(d, spec_limits().max_range_rows)

@@ -5,8 +5,18 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tests.validator.engine.rules.case import SHARD_0, SHARD_1, boundary, mutant
+from tests.synthetic_release import raw_tables
+from tests.validator.engine.rules.benchmark_release import (
+    BenchmarkDraft,
+)
+from tests.validator.engine.rules.case import (
+    SHARD_0,
+    SHARD_1,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
+from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
@@ -91,3 +101,30 @@ def ignore_file_as_long_as_allowed(d: Draft) -> None:
     text = "".join(f"{i}\n" for i in range(limits.max_ignore_patterns))
     text += "#" * (limits.max_ignore_bytes - len(text))
     d.before_seal(lambda root: (root / ".branchdriveignore").write_text(text))
+
+
+# BD-LAY-009
+
+
+@mutant("BD-LAY-009", at={"file": "benchmark/notes.txt"}, base="benchmark")
+def file_of_no_kind_beside_results(d: BenchmarkDraft) -> None:
+    d.texts["benchmark/notes.txt"] = "notes"
+
+
+@mutant("BD-LAY-009", at={"file": "model"}, base="release")
+def last_layer_without_a_claim(d: ReleaseDraft) -> None:
+    d.descriptor["layers"] = ["raw", "canonical", "quality"]
+    d.reseal("card")
+
+
+@mutant("BD-LAY-009", at={"file": "raw"}, base="alone")
+def raw_layer_in_a_detached_release(d: ReleaseDraft) -> None:
+    d.tables.update(raw_tables())
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-LAY-004", base="media", at={"file": f"{SHARD_1}/late.bin"}, findings=2)
+def files_of_two_shards_that_came_late(d: Draft) -> None:
+    d.after_seal(lambda root: [(root / shard / "late.bin").write_bytes(b"late") for shard in (SHARD_0, SHARD_1)])

@@ -18,7 +18,11 @@ from tests.validator.engine.rules.semantic_map import (
 from branchdrive.contract.semantic_bev import SemanticChannel, SemanticClass
 
 EGO, VEHICLE = np.uint8(SemanticChannel.EGO), np.uint8(SemanticChannel.OTHER_VEHICLE)
+
+
 DRIVABLE, ROUTE = np.uint8(SemanticChannel.DRIVABLE_AREA), np.uint8(SemanticChannel.REMAINING_ROUTE)
+
+
 CLASS = np.uint8(15)
 
 
@@ -183,6 +187,8 @@ def ego_below_a_pedestrian(d: Draft) -> None:
 # BD-FRM-017
 
 LIGHT_AT = {**MAP_AT, "tick": LIGHT_TICK}
+
+
 RED, GREEN = np.uint8(SemanticClass.RED_LIGHT), np.uint8(SemanticClass.GREEN_LIGHT)
 
 

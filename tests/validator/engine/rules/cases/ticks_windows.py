@@ -7,6 +7,8 @@ from tests.validator.engine.rules.case import BRAKE, NOMINAL, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 END = BRANCH_TICK + WINDOW_TICKS
+
+
 FAR_ACTOR = 7
 
 

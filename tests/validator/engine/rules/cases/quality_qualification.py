@@ -10,7 +10,10 @@ from branchdrive.quality.variants import Variant
 from branchdrive.release.stage import BuildOptions
 
 NONCOMPLIANT = {"rollout_id": "g9.brake_0.50.a1"}
+
+
 REPLAYS = [f"g13.nominal_replay.a{attempt}" for attempt in (1, 2)]
+
 
 ALL = tuple(f"BD-QUA-{number:03d}" for number in range(1, 13))
 

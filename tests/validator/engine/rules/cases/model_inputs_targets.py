@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from tests.validator.engine.rules.case import mutant
-from tests.validator.engine.rules.cases.model import bent, noise, own_encoding, swap
+from tests.validator.engine.rules.cases.model_inputs import bent, noise, own_encoding, swap
 from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.descriptor import Descriptor

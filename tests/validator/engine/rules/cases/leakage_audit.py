@@ -1,4 +1,4 @@
-"""Defects and limits of the leakage audit: what it saw, what follows from its numbers, and what structure tells."""
+"""Defects and limits of the leakage audit: what it saw, and what follows from its numbers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from branchdrive.leakage.sensitivity import PATTERNS
 from branchdrive.statistics.holm import holm
 
 ALL = tuple(rule_id for rule_id in CATALOGUE if rule_id.startswith("BD-LKG"))
+
+
 STRUCTURAL = tuple(f"BD-LKG-{number:03}" for number in (8, 9, 10, 13, 14, 15, 16))
 """Rules on stored tables."""
 
+
 AUDITED = tuple(rule_id for rule_id in ALL if rule_id not in STRUCTURAL)
 """Rules on the document of the audit."""
+
 
 NEED_RAW = ("BD-LKG-002", "BD-LKG-003", "BD-LKG-012")
 
@@ -277,19 +281,6 @@ def offset_missed_that_is_found(d: ReleaseDraft) -> None:
 def gate_that_fails(d: ReleaseDraft) -> None:
     fail(d)
     d.reseal("card")
-
-
-# BD-LKG-008: identifiers, a diagnostic
-
-
-@mutant("BD-LKG-008", at={"table": "group_quality", "column": "group_id"})
-def partitions_in_the_order_of_identifiers(d: ReleaseDraft) -> None:
-    frame = d.frame("group_quality")
-    ordered = sorted(frame["group_id"][frame["partitioned"]].tolist())
-    homes = dict(zip(ordered, ["train"] * 12 + ["val"] * 3 + ["test"] * 3, strict=True))
-    for group, home in homes.items():
-        d.set("group_quality", "partition", home, group_id=group)
-    d.reseal("split")
 
 
 # BD-LKG-011: the protocol

@@ -16,6 +16,8 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
 
 PLACE = {"file": DESCRIPTOR_FILE}
+
+
 ENCODING = {**PLACE, "pointer": "/action_encoding/sha256"}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tests.validator.engine.rules.case import mutant
-from tests.validator.engine.rules.cases.leakage import audit, fail, judge, way
+from tests.validator.engine.rules.cases.leakage_audit import audit, fail, judge, way
 from tests.validator.engine.rules.release import LEAKAGE, ReleaseDraft
 
 # BD-LKG-004: the gate's verdict

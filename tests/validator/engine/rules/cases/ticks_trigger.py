@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, boundary, mutant
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    REPLAY,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 
@@ -115,3 +123,12 @@ def throttle_at_its_threshold(d: Draft) -> None:
 @boundary("BD-TRG-003")
 def steer_at_its_threshold(d: Draft) -> None:
     _show(d, "steer", BRANCH_TICK + 10)
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-TRG-001", at={"rollout_id": FURTHER}, findings=2, lost=2)
+def triggers_read_from_two_interventions(d: Draft) -> None:
+    for rollout_id in BOTH:
+        d.set("rollouts", "trigger_rollout_id", rollout_id, rollout_id=rollout_id)

@@ -1,10 +1,19 @@
-"""Defects and limits of the status of attempts and of their ticks."""
+"""Defects and limits of ticks and of the branch among them."""
 
 from __future__ import annotations
 
 import numpy as np
-from tests.synthetic import BRANCH_TICK, make_group, plans
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, boundary, mutant
+from tests.synthetic import make_group, plans
+from tests.validator.engine.rules.case import (
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    REPLAY,
+    SHARD_0,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 BRANCH_COLUMNS = (
@@ -12,43 +21,8 @@ BRANCH_COLUMNS = (
     "trigger_value", "trigger_threshold", "trigger_confidence",
 )  # fmt: skip
 
+
 LAST_TICK = 200
-
-
-# BD-STA-001
-
-
-@mutant("BD-STA-001", at={"rollout_id": "g0.brake_0.50.a2", "column": "status"}, lost=0)
-def retry_that_ended_early(d: Draft) -> None:
-    d.copy_attempt(BRAKE, "g0.brake_0.50.a2", attempt=2, status="partial", status_reason="the ego was stuck")
-    for table in ("controls", "observations", "actors", "evidence"):
-        d.drop(table, rollout_id="g0.brake_0.50.a2", tick=range(BRANCH_TICK + 7, 201))
-    d.recount("g0.brake_0.50.a2")
-
-
-@mutant("BD-STA-001", at={"rollout_id": REPLAY, "column": "status"}, lost=0)
-def replay_that_the_collector_distrusts(d: Draft) -> None:
-    d.set("rollouts", "status", "quarantined", rollout_id=REPLAY)
-    d.set("rollouts", "status_reason", "the server lagged", rollout_id=REPLAY)
-
-
-@mutant("BD-STA-001", at={"rollout_id": "g0.brake_0.50.a2", "column": "status"}, lost=0)
-def attempt_without_any_row(d: Draft) -> None:
-    d.duplicate(
-        "rollouts",
-        {
-            "rollout_id": "g0.brake_0.50.a2", "attempt": 2, "status": "partial", "status_reason": "never began",
-            "num_ticks": 0, "num_observations": 0, **dict.fromkeys(BRANCH_COLUMNS),
-        },
-        rollout_id=BRAKE,
-    )  # fmt: skip
-
-
-@boundary("BD-STA-001")
-def complete_attempts_with_bad_results(d: Draft) -> None:
-    d.set("rollouts", "result_completion", "aborted", rollout_id=BRAKE)
-    d.set("rollouts", "result_num_vehicle_collisions", 1, rollout_id=BRAKE)
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=170)
 
 
 # BD-TIC-001
@@ -147,3 +121,13 @@ def replay_that_lost_its_branch_frame(d: Draft) -> None:
 @boundary("BD-TIC-003", "BD-WIN-001", "BD-WIN-002", "BD-CTL-001")
 def earliest_branch(d: Draft) -> None:
     d.replace_group(2, make_group(2, plans(2, branch_tick=80)))
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-TIC-001", at={"rollout_id": FURTHER, "tick": 11}, findings=2, lost=2)
+def ticks_missing_in_two_attempts(d: Draft) -> None:
+    for rollout_id in BOTH:
+        d.drop("controls", rollout_id=rollout_id, tick=10)
+        d.recount(rollout_id)

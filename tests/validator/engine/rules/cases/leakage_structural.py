@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from tests.validator.engine.rules.case import boundary, mutant
-from tests.validator.engine.rules.cases.features import renormalise
+from tests.validator.engine.rules.cases.model_inputs_features import renormalise
 from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.timing import HISTORY_OFFSETS
@@ -170,3 +170,16 @@ def scenario_types_that_name_an_action(d: ReleaseDraft) -> None:
 @boundary("BD-LKG-016", base="alone")
 def scenario_types_that_name_an_action_in_all_groups_but_one(d: ReleaseDraft) -> None:
     best_by_type(d, 1)
+
+
+# BD-LKG-008: identifiers, a diagnostic
+
+
+@mutant("BD-LKG-008", at={"table": "group_quality", "column": "group_id"})
+def partitions_in_the_order_of_identifiers(d: ReleaseDraft) -> None:
+    frame = d.frame("group_quality")
+    ordered = sorted(frame["group_id"][frame["partitioned"]].tolist())
+    homes = dict(zip(ordered, ["train"] * 12 + ["val"] * 3 + ["test"] * 3, strict=True))
+    for group, home in homes.items():
+        d.set("group_quality", "partition", home, group_id=group)
+    d.reseal("split")

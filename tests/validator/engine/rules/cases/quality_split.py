@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from tests.synthetic_release import LOST, NEAR_DUPLICATE, SEED, TWINS
+from tests.synthetic_release import LOST, SEED, TWINS
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import SPLIT, ReleaseDraft
 
@@ -118,30 +117,6 @@ def clusters_counted_as_groups(d: ReleaseDraft) -> None:
 def training_groups_miscounted(d: ReleaseDraft) -> None:
     d.documents[SPLIT]["partitions"]["train"]["groups"] += 1
     d.reseal("card")
-
-
-# BD-SPL-007
-
-
-@mutant("BD-SPL-007", at={"group_id": NEAR_DUPLICATE[1], "column": "near_duplicate"})
-def near_duplicate_let_through(d: ReleaseDraft) -> None:
-    d.set("group_quality", "near_duplicate", False, group_id=NEAR_DUPLICATE[1])
-    d.reseal("population")
-
-
-@mutant("BD-SPL-007", at={"group_id": "g13", "column": "near_duplicate"})
-def unwelcome_group_called_a_near_duplicate(d: ReleaseDraft) -> None:
-    d.set("group_quality", "near_duplicate", True, group_id="g13")
-    d.reseal("population")
-
-
-@boundary("BD-SPL-007", "BD-MOD-020")
-def group_that_repeats_another_within_its_partition(d: ReleaseDraft) -> None:
-    """With this seed both are in training, and none of them is marked."""
-    d.rebuild(BuildOptions(seed=12))
-    groups = d.frame("group_quality")
-    assert set(groups["partition"][np.isin(groups["group_id"], NEAR_DUPLICATE)]) == {"train"}
-    assert not groups["near_duplicate"].any()
 
 
 # BD-SPL-008

@@ -8,16 +8,28 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from tests.synthetic import MEDIA_FILE
-from tests.validator.engine.rules.case import SHARD_0, SHARD_1, boundary, mutant
+from tests.synthetic import BRANCH_TICK, MEDIA_FILE, STRIDE
+from tests.validator.engine.rules.case import (
+    NOMINAL,
+    SHARD_0,
+    SHARD_1,
+    boundary,
+    mutant,
+)
+from tests.validator.engine.rules.cases.media_archives import repeated
 from tests.validator.engine.rules.draft import Draft
+from tests.validator.engine.rules.semantic_map import add_semantic_map
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.contract.limits import spec_limits
 from branchdrive.formats.manifest import Manifest, build_manifest
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
+
+
 MEDIA = f"{SHARD_1}/{MEDIA_FILE}"
+
+
 OTHER_DIGEST = "0" * 64
 
 
@@ -346,3 +358,31 @@ def layer_without_files_is_stated(d: Draft) -> None:
 @boundary("BD-LAY-008", "BD-LAY-009")
 def shard_number_of_six_digits(d: Draft) -> None:
     d.before_seal(lambda root: (root / SHARD_1).rename(root / "raw" / "shard-100000"))
+
+
+INDEX = {"file": f"{SHARD_0}/frames.parquet"}
+
+
+@mutant("BD-LAY-007", base="media", at=INDEX)
+def range_that_too_many_rows_name(d: Draft) -> None:
+    repeated(d, spec_limits().max_range_rows + 1)
+
+
+@mutant("BD-LAY-007", base="media", at=INDEX)
+def semantic_map_of_two_moments(d: Draft) -> None:
+    add_semantic_map(d)
+    d.duplicate("frames", {"tick": BRANCH_TICK + STRIDE}, rollout_id=NOMINAL, camera="bev")
+
+
+@mutant("BD-LAY-007", base="media", at=INDEX, findings=2)
+def images_of_too_many_pixels(d: Draft) -> None:
+    for camera in d.descriptor["cameras"]:
+        camera["width_px"] = camera["height_px"] = 16_384
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-LAY-002", base="media", at={"file": f"{SHARD_1}/{MEDIA_FILE}"}, findings=2)
+def media_of_two_shards_flipped(d: Draft) -> None:
+    d.after_seal(lambda root: [_flip(root, f"{shard}/{MEDIA_FILE}", 7) for shard in (SHARD_0, SHARD_1)])

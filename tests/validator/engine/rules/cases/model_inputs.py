@@ -17,8 +17,13 @@ from branchdrive.model.features import features_document
 TRAIN, VAL, TEST = "g0", "g18", "g12"
 """A context of each partition; no scaling depends on the last two."""
 
+
 PER_GROUP = ("contexts", "state", "past_controls", "expert", "surroundings", "candidates", "scalars", "trajectories")
+
+
 ALL = tuple(f"BD-MOD-{number:03d}" for number in range(1, 22))
+
+
 JUDGED_ALONE = ("BD-MOD-001", "BD-MOD-002", "BD-MOD-003", "BD-MOD-004", "BD-MOD-009", "BD-MOD-010", "BD-MOD-015",
                 "BD-MOD-017", "BD-MOD-018", "BD-MOD-019", "BD-MOD-020", "BD-MOD-021")  # fmt: skip
 
@@ -206,18 +211,6 @@ def latest_control_missing(d: ReleaseDraft) -> None:
 def state_between_observations(d: ReleaseDraft) -> None:
     d.duplicate("state", {"offset_ticks": -3}, group_id=TEST, offset_ticks=0)
     d.sort("state")
-
-
-@mutant("BD-LYR-007", at={"table": "state", "group_id": TEST, "offset_ticks": 5, "column": "offset_ticks"})
-def state_of_the_future(d: ReleaseDraft) -> None:
-    d.duplicate("state", {"offset_ticks": 5}, group_id=TEST, offset_ticks=0)
-    d.sort("state")
-
-
-@mutant("BD-LYR-007", at={"table": "past_controls", "group_id": TEST, "offset_ticks": 0, "column": "offset_ticks"})
-def control_at_the_branch_in_the_past(d: ReleaseDraft) -> None:
-    d.duplicate("past_controls", {"offset_ticks": 0}, group_id=TEST, offset_ticks=-1)
-    d.sort("past_controls")
 
 
 @mutant("BD-MOD-004", at={"table": "candidates", "group_id": TEST, "action_key": "brake_0.50"})

@@ -15,8 +15,10 @@ from branchdrive.tables.frame import Frame, take
 REPLAY = {"rollout_id": "g13.nominal_replay.a1"}
 """A pair that decides nothing."""
 
+
 NOISY = "g16"
 """The group that fails the core variables."""
+
 
 ALL = tuple(f"BD-FID-{number:03d}" for number in range(1, 13))
 

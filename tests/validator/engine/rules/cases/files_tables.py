@@ -10,7 +10,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 from tests.synthetic import descriptor
-from tests.validator.engine.rules.case import SHARD_0, SHARD_1, boundary, mutant
+from tests.validator.engine.rules.case import (
+    SHARD_0,
+    SHARD_1,
+    boundary,
+    mutant,
+)
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.columns import STREAMS
@@ -299,21 +304,9 @@ def shard_without_rows_beside_another(d: Draft) -> None:
     d.tables["raw/shard-00042"] = {name: rows.slice(0, 0) for name, rows in d.tables[SHARD_0].items()}
 
 
-# BD-TAB-007
+# Several places: what violates a rule is counted
 
 
-def exchanged(rows: pa.Table, first: int, second: int) -> pa.Table:
-    """The rows with two of them in each other's place."""
-    order = list(range(len(rows)))
-    order[first], order[second] = second, first
-    return rows.take(order)
-
-
-@mutant("BD-TAB-007", at={"table": "actors", "column": "actor_id", "tick": 0})
-def actors_of_a_moment_in_another_order(d: Draft) -> None:
-    d.map_table("actors", lambda rows: exchanged(rows, 0, 1), folder=SHARD_1)
-
-
-@mutant("BD-TAB-007", at={"table": "rollouts", "column": "rollout_id"})
-def attempts_in_another_order(d: Draft) -> None:
-    d.map_table("rollouts", lambda rows: exchanged(rows, 3, 4), folder=SHARD_1)
+@mutant("BD-TAB-002", at={"file": f"{SHARD_1}/controls.parquet", "column": "applied_steer"}, findings=2)
+def two_columns_missing(d: Draft) -> None:
+    d.map_table("controls", lambda rows: rows.drop_columns(["applied_brake", "applied_steer"]), folder=SHARD_1)

@@ -1,0 +1,74 @@
+"""Defects and limits of counted departures from the road, red lights and stop signs."""
+
+from __future__ import annotations
+
+from tests.validator.engine.rules.case import BRAKE, boundary, mutant
+from tests.validator.engine.rules.cases.results import result_of
+from tests.validator.engine.rules.draft import Draft
+
+OFF_ROAD, RED, STOP = (f"result_num_{kind}_infractions" for kind in ("off_road", "red_light", "stop_sign"))
+
+
+# BD-RES-004
+
+
+@mutant("BD-RES-004", base="full", at=result_of(OFF_ROAD))
+def departure_that_is_not_counted(d: Draft) -> None:
+    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[150, 155])
+
+
+@mutant("BD-RES-004", base="full", at=result_of(OFF_ROAD))
+def departures_that_are_counted_tick_by_tick(d: Draft) -> None:
+    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[150, 155])
+    d.set("rollouts", OFF_ROAD, 10, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-004", base="full", at=result_of(RED))
+def red_light_in_green(d: Draft) -> None:
+    _lights(d, "green")
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-004", base="map", at=result_of(STOP))
+def stop_sign_where_the_map_has_none(d: Draft) -> None:
+    d.set("rollouts", STOP, 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-004", base="full")
+def departures_from_the_start_and_later(d: Draft) -> None:
+    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[0, 5, 150])
+    d.set("rollouts", OFF_ROAD, 2, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-004", base="full")
+def departure_that_nobody_monitors(d: Draft) -> None:
+    d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=150)
+    d.set("rollouts", OFF_ROAD, None, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-004", base="full")
+def light_that_changes_at_the_line(d: Draft) -> None:
+    """Green at the last observation before the line, and red when the front is at it."""
+    d.set("evidence", "traffic_light", "green", rollout_id=BRAKE, tick=range(60))
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+
+
+# BD-RES-006
+
+
+def _lights(d: Draft, light: str, last_tick: int = 200) -> None:
+    """Show one light from the start to a tick, and none after it."""
+    for name, shown, none in (("traffic_light_available", True, False), ("traffic_light", light, None)):
+        d.set("evidence", name, none, rollout_id=BRAKE)
+        d.set("evidence", name, shown, rollout_id=BRAKE, tick=range(last_tick + 1))
+
+
+@mutant("BD-RES-006", at=result_of(RED))
+def red_light_that_is_passed(d: Draft) -> None:
+    _lights(d, "red", 50)
+
+
+@boundary("BD-RES-006")
+def red_light_that_is_passed_and_counted(d: Draft) -> None:
+    _lights(d, "red", 50)
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)

@@ -1,0 +1,128 @@
+"""Defects and limits of progress, offset, heading error and target points on a route."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from tests.synthetic import BRANCH_TICK
+from tests.validator.engine.rules.case import (
+    ACCELERATE,
+    BOTH,
+    BRAKE,
+    FURTHER,
+    NOMINAL,
+    boundary,
+    mutant,
+)
+from tests.validator.engine.rules.cases.tracks import observed_at
+from tests.validator.engine.rules.draft import Draft
+
+from branchdrive.testing.drive import Array
+
+MOTION = ("speed_mps", "accel_longitudinal_mps2", "accel_lateral_mps2", "yaw_rate_radps")
+
+
+TARGETS = tuple(f"target_point_{number}_{axis}_m" for number in (1, 2) for axis in ("x", "y"))
+
+
+# BD-RTE-001
+
+
+@mutant("BD-RTE-001", at=observed_at("route_progress_m", BRANCH_TICK))
+def progress_of_the_front_bumper(d: Draft) -> None:
+    d.set("observations", "route_progress_m", lambda v: v + 2.25, rollout_id=BRAKE, tick=BRANCH_TICK)
+
+
+@mutant("BD-RTE-001", at=observed_at("route_progress_m", BRANCH_TICK - 80))
+def offset_positive_to_the_right(d: Draft) -> None:
+    d.set("observations", "route_offset_m", lambda v: -v, rollout_id=BRAKE)
+
+
+@mutant("BD-RTE-001", at=observed_at("route_progress_m", BRANCH_TICK + 50))
+def heading_error_of_the_route(d: Draft) -> None:
+    d.set("observations", "route_heading_error_rad", lambda v: v + 0.002, rollout_id=BRAKE, tick=BRANCH_TICK + 50)
+
+
+@boundary("BD-RTE-001", "BD-RTE-002")
+def route_state_within_the_tolerance(d: Draft) -> None:
+    d.set("observations", "route_progress_m", lambda v: v + 0.0009, rollout_id=BRAKE)
+    d.set("observations", "route_offset_m", lambda v: v - 0.0009, rollout_id=BRAKE)
+    d.set("observations", "route_heading_error_rad", lambda v: v + 0.0009, rollout_id=BRAKE)
+    d.set("observations", "route_progress_m", 0.0, rollout_id=BRAKE, tick=BRANCH_TICK + 55)
+
+
+# BD-RTE-002
+
+
+@mutant("BD-RTE-002", at=observed_at("target_point_1_x_m", BRANCH_TICK))
+def target_points_in_the_wrong_order(d: Draft) -> None:
+    d.set("observations", TARGETS[0], lambda v: v + 12.0, rollout_id=BRAKE, tick=BRANCH_TICK)
+
+
+@mutant("BD-RTE-002", at=observed_at("target_point_1_x_m", BRANCH_TICK - 80))
+def target_points_in_the_world_frame(d: Draft) -> None:
+    for axis in ("x", "y"):
+        column = f"target_point_2_{axis}_m"
+        own = iter(d.take("observations", rollout_id="g0.brake_0.30.a1")[f"{axis}_m"].to_pylist())
+        d.set("observations", column, lambda v, own=own: v + next(own), rollout_id=BRAKE)
+
+
+@mutant("BD-RTE-002", at=observed_at("target_point_1_x_m", BRANCH_TICK + 50))
+def target_point_behind_the_ego(d: Draft) -> None:
+    d.set("observations", TARGETS[0], -3.0, rollout_id=BRAKE, tick=BRANCH_TICK + 50)
+    d.set("observations", TARGETS[1], 0.0, rollout_id=BRAKE, tick=BRANCH_TICK + 50)
+
+
+@boundary("BD-RTE-002")
+def target_points_at_the_end_of_the_route(d: Draft) -> None:
+    rows, route = d.take("observations", rollout_id=BRAKE), d.take("rollouts", rollout_id=BRAKE)
+    dx, dy = (route[f"route_{axis}_m"][0].as_py()[-1] - rows[f"{axis}_m"].to_numpy() for axis in ("x", "y"))
+    yaw = rows["yaw_rad"].to_numpy().astype(float)
+    ahead, left = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
+    d.fill("observations", dict(zip(TARGETS, (ahead, left, ahead, left), strict=True)), rollout_id=BRAKE)
+
+
+# BD-RTE-003
+
+
+def _reroute(d: Draft, change: Callable[[Array, Array], tuple[Array, Array]]) -> None:
+    """Give the attempts of the first group another polyline, with the route state on it."""
+    for record in d.take("rollouts", group_id="g0").to_pylist():
+        d.reroute(record["rollout_id"], change(*(np.array(record[f"route_{axis}_m"]) for axis in "xy")))
+
+
+@mutant("BD-RTE-003", base="bare", at={"column": "route_offset_m", "rollout_id": NOMINAL, "tick": BRANCH_TICK - 80})
+def route_of_the_next_street(d: Draft) -> None:
+    _reroute(d, lambda x, y: (x, y + 40))
+
+
+@mutant("BD-RTE-003", base="bare", at={"column": "route_heading_error_rad", "rollout_id": NOMINAL})
+def route_from_its_end_to_its_start(d: Draft) -> None:
+    _reroute(d, lambda x, y: (x[::-1], y[::-1]))
+
+
+@boundary("BD-RTE-003", base="bare")
+def route_on_the_other_carriageway(d: Draft) -> None:
+    _reroute(d, lambda x, y: (x, y - 29))
+
+
+@boundary("BD-RTE-003", base="bare")
+def nominal_that_hardly_drives(d: Draft) -> None:
+    """At seven observations it is faster than a vehicle that stands, and so are its replays."""
+    group = d.take("rollouts", group_id="g0")["rollout_id"].to_pylist()
+    for column in ("x_m", "y_m", "yaw_rad"):
+        d.set("observations", column, d.value("observations", column, rollout_id=NOMINAL, tick=0), rollout_id=group)
+    d.set("observations", MOTION, 0.0, rollout_id=group)
+    d.set("observations", "speed_mps", 0.5, rollout_id=group)
+    d.set("observations", "speed_mps", 1.0, rollout_id=group, tick=range(BRANCH_TICK, BRANCH_TICK + 35, 5))
+    _reroute(d, lambda x, y: (x[::-1], y[::-1]))
+
+
+# Several places: what violates a rule is counted
+
+
+@mutant("BD-RTE-001", at={"rollout_id": FURTHER, "tick": BRANCH_TICK}, findings=3, lost=2)
+def progress_of_three_front_bumpers(d: Draft) -> None:
+    attempts = [*BOTH, ACCELERATE]
+    d.set("observations", "route_progress_m", lambda v: v + 2.25, rollout_id=attempts, tick=BRANCH_TICK)
