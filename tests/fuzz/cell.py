@@ -15,7 +15,7 @@ from branchdrive.contract.columns import LAYER_TABLES, TABLES, Column
 from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.testing.edit import with_cells
+from branchdrive.testing.defect import with_cells
 
 __all__ = ["KINDS", "SUBTLE", "CellEdit", "Place", "edit_cell", "places"]
 

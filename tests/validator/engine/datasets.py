@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from tests import synthetic
 
 from branchdrive.engine.report import Report
-from branchdrive.testing.edit import with_cells, with_column
+from branchdrive.testing.defect import with_cells, with_column
 
 Tables = dict[str, dict[str, pa.Table]]
 

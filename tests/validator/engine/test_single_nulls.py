@@ -24,7 +24,7 @@ from branchdrive.files.survey import take_survey
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.testing.edit import with_cells
+from branchdrive.testing.defect import with_cells
 
 SHARES = [12, pytest.param(1, marks=THOROUGH)]
 """One of so many columns is tried."""

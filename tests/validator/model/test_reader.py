@@ -45,7 +45,7 @@ from branchdrive.model.normalisation_document import normalisation_document, sca
 from branchdrive.quality.variants import Variant
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import take
-from branchdrive.testing.edit import with_cells
+from branchdrive.testing.defect import with_cells
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)

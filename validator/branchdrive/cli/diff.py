@@ -13,7 +13,7 @@ from branchdrive.cli.links import add_link_arguments
 from branchdrive.contract.text import counted, printable
 
 if TYPE_CHECKING:
-    from branchdrive.engine.difference import DatasetDifference, TableDifference
+    from branchdrive.diff.difference import DatasetDifference, TableDifference
 
 SUMMARY = "tell two datasets apart by what they say"
 
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     Raises:
         DatasetError: One of the datasets cannot be read.
     """
-    from branchdrive.engine.difference import compare_datasets
+    from branchdrive.diff.compare import compare_datasets
     from branchdrive.formats.untrusted import linked_folders
 
     found = compare_datasets(args.first, args.second, linked_folders(args.follow_links, args.allow))

@@ -23,13 +23,14 @@ from branchdrive.cli.population import (
     print_population,
     print_retention,
 )
-from branchdrive.cli.response import print_response
 from branchdrive.contract.layout import FILTERING_FILE
 from branchdrive.contract.resources import rule_page
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
+from branchdrive.engine.response_summary import ResponseSummary
+from branchdrive.engine.response_table import response_table
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.engine.verdict import is_waived
 from branchdrive.text.terminal import print_facts, print_section
@@ -87,7 +88,7 @@ def _print_report(console: Console, report: Report) -> None:
     _print_findings(console, report)
     _print_funnel(console, report)
     if report.response is not None:
-        print_response(console, report.response)
+        _print_response(console, report.response)
     if report.population is not None:
         console.print()
         print_population(console, report.population)
@@ -261,3 +262,14 @@ def _page_text(page: str) -> str:
     """What a page says below its table of facts, without targets of links, which are files of the repository."""
     sections = page[page.index("## ") : page.index("<!-- end")]
     return re.sub(r"\[([^\[\]]+)\]\([^)]+\)", r"\1", sections)
+
+
+def _print_response(console: Console, response: ResponseSummary) -> None:
+    """Print what each action did against the nominal, and which columns never change."""
+    if not response.actions:
+        return
+    console.print()
+    print_section(console, response_table(response))
+    if response.constant:
+        listed = ", ".join(f"{name} {value:.4g}" for name, value in sorted(response.constant.items()))
+        console.print(Text(f"The same in every observation: {listed}", style="yellow"))

@@ -34,8 +34,8 @@ from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.leakage.replays import replay_facts
+from branchdrive.model.images import media_columns
 from branchdrive.model.inputs import inputs_of
-from branchdrive.model.media_index import media_columns
 from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns

@@ -1,4 +1,4 @@
-"""Images of the histories of groups: which there are, and their bytes when they are asked for.
+"""Images of the histories of groups: the rows of their index, which there are, and their bytes when asked for.
 
 An image is found through the media index of the model layer and read by itself, one range of one file. What is read
 is held against the checksum of the index, so that nobody works on other images than those that the release lists.
@@ -14,14 +14,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
 from branchdrive.formats.untrusted import Links
+from branchdrive.model.inputs import empty_columns
 from branchdrive.raw.media.folder import ImagePlace, MediaFolder
+from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Values
 
-__all__ = ["ImageHistory"]
+__all__ = ["ImageHistory", "media_columns"]
 
 
 class ImageHistory:
@@ -108,3 +111,24 @@ def _packed(
             )
         found[where] = row
     return found
+
+
+def media_columns(view: ShardView, nominals: NDArray[np.int64]) -> dict[str, Values]:
+    """Rows of the media index of `nominals` at the 16 observations up to the branch; none without media."""
+    declared = [column for column in LAYER_TABLES["media_index"].columns if column.name != "partition"]
+    if "frames" not in view:
+        return empty_columns(declared)
+    frames = view.stream("frames")
+    owner = frames.rollout
+    offset = np.where(owner >= 0, frames.tick - view.branch_tick[owner], 1)
+    rows = np.flatnonzero(np.isin(owner, nominals) & np.isin(offset, HISTORY_OFFSETS))
+    return {
+        "group_id": view.rollouts["group_id"][owner[rows]],
+        "offset_ticks": offset[rows].astype(np.int32),
+        "shard": np.full(len(rows), view.file_prefix, object),
+        **{
+            column.name: frames[column.name][rows]
+            for column in declared
+            if column.name not in ("group_id", "offset_ticks", "shard")
+        },
+    }

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.contract.text import counted
-from branchdrive.engine.difference import DatasetDifference, compare_datasets
+from branchdrive.diff.compare import compare_datasets
+from branchdrive.diff.difference import DatasetDifference
 from branchdrive.raw.reader import open_dataset
 
 __all__ = ["Sameness", "compare_runs"]

@@ -16,10 +16,9 @@ from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.testing.dataset import SmallDataset, show_call, write_dataset
 from branchdrive.testing.driven import datasets
-from branchdrive.testing.edit import with_cells, without_row
 from branchdrive.testing.group import Tables
 
-__all__ = ["Defect", "defects"]
+__all__ = ["Defect", "defects", "with_cells", "with_column", "without_row"]
 
 Make: TypeAlias = "Callable[[DrawFn, SmallDataset], Defect | None]"
 
@@ -323,3 +322,24 @@ def _file_unlisted(draw: DrawFn, dataset: SmallDataset) -> Defect | None:
 def _files(dataset: SmallDataset) -> list[str]:
     """Table files of a dataset."""
     return [f"{folder}/{TABLES[name].file_name}" for folder, shard in dataset.tables.items() for name in shard]
+
+
+def with_column(table: pa.Table, column: str, values: Any) -> pa.Table:
+    """A table with one column replaced, which may hold nulls if the new values do."""
+    index = table.schema.get_field_index(column)
+    field = table.schema.field(index)
+    array = values if isinstance(values, pa.Array) else pa.array(values, field.type)
+    return table.set_column(index, field.with_nullable(field.nullable or array.null_count > 0), array)
+
+
+def with_cells(table: pa.Table, column: str, cells: Mapping[int, Any]) -> pa.Table:
+    """A table with some cells of one column, by row, replaced."""
+    values = table[column].to_pylist()
+    for row, value in cells.items():
+        values[row] = value
+    return with_column(table, column, values)
+
+
+def without_row(table: pa.Table, row: int) -> pa.Table:
+    """A table without one row."""
+    return pa.concat_tables([table[:row], table[row + 1 :]]).combine_chunks()

@@ -21,7 +21,6 @@ from branchdrive.contract.media import MediaMode
 from branchdrive.contract.mismatch import MAX_KEPT, Mismatch, Mismatches
 from branchdrive.errors import DatasetError
 from branchdrive.formats.file_part import FilePart
-from branchdrive.formats.stored_code import HEAD_BYTES, stored_code
 from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.raw.media.archive_walk import ARCHIVE_SUFFIX, ArchiveWalk
 from branchdrive.raw.media.image_claims import ImageClaims
@@ -37,6 +36,28 @@ _MAX_OVERLAP = 2
 """How often the bytes of a file are looked at as images, on average: ranges that overlap cost as if they did not."""
 
 _NO_LOOKS: Mapping[str, Look] = MappingProxyType({})
+
+_HEAD_BYTES = 4
+"""First bytes that tell of code."""
+
+_HEADS: Mapping[bytes, str] = MappingProxyType(
+    {
+        **{bytes([0x80, protocol]): "a pickle" for protocol in range(2, 6)},
+        b"\x7fELF": "a program",
+        b"MZ\x90\x00": "a program",
+        b"\xcf\xfa\xed\xfe": "a program",
+        b"\xce\xfa\xed\xfe": "a program",
+        b"\xca\xfe\xba\xbe": "a program",
+        b"#!/": "a script",
+    }
+)
+"""First bytes of files that hold code: pickles, whose reading executes what they store, programs and scripts.
+
+Source: spec/09-security.md#serialisation.
+"""
+
+_PICKLE_SUFFIXES = (".pkl", ".pickle", ".joblib", ".pt", ".pth")
+"""Names that people give pickles, which need not begin with such bytes."""
 
 
 @dataclass(eq=False)
@@ -114,7 +135,7 @@ def read_media(
                 if is_digested and num_bytes > spec_limits().max_media_bytes:
                     reading.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 part = FilePart(stream, is_digested and path not in reading.over_limit)
-                if path in media and (kind := stored_code(path, part.bytes_at(0, HEAD_BYTES))):
+                if path in media and (kind := _stored_code(path, part.bytes_at(0, _HEAD_BYTES))):
                     reading.stored_code[path] = kind
                 if eye is not None:
                     _look(path, part, num_bytes, eye, reading)
@@ -156,3 +177,10 @@ def _look(path: str, part: FilePart, num_bytes: int, eye: ImageEye, reading: Med
         eye.see(path, place, part, found)
     if walk is not None:
         walk.end(num_bytes)
+
+
+def _stored_code(name: str, head: bytes) -> str | None:
+    """What kind of code a file holds, by its name and its first `_HEAD_BYTES`; ``None`` where these tell of none."""
+    if name.lower().endswith(_PICKLE_SUFFIXES):
+        return "a pickle"
+    return next((kind for start, kind in _HEADS.items() if head.startswith(start)), None)

@@ -16,7 +16,7 @@ from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULAT
 from branchdrive.contract.layer import table_path, table_paths
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.testing.edit import with_cells
+from branchdrive.testing.defect import with_cells
 
 STATE = "model/state-train.parquet"
 

@@ -1,0 +1,1 @@
+"""What tells two datasets apart; neither is judged."""
