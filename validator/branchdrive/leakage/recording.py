@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import TABLES, Column
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.leakage.streams import IMAGES, WINDOWS, examined_cameras, num_different, value_columns
+from branchdrive.raw.image_index import ImageIndex
 from branchdrive.raw.media.image_numbers import NAMES
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
@@ -57,14 +58,12 @@ def _of_camera(view: ShardView, camera: str, attempts: Index) -> Array:
     found = np.full((len(attempts), len(HISTORY_OFFSETS), 2 + len(NAMES)), np.nan)
     if view.images is not None and IMAGES in view:
         frames = view.stream(IMAGES)
-        own = np.flatnonzero(frames.equals("camera", camera) & (frames.rollout >= 0))
         ticks = view.branch_tick[attempts][:, None] + np.asarray(HISTORY_OFFSETS)
-        wanted = (attempts[:, None] << 32) + ticks
-        key = (frames.rollout[own] << 32) + frames.tick[own]  # rows are in this order
-        place = np.minimum(np.searchsorted(key, wanted), max(len(own) - 1, 0))
-        if len(own):
-            is_there = key[place] == wanted
-            rows = own[place[is_there]]
+        images = view.cached(ImageIndex)
+        code = images.cameras.index(camera) if camera in images.cameras else len(images.cameras)
+        rows = images.find(attempts[:, None], code, ticks)
+        is_there, rows = rows >= 0, rows[rows >= 0]
+        if len(rows):
             found[is_there, 0] = _numbers(frames, TABLES[IMAGES]["size_bytes"])[rows]
             found[is_there, 1:-1] = view.images.numbers[frames.position[rows]]
             found[is_there, -1] = _numbers(frames, TABLES[IMAGES]["checksum"])[rows]

@@ -36,6 +36,7 @@ from branchdrive.raw.motion.pairs import deciding_pairs, pairs_of_rows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
 from branchdrive.tables.frame import Values
+from branchdrive.tables.join import KeyIndex
 
 __all__ = ["FRAMED", "MATCHED", "frame_columns", "matched_vehicle"]
 
@@ -146,17 +147,5 @@ def _rows_of_actors(view: ShardView, observations: Index, identities: Index) -> 
     is_asked[observations] = True
     is_asked[-1] = False
     rows = np.flatnonzero(is_asked[frame])
-    names = np.unique(identities)
-    recorded = actors["actor_id"][rows].astype(np.int64)
-    place = np.searchsorted(names, recorded)
-    known = names[np.minimum(place, len(names) - 1)] == recorded if len(names) else np.zeros(len(rows), bool)
-    rows, place = rows[known], place[known]
-    keys = frame[rows] * len(names) + place
-    order = np.argsort(keys, kind="stable")
-    wanted = observations * len(names) + np.searchsorted(names, identities)
-    at = np.searchsorted(keys[order], wanted)
-    if not len(order):
-        return np.full(observations.shape, -1, np.int64)
-    found = order[np.minimum(at, len(order) - 1)]
-    hit = (keys[found] == wanted) & (observations >= 0)
-    return np.where(hit, rows[found], -1)
+    found = KeyIndex(frame[rows], actors["actor_id"][rows]).find(observations, identities)
+    return np.where(found >= 0, np.append(rows, -1)[found], -1)

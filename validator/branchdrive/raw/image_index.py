@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.join import KeyIndex
 
 __all__ = ["ImageIndex"]
 
@@ -32,21 +33,11 @@ class ImageIndex:
         codes, self.cameras = frames.categories("camera")
         self.camera = codes.astype(np.int64)
         self._content = frames.categories("checksum")[0]
-        key = self._moment(frames.rollout, self.camera, frames.tick)
-        self._order = np.argsort(key, kind="stable")
-        self._key = key[self._order]
+        self._rows = KeyIndex(frames.rollout, self.camera, frames.tick)
 
-    def _moment(self, rollout: Index, camera: Index, tick: Index) -> Index:
-        """A number for every attempt, camera and tick: cameras are fewer than 2 ** 12, ticks than 2 ** 21."""
-        return (rollout << 33) + (camera << 21) + tick
-
-    def find(self, rollout: Index, camera: Index, tick: Index) -> Index:
-        """Row of an image of each (attempt, camera, tick), -1 where there is none; any shape that they share."""
-        wanted = self._moment(rollout, camera, tick)
-        if not len(self._key):
-            return np.full(wanted.shape, -1)
-        place = np.minimum(np.searchsorted(self._key, wanted), len(self._key) - 1)
-        return np.where((self._key[place] == wanted) & (rollout >= 0), self._order[place], -1)
+    def find(self, rollout: Index, camera: Index | int, tick: Index) -> Index:
+        """Row of an image of each (attempt, camera, tick), -1 where there is none; of the shape that they share."""
+        return np.where(rollout >= 0, self._rows.find(rollout, camera, tick), -1)
 
     def differ(self, rows: Index, others: Index) -> Mask:
         """Whether images have other bytes than others, by the rows of both, which exist."""

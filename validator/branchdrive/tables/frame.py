@@ -12,6 +12,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.tables.join import KeyIndex
+
 __all__ = [
     "Alignment", "Frame", "align", "concat", "num_rows", "of_groups", "repeated_rows", "sort_rows", "take",
     "with_homes",
@@ -105,11 +107,9 @@ def align(expected: Frame, found: Frame, key: Sequence[str]) -> Alignment:
     """Pair the rows of two frames by the columns of `key`, which are unique in `expected`."""
     both = (expected, found)
     left, right = _key_codes([[np.ma.getdata(frame[name]) for frame in both] for name in key], [*map(num_rows, both)])
-    order = np.argsort(right, kind="stable")
-    place = np.searchsorted(right[order], left)
-    is_there = place < len(right)
-    is_there[is_there] = right[order][place[is_there]] == left[is_there]
-    partner = order[place[is_there]]
+    row = KeyIndex(right).find(left)
+    is_there = row >= 0
+    partner = row[is_there]
     lonely = np.ones(len(right), bool)
     lonely[partner] = False
     return Alignment(np.flatnonzero(is_there), partner, np.flatnonzero(~is_there), np.flatnonzero(lonely))

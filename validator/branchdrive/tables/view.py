@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import declared_table
 from branchdrive.tables.arrow import filled
+from branchdrive.tables.join import find_sorted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -203,11 +204,7 @@ class StreamView(TableView):
     def find(self, rollout: Index, tick: Index) -> Index:
         """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
-        row = np.searchsorted(self._key, key)
-        if not len(self._key):
-            return np.full(np.shape(row), -1)
-        hit = (self._key[np.minimum(row, len(self._key) - 1)] == key) & (np.asarray(rollout) >= 0)
-        return np.where(hit, row, -1)
+        return np.where(np.asarray(rollout) >= 0, find_sorted(self._key, key), -1)
 
     def span(self, rollout: Index, tick: Index) -> tuple[Index, Index]:
         """First row of each (rollout, tick), and the row after its last; equal where there is none."""

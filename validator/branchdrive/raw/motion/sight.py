@@ -36,10 +36,7 @@ def sights(view: ShardView, executed: Executed, found: Responses) -> dict[str, S
     ticks, at, every = view.branch_tick[own][:, None] + _OFFSETS, found.first[kept], np.arange(len(kept))
     seen = {}
     for code, camera in enumerate(images.cameras):
-        rows, others = (
-            images.find(np.broadcast_to(one[:, None], ticks.shape), np.full(ticks.shape, code), ticks)
-            for one in (own, nominal)
-        )
+        rows, others = (images.find(one[:, None], code, ticks) for one in (own, nominal))
         has_both = (rows >= 0) & (others >= 0)
         differs = has_both & images.differ(rows, others)
         shown_m = np.where(differs.any(axis=1), away_m[every, differs.argmax(axis=1)], np.nan)

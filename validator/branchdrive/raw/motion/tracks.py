@@ -14,14 +14,13 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
 from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.join import KeyIndex
 
 __all__ = ["Displacements", "Tracks", "actor_displacements", "actor_returns", "tracks"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-_ID_SPAN = 1 << 31
 
 
 class Tracks(NamedTuple):
@@ -59,38 +58,22 @@ def tracks(view: ShardView) -> Tracks:
     frame, ids = observations.rows_of(stream)[row], stream["actor_id"][row].astype(np.int64)
     if not len(row):
         return Tracks(row, row, row, row)
-    key = frame * _ID_SPAN + ids
-    wanted = key - _ID_SPAN
     # Actors keep their place in the list from one observation to the next, but for those that come and go.
     num_before = np.roll(np.bincount(frame, minlength=len(observations)), 1)
-    previous = np.arange(len(key)) - num_before[frame]
-    unsure = np.flatnonzero(key.take(previous, mode="clip") != wanted)
-    found = np.searchsorted(key, wanted[unsure])
-    previous[unsure] = np.where(key.take(found, mode="clip") == wanted[unsure], found, -1)
+    previous = np.arange(len(row)) - num_before[frame]
+    same_actor = ids.take(previous, mode="clip") == ids
+    unsure = np.flatnonzero(~same_actor | (frame.take(previous, mode="clip") != frame - 1))
+    previous[unsure] = KeyIndex(frame, ids).find(frame[unsure] - 1, ids[unsure])
     owner = observations.rollout
     previous[(np.diff(owner, prepend=-1) != 0)[frame]] = -1
 
-    goes_on = np.zeros(len(key), bool)
+    goes_on = np.zeros(len(row), bool)
     goes_on[previous[previous >= 0]] = True
     begins, ends = np.flatnonzero(previous < 0), np.flatnonzero(~goes_on)
-    actor = owner[frame] * _ID_SPAN + ids
-    left = _last_before(actor[ends], frame[ends], actor[begins], frame[begins])
+    key = (owner[frame], ids, frame)
+    left = KeyIndex(*(part[ends] for part in key)).last_before(*(part[begins] for part in key))
     resumed, left = begins[left >= 0], ends[left[left >= 0]]
     return Tracks(row, np.where(previous >= 0, row[previous], -1), row[resumed], row[left])
-
-
-def _last_before(owner: Index, frame: Index, of_owner: Index, before: Index) -> Index:
-    """Place of the last `frame` before each of `before` with the same owner, -1 where there is none."""
-    if not len(owner):
-        return np.full(len(before), -1)
-    codes = np.unique(np.concatenate([owner, of_owner]), return_inverse=True)[1]
-    own, wanted = codes[: len(owner)], codes[len(owner) :]
-    span = 1 + max(int(frame.max()), int(before.max(initial=0)))
-    key = own * span + frame
-    order = np.argsort(key)
-    place = np.searchsorted(key[order], wanted * span + before) - 1
-    found = order[np.maximum(place, 0)]
-    return np.where((place >= 0) & (own[found] == wanted), found, -1)
 
 
 class Displacements(NamedTuple):
