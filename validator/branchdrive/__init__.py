@@ -144,7 +144,7 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "raw.group",
-    "CameraFrames": "raw.camera_frames",
+    "CameraFrames": "raw.media.camera_frames",
     "CameraWorld": "collector.world",
     "Collection": "contract.descriptor",
     "CollectionReport": "collector.report",
