@@ -44,8 +44,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     with extra("media", "sim", of="`show`"):
         from branchdrive_reference.drawing.choice import named_groups
         from branchdrive_reference.drawing.gallery import picture_path
-        from branchdrive_reference.showing.file import animated_bytes, sheet_bytes
-        from branchdrive_reference.showing.group import read_sheet
+        from branchdrive_reference.showing.sheet import animated_bytes, read_sheet, sheet_bytes
         from branchdrive_reference.study.label import sentence
         from branchdrive_reference.study.survey import open_finished
 

@@ -1,29 +1,38 @@
-"""A contact sheet: the cameras around the ego, the bird's-eye view with all futures, and what became of them."""
+"""A contact sheet: the cameras around the ego, the bird's-eye view with all futures, and what became of them.
+
+A sheet is read from a group of a dataset, and written as one picture, or as one for each observation in a loop.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from io import BytesIO
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from branchdrive.contract.camera import Camera, TopDownCamera
+from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
-from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S, WINDOW_OFFSETS
+from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS, TICK_S, WINDOW_OFFSETS
 from branchdrive.errors import UsageError
 from branchdrive.raw.camera_frames import CameraFrames
+from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import Rollout
+from branchdrive.release.publish import is_rendering
+from branchdrive_reference.drawing.elements import elements_around
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
-from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, Scene, outcome_texts
+from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, Scene, outcome_texts, read_scene
 from branchdrive_reference.rendering.snapshot import Recording
 from branchdrive_reference.showing.chart import Chart, ink
+from branchdrive_reference.study.bank import canonical_bank
 from branchdrive_reference.study.label import label
 
-__all__ = ["Sheet", "outcome_inks"]
+__all__ = ["Sheet", "animated_bytes", "outcome_inks", "read_sheet", "sheet_bytes"]
 
 _ROWS = (("front_left", "front", "front_right"), ("rear_left", "rear", "rear_right"))
 _TILE_PX, _GAP_PX, _MARGIN_PX, _HEAD_PX = 384, 6, 16, 56
@@ -46,6 +55,13 @@ _GROUND = "below the futures: what is recorded at each observation"
 _FRAME = "in the frame: the semantic view; beyond it, and brown objects: what is recorded beside it"
 
 _INK, _QUIET, _PAPER, _TOUCH = ink(BACKDROP["ink"]), ink(BACKDROP["quiet"]), (250, 250, 248), (0xC0, 0, 0)
+
+_STEP_MS = round(1000 * OBSERVATION_STRIDE_TICKS * TICK_S)
+_PAUSE_MS = 1500
+"""How long the last picture stays before the first comes again."""
+
+_SHARE = 2 / 3
+"""Size of an animated picture by that of a sheet."""
 
 
 @dataclass
@@ -178,6 +194,46 @@ class Sheet:
         for line, note in enumerate(notes):
             middle = top + _CHART_PX - (len(notes) - line - 0.5) * _NOTE_PX
             draw.text((left, middle), note, fill=_QUIET, font=_font(12), anchor="lm")
+
+
+def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
+    """The sheet of a group.
+
+    Raises:
+        UsageError: The dataset has no media, or the group cannot be shown.
+        DatasetError: A file cannot be read.
+    """
+    descriptor = dataset.descriptor
+    if not any(STREAMS[name].cameras for name in descriptor.streams):
+        advice = "add them with `branchdrive render`"
+        if is_rendering(dataset.root):
+            advice = "a `branchdrive render` was interrupted: run it again"
+        raise UsageError(f"{str(dataset.root)!r} has no media; {advice}")
+    group = dataset.group(group_id)
+    scene = read_scene(group, descriptor)
+    scene = replace(scene, elements=elements_around(dataset, scene))
+    bank = dict(zip(descriptor.action_bank.keys, canonical_bank(group, descriptor), strict=True))
+    return Sheet(scene, bank[descriptor.action_bank.nominal.key], descriptor)
+
+
+def sheet_bytes(sheet: Sheet) -> bytes:
+    """The sheet of the branch as a PNG."""
+    stream = BytesIO()
+    sheet.picture().save(stream, "PNG", optimize=True)
+    return stream.getvalue()
+
+
+def animated_bytes(sheet: Sheet, show: Callable[[int, int], None]) -> bytes:
+    """The sheets of all observations as a GIF in a loop, at the pace of the world; `show` hears of each."""
+    pictures: list[Image.Image] = []
+    for picture in sheet.animation():
+        size = (round(picture.width * _SHARE), round(picture.height * _SHARE))
+        pictures.append(picture.resize(size, Image.Resampling.LANCZOS).quantize(256, Image.Quantize.FASTOCTREE))
+        show(len(pictures), len(sheet.ticks))
+    stream = BytesIO()
+    pauses = [_STEP_MS] * (len(pictures) - 1) + [_PAUSE_MS]
+    pictures[0].save(stream, "GIF", save_all=True, append_images=pictures[1:], duration=pauses, loop=0, disposal=1)
+    return stream.getvalue()
 
 
 def outcome_inks(candidate: Candidate) -> tuple[_Ink, _Ink, _Ink, _Ink]:

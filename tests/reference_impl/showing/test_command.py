@@ -21,9 +21,7 @@ from branchdrive_reference.rendering.dataset import render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import MEDIA_STREAMS, cameras_of
 from branchdrive_reference.showing.chart import coloured, ink
-from branchdrive_reference.showing.file import animated_bytes
-from branchdrive_reference.showing.group import read_sheet
-from branchdrive_reference.showing.sheet import Sheet, outcome_inks
+from branchdrive_reference.showing.sheet import Sheet, animated_bytes, outcome_inks, read_sheet
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +61,7 @@ def test_an_animation_has_a_picture_for_each_observation(root: Path) -> None:
 def test_an_animation_is_announced_where_no_bar_is_seen(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive_reference.showing.file.animated_bytes", lambda sheet, show: b"GIF89a")
+    monkeypatch.setattr("branchdrive_reference.showing.sheet.animated_bytes", lambda sheet, show: b"GIF89a")
     output = tmp_path / "a.gif"
     assert show(root, "g2", "--output", output) == (0, f"{output}\n", "drawing 26 frames\n")
     assert output.read_bytes() == b"GIF89a"
