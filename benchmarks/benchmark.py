@@ -10,11 +10,11 @@ from pathlib import Path
 from benchmarks.command import memory, minutes, run_branchdrive
 from benchmarks.memory import Measured
 from benchmarks.row import Row
-from branchdrive.benchmark.prediction_result import prediction_results, training_scale
-from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.prediction.record import prediction_results, training_scale
+from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.document import read_protocol_file
-from branchdrive_reference.benchmark.fold import fold_tasks
+from branchdrive_reference.benchmark.guard.fold import fold_tasks
 from branchdrive_reference.benchmark.release import benchmark_data, open_release, published_predictions
 
 __all__ = ["rows"]

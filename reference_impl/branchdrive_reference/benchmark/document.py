@@ -10,7 +10,7 @@ from typing import Any
 
 from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import further_risks_of
-from branchdrive.benchmark.protocol import (
+from branchdrive.benchmark.protocol.protocol import (
     BenchmarkProtocol,
     default_protocol,
     protocol_digest,

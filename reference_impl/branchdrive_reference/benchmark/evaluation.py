@@ -14,9 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from branchdrive.benchmark.checkpoint import num_parameters
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.description import describe, described_checkpoints
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import (
     changed_checkpoints,
@@ -26,10 +23,13 @@ from branchdrive.benchmark.lock import (
     risk_fit_of,
     unlocked_models,
 )
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import noise_of as stored_noise
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.description import describe, described_checkpoints
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.ranking.noise import OutcomeNoise
+from branchdrive.benchmark.ranking.noise import noise_of as stored_noise
+from branchdrive.benchmark.ranking.record import utility_scale
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.warning import warnings

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from branchdrive.benchmark.lock import LockFacts, changed_checkpoints, lock_mismatches
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, protocol_digest
 from branchdrive.contract.identity import claimed_files, content_identity
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LOCK_FILE

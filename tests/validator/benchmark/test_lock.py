@@ -8,7 +8,6 @@ import pytest
 from tests.mismatch import pointers
 from tests.validator.benchmark.samples import data, further_risks, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.benchmark.guard.outcome_noise import RepeatLosses
 from branchdrive.benchmark.lock import (
     LockedCheckpoint,
     LockFacts,
@@ -21,9 +20,9 @@ from branchdrive.benchmark.lock import (
     ranking_lock_mismatches,
     risk_fit_of,
 )
-from branchdrive.benchmark.protocol import protocol_digest
-from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import noise_of
+from branchdrive.benchmark.protocol.protocol import protocol_digest
+from branchdrive.benchmark.ranking.noise import RepeatLosses, noise_of
+from branchdrive.benchmark.ranking.record import utility_scale
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.errors import DatasetError
 

@@ -4,8 +4,6 @@ The same inputs give the same document, whatever the order of rows: nothing is d
 protocol's seed. What is unknown or not defined is null.
 
 Source: spec/14-benchmark.md#results.
-
-Numbers of results as JSON data: what is unknown is null, and what is infinite too.
 """
 
 from __future__ import annotations
@@ -14,21 +12,18 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from branchdrive.benchmark.baseline.context import Contexts
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.diagnostic_result import diagnostic_results
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
+from branchdrive.benchmark.guard.record import further_guard_results, guard_results
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
-from branchdrive.benchmark.guard_result import further_guard_results, guard_results
-from branchdrive.benchmark.prediction_result import prediction_results, training_scale
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.benchmark.ranking_result import ranking_results, utility_scale
-from branchdrive.statistics.rounding import numbers
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.diagnostic import diagnostic_results
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.record import prediction_results, training_scale
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.ranking.context import Contexts
+from branchdrive.benchmark.ranking.noise import OutcomeNoise, noise_record
+from branchdrive.benchmark.ranking.record import ranking_results, utility_scale
 
-__all__ = ["noise_of", "noise_record", "results_document"]
+__all__ = ["results_document"]
 
 
 def results_document(
@@ -89,38 +84,3 @@ def _model_record(protocol: BenchmarkProtocol, model: str, seeds: Sequence[int])
     title = model if declared is None else declared.title
     record = {"id": model, "title": title, "seeds": list(seeds), "declared": declared is not None}
     return record | ({"reported_apart": True} if declared is not None and declared.reported_apart else {})
-
-
-def noise_record(noise: OutcomeNoise) -> dict[str, Any]:
-    """Noise as JSON data, as the ranking lock has them."""
-    return {
-        "tolerance": numbers(noise.tolerance.tolist()),
-        "rms": numbers(noise.rms.tolist()),
-        "num_groups": noise.num_groups.tolist(),
-        "num_one_sided": noise.num_one_sided.tolist(),
-        "losses": noise.losses._asdict(),
-        **(
-            {
-                "further_losses": [
-                    {"tolerance_m": tolerance_m, **losses._asdict()}
-                    for tolerance_m, losses in noise.further_losses.items()
-                ]
-            }
-            if noise.further_losses
-            else {}
-        ),
-    }
-
-
-def noise_of(record: Mapping[str, Any]) -> OutcomeNoise:
-    """Noise of a record."""
-    tolerance, rms = (
-        np.array([np.nan if value is None else float(value) for value in record[name]]) for name in ("tolerance", "rms")
-    )
-    num_groups, num_one_sided = (np.array(record[name], np.int64) for name in ("num_groups", "num_one_sided"))
-    further = {each["tolerance_m"]: _losses_of(each) for each in record.get("further_losses", ())}
-    return OutcomeNoise(tolerance, rms, num_groups, num_one_sided, _losses_of(record["losses"]), further)
-
-
-def _losses_of(record: Mapping[str, Any]) -> RepeatLosses:
-    return RepeatLosses(*(int(record[name]) for name in RepeatLosses._fields))

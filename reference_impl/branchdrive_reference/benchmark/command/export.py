@@ -33,8 +33,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     check_output(args.output, outside=args.release)
     need_models("export")
-    from branchdrive.benchmark.protocol import protocol_digest
-    from branchdrive.benchmark.ranking_result import utility_scale
+    from branchdrive.benchmark.protocol.protocol import protocol_digest
+    from branchdrive.benchmark.ranking.record import utility_scale
     from branchdrive.contract.layout import LOCK_FILE
     from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests.validator.benchmark.samples import contexts, data, prediction_set, whole_protocol
 
-from branchdrive.benchmark.baseline.context import Contexts
-from branchdrive.benchmark.ranking_result import ranking_results, utility_scale
-from branchdrive.benchmark.table.ranking import ranking_sections
+from branchdrive.benchmark.ranking.context import Contexts
+from branchdrive.benchmark.ranking.record import ranking_results, utility_scale
+from branchdrive.benchmark.ranking.table import ranking_sections
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.driving.utility import predicted_utility, utility
 from branchdrive.errors import DatasetError

@@ -227,7 +227,7 @@ def judged_folder(root: Path, **options: Any) -> Report:
 
 PURE = (
     "branchdrive.engine.layer_files.schema_mismatches",
-    "branchdrive.benchmark.view.read_protocol",
+    "branchdrive.benchmark.protocol.rules.read_protocol",
     "branchdrive.benchmark.rules.results_document",
     "branchdrive.leakage.structural_rules.affine_targets",
     "branchdrive.leakage.structural_rules.neighbours_p",
@@ -236,7 +236,7 @@ PURE = (
     "branchdrive.leakage.rules.score_mismatches",
     "branchdrive.leakage.rules.statistic_mismatches",
     "branchdrive.files.survey.schema_mismatches",
-    "branchdrive.benchmark.protocol.schema_mismatches",
+    "branchdrive.benchmark.protocol.protocol.schema_mismatches",
     "branchdrive.leakage.parity.fit_logistic",
     "branchdrive.leakage.parity.held_out_score",
     "branchdrive.leakage.recompute._redrawn",

@@ -26,7 +26,7 @@ from branchdrive.benchmark.guard.calibration import (
     conformal,
     learn_then_test,
 )
-from branchdrive.benchmark.guard.figure import RATES, Figure, cluster_weights, figures, terms
+from branchdrive.benchmark.guard.figure import RATES, terms
 from branchdrive.benchmark.guard.path import (
     COVERAGE,
     TOLERANCE_M,
@@ -51,6 +51,7 @@ from branchdrive.benchmark.guard.redraw import (
 from branchdrive.benchmark.guard.risk import RiskFit, guarded_path
 from branchdrive.benchmark.ranking.measure import choose
 from branchdrive.benchmark.ranking.ranking import SEPARATION
+from branchdrive.benchmark.ranking.ratio import Figure, cluster_weights, figures
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import Profile, Scale, predicted_utility, utility
 from branchdrive.statistics.bootstrap import NUM_RESAMPLES
@@ -255,6 +256,7 @@ def assess(
             tested.clusters,
             seed=seed,
             num_resamples=num_resamples,
+            rates=RATES,
             settled=settled.get(name, ()),
         )
         for name, chosen in selections.items()
