@@ -25,11 +25,11 @@ from branchdrive.benchmark.lock import (
 )
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.description import describe, described_checkpoints
+from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking.noise import OutcomeNoise
 from branchdrive.benchmark.ranking.noise import noise_of as stored_noise
-from branchdrive.benchmark.ranking.record import utility_scale
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.warning import warnings
@@ -184,7 +184,7 @@ def _warnings(
 
 def _unevaluated(ledger: Ledger, protocol: BenchmarkProtocol, lock: Any | None, ranking_lock: Any | None) -> str | None:
     """Why the published predictions are left out; ``None`` where they were evaluated under this protocol."""
-    if lock is not None and lock["protocol_digest"] != protocol_digest(protocol):
+    if lock is not None and lock["protocol_digest"] != protocol.digest:
         return "The published models are left out: they are locked under another protocol."
     locks = zip(BENCHMARK_ACCESSES, (lock, ranking_lock), strict=True)
     if not all(found is not None and (lock_digest(found),) in accesses(event, ledger) for event, found in locks):

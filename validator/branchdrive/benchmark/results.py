@@ -16,12 +16,13 @@ from branchdrive.benchmark.guard.record import further_guard_results, guard_resu
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.diagnostic import diagnostic_results
+from branchdrive.benchmark.prediction.inputs import ResultInputs
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.prediction.record import prediction_results, training_scale
-from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.prediction.record import prediction_results
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking.context import Contexts
 from branchdrive.benchmark.ranking.noise import OutcomeNoise, noise_record
-from branchdrive.benchmark.ranking.record import ranking_results, utility_scale
+from branchdrive.benchmark.ranking.record import ranking_results
 
 __all__ = ["results_document"]
 
@@ -55,12 +56,10 @@ def results_document(
         DatasetError: The model layer has no group in the partition that is fitted on or reported, or contexts are
             missing.
     """
-    scale = training_scale(protocol, data)
-    quantiles = utility_scale(protocol, data)
-    judged = predictions.of(protocol.partitions.report)
-    further = further_guard_results(protocol, data, predictions, quantiles, further_risks, noise)
+    inputs = ResultInputs.of(protocol, data, predictions)
+    further = further_guard_results(inputs, further_risks, noise)
     return {
-        "protocol": {"name": protocol.name, "version": protocol.version, "digest": protocol_digest(protocol)},
+        "protocol": {"name": protocol.name, "version": protocol.version, "digest": protocol.digest},
         "warnings": list(warnings),
         "population": {
             "groups": {name: len(part.groups) for name, part in data.parts.items()},
@@ -69,11 +68,11 @@ def results_document(
             "nominal": data.candidates[data.nominal],
         },
         **({} if description is None else {"description": dict(description)}),
-        "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
-        "prediction": prediction_results(protocol, data, predictions, scale),
-        "diagnostics": diagnostic_results(protocol, data, predictions, scale),
-        "ranking": ranking_results(protocol, data, predictions, quantiles, contexts, noise),
-        "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
+        "models": [_model_record(protocol, model, predictions.seeds(model)) for model in inputs.judged],
+        "prediction": prediction_results(inputs),
+        "diagnostics": diagnostic_results(inputs),
+        "ranking": ranking_results(inputs, contexts, noise),
+        "guard": guard_results(inputs, risk_fit, noise),
         **({"further_guards": further} if further else {}),
         "noise": None if noise is None else noise_record(noise),
     }

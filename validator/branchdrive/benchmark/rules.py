@@ -22,11 +22,11 @@ from branchdrive.benchmark.lock import (
 )
 from branchdrive.benchmark.prediction.data import groups_digest
 from branchdrive.benchmark.prediction.description import describe, described_checkpoints
+from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.prediction.rules import data_of, predictions_of
 from branchdrive.benchmark.protocol.rules import protocol_of
 from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.benchmark.ranking.noise import noise_of
-from branchdrive.benchmark.ranking.record import utility_scale
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.view import (

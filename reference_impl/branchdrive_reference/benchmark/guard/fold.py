@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
-from branchdrive.benchmark.ranking.record import utility_scale
 from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.statistics.stream import words

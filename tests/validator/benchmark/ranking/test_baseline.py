@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from tests.validator.benchmark.samples import contexts, data, prediction_set, whole_protocol
 
+from branchdrive.benchmark.prediction.inputs import ResultInputs, utility_scale
 from branchdrive.benchmark.ranking.context import Contexts
-from branchdrive.benchmark.ranking.record import ranking_results, utility_scale
+from branchdrive.benchmark.ranking.record import ranking_results
 from branchdrive.benchmark.ranking.table import ranking_sections
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.driving.utility import predicted_utility, utility
@@ -21,8 +22,7 @@ BASELINES = ["type_prior", "route_prior", "neighbours", "ridge", "neighbours_pri
 
 
 def section(seen: Contexts | None) -> dict[str, Any]:
-    protocol = whole_protocol()
-    return ranking_results(protocol, data(), prediction_set(), utility_scale(protocol, data()), seen)
+    return ranking_results(ResultInputs.of(whole_protocol(), data(), prediction_set()), seen)
 
 
 @cache

@@ -18,13 +18,13 @@ from tests.validator.engine.rules.release import BUILT, SPLIT, STEPS, ReleaseDra
 from branchdrive.benchmark.checkpoint import CheckpointFacts
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
 from branchdrive.benchmark.prediction.data import TABLES, BenchmarkData, groups_digest
+from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES as PREDICTED
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, read_protocol
 from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.benchmark.ranking.noise import noise_of
-from branchdrive.benchmark.ranking.record import utility_scale
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.bank import ActionBank

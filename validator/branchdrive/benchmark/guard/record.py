@@ -11,68 +11,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.guard.assessment import Assessment, GuardData, Limits, assess
+from branchdrive.benchmark.guard.assessment import Assessment, assess
 from branchdrive.benchmark.guard.calibration import GLOBAL_MARGIN, LEARN_THEN_TEST, Calibration, guarantee
+from branchdrive.benchmark.guard.data import GuardData, GuardPartitions, Limits, Setting
 from branchdrive.benchmark.guard.path import MarginReport
 from branchdrive.benchmark.guard.redraw import Redraws
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
-from branchdrive.benchmark.prediction.data import BenchmarkData
-from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.prediction.inputs import ResultInputs
 from branchdrive.benchmark.ranking.noise import OutcomeNoise, selected_differences
 from branchdrive.benchmark.ranking.record import action_prior
-from branchdrive.driving.utility import Scale
 from branchdrive.statistics.rounding import number, numbers
 
 __all__ = ["further_guard_results", "guard_results"]
 
 
-def guard_results(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    predictions: PredictionSet,
-    scale: Scale,
-    risk_fit: RiskFit | None,
-    noise: OutcomeNoise | None,
-) -> dict[str, Any]:
+def guard_results(inputs: ResultInputs, risk_fit: RiskFit | None, noise: OutcomeNoise | None) -> dict[str, Any]:
     """The section ``guard``: empty of profiles, with the reason, where something that it needs is missing."""
-    guard = protocol.guard
-    return _section(protocol, data, predictions, scale, risk_fit, noise, (guard.model, guard.tolerance_m))
+    guard = inputs.protocol.guard
+    return _section(inputs, (guard.model, guard.tolerance_m), risk_fit, noise)
 
 
-def further_guard_results(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    predictions: PredictionSet,
-    scale: Scale,
-    risks: Risks,
-    noise: OutcomeNoise | None,
-) -> list[dict[str, Any]]:
+def further_guard_results(inputs: ResultInputs, risks: Risks, noise: OutcomeNoise | None) -> list[dict[str, Any]]:
     """Sections of the same form for the other guarded models and tolerances, in the order of `Guard.further`."""
-    return [
-        _section(protocol, data, predictions, scale, risks.get(guarded), noise, guarded)
-        for guarded in protocol.guard.further
-    ]
+    return [_section(inputs, guarded, risks.get(guarded), noise) for guarded in inputs.protocol.guard.further]
 
 
 def _section(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    predictions: PredictionSet,
-    scale: Scale,
-    risk_fit: RiskFit | None,
-    noise: OutcomeNoise | None,
-    guarded: tuple[str, float],
+    inputs: ResultInputs, guarded: tuple[str, float], risk_fit: RiskFit | None, noise: OutcomeNoise | None
 ) -> dict[str, Any]:
     model, tolerance_m = guarded
-    reason = _reason(protocol, data, predictions, risk_fit, model)
+    reason = _reason(inputs, risk_fit, model)
     profiles: list[dict[str, Any]] = []
     if reason is None and risk_fit is not None:
+        partitions, limits = _partitions(inputs, model), _limits(inputs, tolerance_m)
         try:
-            for name in protocol.preferences:
-                profiles.append(_profile(protocol, data, predictions, scale, risk_fit, noise, guarded, name))  # noqa: PERF401
+            profiles = [
+                _profile(inputs, partitions, limits, risk_fit, noise, name) for name in inputs.protocol.preferences
+            ]
         except ValueError as error:
-            reason, profiles = str(error), []
+            reason = str(error)
     return {
         "model": model,
         "tolerance_m": tolerance_m,
@@ -91,59 +68,60 @@ def _claimed(text: str, method: str, profiles: Sequence[Mapping[str, Any]]) -> s
     return text if any(profile[method]["refusal"] is None for profile in profiles) else None
 
 
-def _reason(
-    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, risk_fit: RiskFit | None, model: str
-) -> str | None:
+def _reason(inputs: ResultInputs, risk_fit: RiskFit | None, model: str) -> str | None:
     if risk_fit is None:
         return "No risk was fitted."
-    for partition in protocol.predicted:
-        if partition not in data.parts:
+    for partition in inputs.protocol.predicted:
+        if partition not in inputs.data.parts:
             return f"The release has no partition {partition!r}."
-        if not predictions.covers(model, partition):
+        if not inputs.predictions.covers(model, partition):
             return f"{model} does not predict the partition {partition!r}."
-    lacking = [name for name in protocol.preferences if name not in risk_fit.grids]
+    lacking = [name for name in inputs.protocol.preferences if name not in risk_fit.grids]
     return f"The fitted risk has no multipliers for the profile {lacking[0]!r}." if lacking else None
 
 
+def _partitions(inputs: ResultInputs, model: str) -> GuardPartitions:
+    """What a model predicts for the partitions of an assessment, and what happened there."""
+    found = []
+    for name in inputs.protocol.predicted:
+        part = inputs.data.parts[name]
+        found.append(GuardData(inputs.predictions.scalars(model, name), part.targets, part.groups, part.clusters))
+    return GuardPartitions(*found)
+
+
+def _limits(inputs: ResultInputs, tolerance_m: float) -> Limits:
+    guard = inputs.protocol.guard
+    return Limits(
+        alpha=guard.alpha,
+        delta=guard.delta,
+        tolerance_m=tolerance_m,
+        min_groups=int(guard.min_groups),
+        min_clusters=int(guard.min_clusters),
+        coverage=guard.coverage,
+    )
+
+
 def _profile(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    predictions: PredictionSet,
-    scale: Scale,
+    inputs: ResultInputs,
+    partitions: GuardPartitions,
+    limits: Limits,
     risk_fit: RiskFit,
     noise: OutcomeNoise | None,
-    guarded: tuple[str, float],
     name: str,
 ) -> dict[str, Any]:
-    partitions, guard = protocol.partitions, protocol.guard
-    model, tolerance_m = guarded
-
-    def given(partition: str) -> GuardData:
-        part = data.part(partition)
-        return GuardData(predictions.scalars(model, partition), part.targets, part.groups, part.clusters)
-
-    found = assess(
-        risk_fit,
-        validation=given(partitions.select),
-        calibration=given(partitions.calibrate),
-        test=given(partitions.report),
-        nominal=data.nominal,
-        action_prior=action_prior(protocol, data, scale, name),
-        scale=scale,
-        profile=protocol.preferences[name],
+    protocol, guard = inputs.protocol, inputs.protocol.guard
+    setting = Setting(
         profile_name=name,
-        seed=int(protocol.statistics.seed),
+        profile=protocol.preferences[name],
+        scale=inputs.utility_scale,
+        nominal=inputs.data.nominal,
+        action_prior=action_prior(inputs, name),
+        seed=inputs.seed,
         num_resamples=int(protocol.statistics.resamples),
-        limits=Limits(
-            alpha=guard.alpha,
-            delta=guard.delta,
-            tolerance_m=tolerance_m,
-            min_groups=int(guard.min_groups),
-            min_clusters=int(guard.min_clusters),
-            coverage=guard.coverage,
-        ),
         num_redraws=None if guard.redraws is None else int(guard.redraws),
+        limits=limits,
     )
+    found = assess(risk_fit, partitions, setting)
     return {
         "profile": name,
         "num_groups": int(found.kept.sum()),
@@ -158,8 +136,7 @@ def _profile(
         "conformal": _calibration_record(found.conformal, found),
         "learn_then_test": _calibration_record(found.learn_then_test, found),
         "selections": [
-            _selection_record(selection, chosen, found, data, partitions.report, noise)
-            for selection, chosen in found.selections.items()
+            _selection_record(selection, chosen, found, inputs, noise) for selection, chosen in found.selections.items()
         ],
         "trade_off": {key: numbers(values.tolist()) for key, values in found.trade_off._asdict().items()},
         **_redraw_records(found.redraws, guard.redraws),
@@ -204,15 +181,14 @@ def _selection_record(
     selection: str,
     chosen: NDArray[np.intp],
     found: Assessment,
-    data: BenchmarkData,
-    partition: str,
+    inputs: ResultInputs,
     noise: OutcomeNoise | None,
 ) -> dict[str, Any]:
     beyond = None
     if noise is not None:
-        outcomes = data.part(partition).targets
+        outcomes = inputs.reported.targets
         kept = type(outcomes)(outcomes.values[found.kept], outcomes.available[found.kept])
-        differences = selected_differences(kept, chosen, noise, nominal=data.nominal)
+        differences = selected_differences(kept, chosen, noise, nominal=inputs.data.nominal)
         beyond = {
             "num_worse": differences.worse.sum(axis=0).tolist(),
             "num_better": differences.better.sum(axis=0).tolist(),

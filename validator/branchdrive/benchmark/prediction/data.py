@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class Part:
     clusters: tuple[str, ...]
     outcomes: Outcomes
 
-    @property
+    @cached_property
     def targets(self) -> Targets:
         """Scalar outcomes ``[N, A, 6]`` with NaN where not available."""
         found = self.outcomes

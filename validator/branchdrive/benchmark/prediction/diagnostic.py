@@ -23,15 +23,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.inputs import ResultInputs
 from branchdrive.benchmark.prediction.metric.error import PATH_ERRORS, group_errors, group_mean
 from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
-from branchdrive.benchmark.prediction.metric.scale import Scale
 from branchdrive.benchmark.prediction.metric.shuffle import shuffles
-from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, Kind
+from branchdrive.benchmark.protocol.protocol import Kind
 from branchdrive.driving.target import TARGETS
-from branchdrive.statistics.bootstrap import Design, counted_mean, design
+from branchdrive.statistics.bootstrap import Design, counted_mean
 from branchdrive.statistics.interval import Intervals, intervals
 from branchdrive.statistics.rounding import number
 
@@ -46,23 +44,15 @@ _NUM_TARGETS = len(TARGETS)
 _ADE = PATH_ERRORS.index("ade_m")
 
 
-def diagnostic_results(
-    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, scale: Scale
-) -> dict[str, Any]:
+def diagnostic_results(inputs: ResultInputs) -> dict[str, Any]:
     """The section ``diagnostics``."""
-    part = data.part(protocol.partitions.report)
-    judged = predictions.of(protocol.partitions.report)
+    protocol, part, judged = inputs.protocol, inputs.reported, inputs.judged
     declared = [model for model in judged if protocol.model(model) is not None]
     kinds = protocol.shuffles.kinds if len(part.groups) > 1 else ()
-    about = protocol.statistics
-    resampling = design(part.clusters, seed=int(about.seed), num_resamples=int(about.resamples))
     return {
         "spread": [_spread_record(model, part.outcomes, by_seed) for model, by_seed in judged.items()],
         "shuffles": [
-            record
-            for model in declared
-            for kind in kinds
-            for record in _shuffle_records(protocol, model, kind, part.outcomes, judged[model], scale, resampling)
+            record for model in declared for kind in kinds for record in _shuffle_records(inputs, model, kind)
         ],
     }
 
@@ -77,21 +67,13 @@ def _spread_record(model: str, outcomes: Outcomes, by_seed: Mapping[int, Predict
     }
 
 
-def _shuffle_records(
-    protocol: BenchmarkProtocol,
-    model: str,
-    kind: Kind,
-    outcomes: Outcomes,
-    by_seed: Mapping[int, Predictions],
-    scale: Scale,
-    resampling: Design,
-) -> list[dict[str, Any]]:
-    given = list(by_seed.values())
+def _shuffle_records(inputs: ResultInputs, model: str, kind: Kind) -> list[dict[str, Any]]:
+    outcomes, given = inputs.reported.outcomes, list(inputs.judged[model].values())
     size = outcomes.scalars.shape[:2]
 
     def values(predicted: list[Predictions]) -> tuple[Array, Array]:
         """Both metrics ``[2]`` and what they are made of ``[N, 7]``, means over seeds."""
-        units = np.append(scale.iqr, 1.0)
+        units = np.append(inputs.scale.iqr, 1.0)
         errors = [group_errors(outcomes, each) for each in predicted]
         by_group = np.stack([np.column_stack([each.absolute, each.path[:, _ADE]]) for each in errors])
         means = np.concatenate([counted_mean(np.ones((1, size[0])), each) for each in by_group]) / units
@@ -99,10 +81,10 @@ def _shuffle_records(
         return metrics.mean(axis=0), (by_group / units).mean(axis=0)
 
     plain, by_group = values(given)
-    seeds = tuple(int(seed) for seed in protocol.shuffles.seeds)
+    seeds = tuple(int(seed) for seed in inputs.protocol.shuffles.seeds)
     found = [values([s.apply(each) for each in given]) for s in shuffles(kind, *size, seeds=seeds)]
     shuffled = np.array([metrics for metrics, _ in found])
-    increase, ends = _increase(np.mean([of_groups - by_group for _, of_groups in found], axis=0), resampling)
+    increase, ends = _increase(np.mean([of_groups - by_group for _, of_groups in found], axis=0), inputs.resampling)
     spread_of = shuffled.std(axis=0, ddof=1) if len(shuffled) > 1 else np.full(len(SHUFFLED_METRICS), np.nan)
     return [
         {

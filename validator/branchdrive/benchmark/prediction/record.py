@@ -8,33 +8,19 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from branchdrive.benchmark.prediction.data import BenchmarkData
-from branchdrive.benchmark.prediction.metric.scale import Scale, target_scale
+from branchdrive.benchmark.prediction.inputs import ResultInputs
 from branchdrive.benchmark.prediction.metric.table import Comparison, Contrast, Estimate, Interval, statistics
-from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol.family import Adjusted, adjust
-from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, DeclaredFamily, Member
+from branchdrive.benchmark.protocol.protocol import DeclaredFamily, Member
 from branchdrive.benchmark.protocol.undeclared import undeclared_predictions
 from branchdrive.statistics.rounding import number, numbers
 
-__all__ = [
-    "comparison_record", "evaluated_members", "family_records", "interval_record", "prediction_results",
-    "training_scale",
-]  # fmt: skip
+__all__ = ["comparison_record", "evaluated_members", "family_records", "interval_record", "prediction_results"]
 
 
-def training_scale(protocol: BenchmarkProtocol, data: BenchmarkData) -> Scale:
-    """Scales of the targets on the partition that models are fitted on."""
-    outcomes = data.part(protocol.partitions.fit).outcomes
-    return target_scale(outcomes.scalars, outcomes.available)
-
-
-def prediction_results(
-    protocol: BenchmarkProtocol, data: BenchmarkData, predictions: PredictionSet, scale: Scale
-) -> dict[str, Any]:
+def prediction_results(inputs: ResultInputs) -> dict[str, Any]:
     """The section ``prediction``."""
-    part = data.part(protocol.partitions.report)
-    judged = predictions.of(protocol.partitions.report)
+    protocol, part, judged, scale = inputs.protocol, inputs.reported, inputs.judged, inputs.scale
     families = protocol.of_kind("prediction")
     members = [*evaluated_members(families, judged), *undeclared_predictions(protocol, judged)]
     found = statistics(
@@ -44,7 +30,7 @@ def prediction_results(
         judged,
         scale,
         contrasts=[Contrast(member.left, member.right, member.metric) for member in members],
-        seed=int(protocol.statistics.seed),
+        seed=inputs.seed,
         num_resamples=int(protocol.statistics.resamples),
         num_flips=int(protocol.statistics.flips),
     )

@@ -16,7 +16,7 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
@@ -272,6 +272,11 @@ class BenchmarkProtocol(ProtocolPart):
         """The protocol as a document."""
         return self.model_dump(mode="json", exclude_none=True)
 
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of its canonical bytes, see `protocol_digest`."""
+        return protocol_digest(self.document)
+
     @property
     def preferences(self) -> dict[str, Profile]:
         """Weights by name of the profile, in the declared order."""
@@ -356,7 +361,7 @@ def _judged(document: Any) -> BenchmarkProtocol | str:
         return str(error.errors(include_url=False, include_context=False)[0]["msg"]).removeprefix("Value error, ")
     for normative in map(load_resource, (NORMATIVE, VISUAL)):
         is_called_so = (found.name, found.version) == (normative["name"], normative["version"])
-        if is_called_so and protocol_digest(found) != protocol_digest(normative):
+        if is_called_so and found.digest != protocol_digest(normative):
             return (
                 f"it is called {found.name!r} {found.version} and is not the protocol of that name and version; "
                 "give it a name of its own"
@@ -376,7 +381,6 @@ def visual_protocol() -> BenchmarkProtocol:
     return read_protocol(load_resource(VISUAL))
 
 
-def protocol_digest(document: Mapping[str, Any] | BenchmarkProtocol) -> str:
+def protocol_digest(document: Mapping[str, Any]) -> str:
     """SHA-256 of the canonical bytes of a protocol, hexadecimal: those that a writer stores."""
-    found = document.document if isinstance(document, BenchmarkProtocol) else document
-    return hashlib.sha256(dump_json(found)).hexdigest()
+    return hashlib.sha256(dump_json(document)).hexdigest()

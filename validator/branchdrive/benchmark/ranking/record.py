@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.inputs import ResultInputs
 from branchdrive.benchmark.prediction.metric.table import Interval, compare, paired_difference
-from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.record import (
     comparison_record,
     evaluated_members,
@@ -34,13 +33,13 @@ from branchdrive.benchmark.ranking.noise import OutcomeNoise
 from branchdrive.benchmark.ranking.ranking import Entry, Gate, Ranking, rank
 from branchdrive.benchmark.ranking.ratio import Terms, figures
 from branchdrive.benchmark.ranking.selected import selected_outcomes, selected_record
-from branchdrive.driving.utility import RANGE, Scale, fit_scale, utility
+from branchdrive.driving.utility import RANGE, Scale, utility
 from branchdrive.errors import DatasetError
-from branchdrive.statistics.bootstrap import Design, counted_mean, design
+from branchdrive.statistics.bootstrap import Design, counted_mean
 from branchdrive.statistics.interval import Intervals, intervals
 from branchdrive.statistics.rounding import number, numbers
 
-__all__ = ["action_prior", "ranking_results", "scale_record", "utility_scale"]
+__all__ = ["action_prior", "ranking_results", "scale_record"]
 
 Array = NDArray[np.float64]
 
@@ -52,44 +51,33 @@ HELD = ("value", "regret")
 _NOTHING, _OUTCOMES = "nothing", "outcomes"
 
 
-def utility_scale(protocol: BenchmarkProtocol, data: BenchmarkData) -> Scale:
-    """Quantiles of the targets on the partition that models are fitted on."""
-    return fit_scale(data.part(protocol.partitions.fit).targets)
-
-
-def action_prior(protocol: BenchmarkProtocol, data: BenchmarkData, scale: Scale, profile: str) -> int:
+def action_prior(inputs: ResultInputs, profile: str) -> int:
     """Place of the candidate that ActionPrior takes under a profile: the best on the partition that is fitted on.
 
     Raises:
         ValueError: No group of that partition has all its utilities.
     """
-    return best_fixed(utility(data.part(protocol.partitions.fit).targets, scale, protocol.preferences[profile]))
+    return best_fixed(utility(inputs.fitted.targets, inputs.utility_scale, inputs.protocol.preferences[profile]))
 
 
 def ranking_results(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    predictions: PredictionSet,
-    scale: Scale,
-    contexts: Contexts | None = None,
-    noise: OutcomeNoise | None = None,
+    inputs: ResultInputs, contexts: Contexts | None = None, noise: OutcomeNoise | None = None
 ) -> dict[str, Any]:
     """The section ``ranking``; outcomes of selections are in it where the protocol declares them.
 
     Raises:
         DatasetError: Baselines are declared, and what they see is not given.
     """
+    protocol = inputs.protocol
     if protocol.baselines and contexts is None:
         raise DatasetError("the protocol declares baselines, which need the histories of the model layer")
-    part = data.part(protocol.partitions.report)
-    seed = int(protocol.statistics.seed)
-    resampling = design(part.clusters, seed=seed, num_resamples=int(protocol.statistics.resamples))
+    part, resampling = inputs.reported, inputs.resampling
     profiles: list[dict[str, Any]] = []
     left_out: list[dict[str, str]] = []
     rankings: dict[str, Ranking] = {}
     for name in protocol.preferences:
         try:
-            ranking, about = _ranked(protocol, data, predictions, scale, name, contexts)
+            ranking, about = _ranked(inputs, name, contexts)
         except ValueError as error:
             left_out.append({"profile": name, "reason": str(error)})
             continue
@@ -101,19 +89,19 @@ def ranking_results(
             for selector, entry in ranking.entries.items()
         ]
         for record, entry in zip(entries, ranking.entries.values(), strict=True):
-            record |= _outcomes_record(protocol, data, record["selector"], entry, ranking, resampling, noise)
+            record |= _outcomes_record(inputs, record["selector"], entry, ranking, noise)
         profiles.append({"profile": name, **about, "entries": entries})
     families = protocol.of_kind("ranking")
     # Every profile ranks the same selectors.
     names = set(next(iter(rankings.values())).entries) if rankings else set()
     members = [member for member in evaluated_members(families, names) if member.profile in rankings]
-    members += undeclared_rankings(protocol, predictions.of(protocol.partitions.report), rankings)
+    members += undeclared_rankings(protocol, inputs.judged, rankings)
     differences = [_difference(rankings, member) for member in members]
     comparisons = compare(
         [member.name for member in members],
         np.stack(differences, axis=1) if differences else np.empty((len(part.groups), 0)),
         resampling,
-        seed=seed,
+        seed=inputs.seed,
         num_flips=int(protocol.statistics.flips),
     )
     found = {
@@ -127,18 +115,13 @@ def ranking_results(
         return found
     return found | {
         "unseen": [b.name for b in protocol.baselines if contexts is not None and not is_seen(b, contexts)],
-        "held": [
-            record
-            for name, ranking in rankings.items()
-            for record in _held_records(protocol, name, ranking, resampling)
-        ],
+        "held": [record for name, ranking in rankings.items() for record in _held_records(inputs, name, ranking)],
     }
 
 
-def _held_records(
-    protocol: BenchmarkProtocol, profile: str, ranking: Ranking, resampling: Design
-) -> list[dict[str, Any]]:
+def _held_records(inputs: ResultInputs, profile: str, ranking: Ranking) -> list[dict[str, Any]]:
     """Every learned selector against every declared reference, by value and by regret, under one profile."""
+    protocol = inputs.protocol
     learned = [name for name in ranking.entries if name.startswith((LEARNED, ENSEMBLE))]
     references = () if protocol.selection is None else protocol.selection.references
     members = [
@@ -153,8 +136,8 @@ def _held_records(
     comparisons = compare(
         [member.name for member in members],
         np.stack([_difference({profile: ranking}, member) for member in members], axis=1),
-        resampling,
-        seed=int(protocol.statistics.seed),
+        inputs.resampling,
+        seed=inputs.seed,
         num_flips=int(protocol.statistics.flips),
     )
     return [
@@ -163,31 +146,24 @@ def _held_records(
     ]
 
 
-def _ranked(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    predictions: PredictionSet,
-    scale: Scale,
-    name: str,
-    contexts: Contexts | None,
-) -> tuple[Ranking, dict[str, Any]]:
+def _ranked(inputs: ResultInputs, name: str, contexts: Contexts | None) -> tuple[Ranking, dict[str, Any]]:
+    protocol, data, scale = inputs.protocol, inputs.data, inputs.utility_scale
     partitions, profile = protocol.partitions, protocol.preferences[name]
-    prior = action_prior(protocol, data, scale, name)
+    prior = action_prior(inputs, name)
     brake = None
     if data.brakes and partitions.select in data.parts:
-        brake = best_fixed(utility(data.part(partitions.select).targets, scale, profile), data.brakes)
-    report, train = partitions.report, data.part(partitions.fit)
-    utilities = utility(train.targets, scale, profile)
+        brake = best_fixed(utility(data.parts[partitions.select].targets, scale, profile), data.brakes)
+    utilities = utility(inputs.fitted.targets, scale, profile)
     ranking = rank(
-        data.part(report).targets,
-        {model: predictions.scalars(model, report) for model in predictions.of(report)},
+        inputs.reported.targets,
+        {model: inputs.predictions.scalars(model, partitions.report) for model in inputs.judged},
         scale=scale,
         profile=profile,
         nominal=data.nominal,
         action_prior=prior,
         fixed_brake=brake,
         baselines={
-            baseline.name: estimate(baseline, contexts, train.groups, utilities, data.part(report).groups)
+            baseline.name: estimate(baseline, contexts, inputs.fitted.groups, utilities, inputs.reported.groups)
             for baseline in protocol.baselines
             if contexts is not None and is_seen(baseline, contexts)
         },
@@ -226,24 +202,19 @@ def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Des
 
 
 def _outcomes_record(
-    protocol: BenchmarkProtocol,
-    data: BenchmarkData,
-    selector: str,
-    entry: Entry,
-    ranking: Ranking,
-    resampling: Design,
-    noise: OutcomeNoise | None,
+    inputs: ResultInputs, selector: str, entry: Entry, ranking: Ranking, noise: OutcomeNoise | None
 ) -> dict[str, Any]:
     """What an entry has beside its measures: nothing where the protocol does not declare outcomes."""
-    if protocol.outcomes is None:
+    declared = inputs.protocol.outcomes
+    if declared is None:
         return {}
     found = selected_outcomes(
-        data.part(protocol.partitions.report).targets,
+        inputs.reported.targets,
         entry.shares,
         ranking.population.ranked,
-        resampling,
-        nominal=data.nominal,
-        contact_m=protocol.outcomes.contact_m,
+        inputs.resampling,
+        nominal=inputs.data.nominal,
+        contact_m=declared.contact_m,
         tolerance=None if noise is None else noise.tolerance,
         is_nominal=selector == "nominal",
     )
