@@ -10,11 +10,12 @@ from pathlib import Path
 from benchmarks.command import memory, minutes, run_branchdrive
 from benchmarks.memory import Measured
 from benchmarks.row import Row
-from branchdrive.benchmark.prediction_result import prediction_results, training_scale
-from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.prediction.inputs import ResultInputs
+from branchdrive.benchmark.prediction.record import prediction_results
+from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.errors import BranchDriveError
 from branchdrive_reference.benchmark.document import read_protocol_file
-from branchdrive_reference.benchmark.fold import fold_tasks
+from branchdrive_reference.benchmark.guard.fold import fold_tasks
 from branchdrive_reference.benchmark.release import benchmark_data, open_release, published_predictions
 
 __all__ = ["rows"]
@@ -47,8 +48,8 @@ def rows(root: Path, *, jobs: int, protocol_file: Path | None = None) -> Iterato
     _run("lock", str(root))
     yield Row("predict", _cost(_run("predict", str(root))))
     yield Row("evaluate: statistics, rankings, guard, tables and figures", _cost(_run("evaluate", str(root))))
-    predictions, scale = published_predictions(open_release(root), protocol, data), training_scale(protocol, data)
-    table_s = _seconds(lambda: prediction_results(protocol, data, predictions, scale))
+    inputs = ResultInputs.of(protocol, data, published_predictions(open_release(root), protocol, data))
+    table_s = _seconds(lambda: prediction_results(inputs))
     what = f"statistics table\n{len(data.part('test').groups):,} groups of the test partition"
     yield Row(what, f"{table_s:.2f} s", "<= 2 s")
 

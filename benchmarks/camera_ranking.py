@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.ranking import made_release
 from benchmarks.row import Row
-from branchdrive.benchmark.protocol import visual_protocol
+from branchdrive.benchmark.protocol.protocol import visual_protocol
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, fit_scale

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.row import Row
-from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, fit_scale
 from branchdrive.model.reader import ModelLayer, open_model

@@ -19,7 +19,7 @@ from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.sampling import THOROUGH, sampled
 
 from benchmarks import benchmark, highway_env, paper, ranking, release
-from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.cli.main import run
 from branchdrive.environment import install_command
 from branchdrive.errors import BranchDriveError

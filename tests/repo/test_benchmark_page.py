@@ -13,7 +13,13 @@ from types import ModuleType
 from tests.each import each
 from tests.repo.checkout import ROOT
 
-from branchdrive.benchmark.protocol import MAX_MEMBERS, MAX_OWNERS, default_protocol, read_protocol, visual_protocol
+from branchdrive.benchmark.protocol.protocol import (
+    MAX_MEMBERS,
+    MAX_OWNERS,
+    default_protocol,
+    read_protocol,
+    visual_protocol,
+)
 from branchdrive.benchmark.warning import warnings
 from branchdrive.cli import build, validate
 from branchdrive.contract.rule import CATALOGUE

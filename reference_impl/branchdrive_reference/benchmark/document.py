@@ -10,10 +10,9 @@ from typing import Any
 
 from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import further_risks_of
-from branchdrive.benchmark.protocol import (
+from branchdrive.benchmark.protocol.protocol import (
     BenchmarkProtocol,
     default_protocol,
-    protocol_digest,
     read_protocol,
     visual_protocol,
 )
@@ -102,7 +101,7 @@ def untrained_sentence(release: Release, protocol: BenchmarkProtocol) -> str | N
         protocol: The one in force.
     """
     lacking = _lacking_streams(release)
-    if protocol_digest(protocol) != protocol_digest(default_protocol()) or not lacking:
+    if protocol.digest != default_protocol().digest or not lacking:
         return None
     left_out = ", ".join(model.id for model in visual_protocol().models if protocol.model(model.id) is None)
     reason = (
@@ -157,13 +156,13 @@ def keep_risks(workspace: Workspace, protocol: BenchmarkProtocol, risks: Risks) 
         {"model": model, "tolerance_m": tolerance_m, "risk_fit": risk.model_dump(mode="json")}
         for (model, tolerance_m), risk in risks.items()
     ]
-    workspace.keep(RISK, dump_json({"protocol_digest": protocol_digest(protocol), "further_risk_fits": fits}))
+    workspace.keep(RISK, dump_json({"protocol_digest": protocol.digest, "further_risk_fits": fits}))
 
 
 def waiting_risks(workspace: Workspace, protocol: BenchmarkProtocol) -> Risks:
     """The risks that wait for a ranking lock under this protocol; none where one that it declares is missing."""
     record = stored_document(workspace, RISK)
-    if not isinstance(record, dict) or record.get("protocol_digest") != protocol_digest(protocol):
+    if not isinstance(record, dict) or record.get("protocol_digest") != protocol.digest:
         return {}
     try:
         found = further_risks_of(record)

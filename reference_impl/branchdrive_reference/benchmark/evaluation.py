@@ -14,9 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from branchdrive.benchmark.checkpoint import num_parameters
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.description import describe, described_checkpoints
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive.benchmark.guard.risk import Risks
 from branchdrive.benchmark.lock import (
     changed_checkpoints,
@@ -26,10 +23,13 @@ from branchdrive.benchmark.lock import (
     risk_fit_of,
     unlocked_models,
 )
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import noise_of as stored_noise
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.description import describe, described_checkpoints
+from branchdrive.benchmark.prediction.inputs import utility_scale
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.ranking.noise import OutcomeNoise
+from branchdrive.benchmark.ranking.noise import noise_of as stored_noise
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.warning import warnings
@@ -184,7 +184,7 @@ def _warnings(
 
 def _unevaluated(ledger: Ledger, protocol: BenchmarkProtocol, lock: Any | None, ranking_lock: Any | None) -> str | None:
     """Why the published predictions are left out; ``None`` where they were evaluated under this protocol."""
-    if lock is not None and lock["protocol_digest"] != protocol_digest(protocol):
+    if lock is not None and lock["protocol_digest"] != protocol.digest:
         return "The published models are left out: they are locked under another protocol."
     locks = zip(BENCHMARK_ACCESSES, (lock, ranking_lock), strict=True)
     if not all(found is not None and (lock_digest(found),) in accesses(event, ledger) for event, found in locks):

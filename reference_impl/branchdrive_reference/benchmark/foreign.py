@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
-from branchdrive.benchmark.prediction_rows import TABLES
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.prediction.check import mismatch_text, prediction_mismatches
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.metric.outcome import Predictions
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.rows import TABLES
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.latency import timed_models
 from branchdrive.benchmark.lock import lock_digest
-from branchdrive.benchmark.ranking_result import utility_scale
+from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.cli.progress import Update
 from branchdrive.contract.document import dump_json

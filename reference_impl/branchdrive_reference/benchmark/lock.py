@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from branchdrive.benchmark.lock import LockFacts, changed_checkpoints, lock_mismatches
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.contract.identity import claimed_files, content_identity
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LOCK_FILE
@@ -25,7 +25,7 @@ def lock_facts(release: Release, protocol: BenchmarkProtocol) -> LockFacts:
     listed = {path for path in release.manifest.files if path.split("/")[0] in LAYERS}
     content = layers_content(release.root, listed & claimed_files(release.layer.descriptor.derived_layers, listed))
     return LockFacts(
-        protocol_digest(protocol),
+        protocol.digest,
         content_identity(content, content),
         release.layer.scalings().scalars.split_digest,
         release.manifest.files["model/normalisation.json"],

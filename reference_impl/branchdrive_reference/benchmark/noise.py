@@ -3,7 +3,7 @@
 Replays stand in the raw layer alone; which of them comply, the quality layer says. Where no raw layer is available,
 or no training group has a replay with a whole window after its branch, the noise is unknown.
 
-Source: this project's choice, see `branchdrive.benchmark.guard.outcome_noise`.
+Source: this project's choice, see `branchdrive.benchmark.ranking.noise`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, outcome_noise
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.ranking.noise import OutcomeNoise, outcome_noise
 from branchdrive.driving.target import Targets
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.model.targets import targets_of

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.metric.outcome import Predictions
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json

@@ -12,13 +12,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from branchdrive.benchmark.baseline.context import Contexts, contexts_of
-from branchdrive.benchmark.data import TABLES as DATA_TABLES
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.prediction_check import mismatch_text, prediction_mismatches
-from branchdrive.benchmark.prediction_rows import TABLES
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.prediction.check import mismatch_text, prediction_mismatches
+from branchdrive.benchmark.prediction.data import TABLES as DATA_TABLES
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.rows import TABLES
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of

@@ -12,14 +12,14 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 from branchdrive.benchmark.lock import LockedCheckpoint, lock_digest, lock_document
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
 from branchdrive_reference.benchmark.document import waiting_risks
-from branchdrive_reference.benchmark.fold import fit_guard, fold_tasks
+from branchdrive_reference.benchmark.guard.fold import fit_guard, fold_tasks
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, lock_facts
 from branchdrive_reference.benchmark.prediction import predict_all
 from branchdrive_reference.benchmark.release import Release, benchmark_data
@@ -103,7 +103,7 @@ def _has_risk(workspace: Workspace, protocol: BenchmarkProtocol) -> bool:
     if lock is None or published is None or published["risk_fit"] is None:
         return False
     is_of_lock = published["prediction_lock_digest"] == lock_digest(lock)
-    is_of_protocol = lock["protocol_digest"] == protocol_digest(protocol)
+    is_of_protocol = lock["protocol_digest"] == protocol.digest
     return is_of_lock and is_of_protocol and not changed_checkpoints_of(workspace, lock)
 
 

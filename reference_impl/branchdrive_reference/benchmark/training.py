@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.durable import delete

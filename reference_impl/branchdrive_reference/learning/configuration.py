@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from branchdrive.benchmark.protocol import DeclaredModel
+from branchdrive.benchmark.protocol.protocol import DeclaredModel
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable

@@ -13,7 +13,7 @@ from typing import Any
 
 from torch import Tensor
 
-from branchdrive.benchmark.data import groups_digest
+from branchdrive.benchmark.prediction.data import groups_digest
 from branchdrive.contract.limits import spec_limits
 from branchdrive.formats.untrusted import read_file
 from branchdrive.model.reader import ModelLayer

@@ -1,4 +1,7 @@
-"""A contact sheet: the cameras around the ego, the bird's-eye view with all futures, and what became of them."""
+"""A contact sheet: the cameras around the ego, the bird's-eye view with all futures, and what became of them.
+
+A sheet is read from a group of a dataset, and written as one picture, or as one for each observation in a loop.
+"""
 
 from __future__ import annotations
 
@@ -52,6 +55,13 @@ _GROUND = "below the futures: what is recorded at each observation"
 _FRAME = "in the frame: the semantic view; beyond it, and brown objects: what is recorded beside it"
 
 _INK, _QUIET, _PAPER, _TOUCH = ink(BACKDROP["ink"]), ink(BACKDROP["quiet"]), (250, 250, 248), (0xC0, 0, 0)
+
+_STEP_MS = round(1000 * OBSERVATION_STRIDE_TICKS * TICK_S)
+_PAUSE_MS = 1500
+"""How long the last picture stays before the first comes again."""
+
+_SHARE = 2 / 3
+"""Size of an animated picture by that of a sheet."""
 
 
 @dataclass
@@ -186,26 +196,6 @@ class Sheet:
             draw.text((left, middle), note, fill=_QUIET, font=_font(12), anchor="lm")
 
 
-def outcome_inks(candidate: Candidate) -> tuple[_Ink, _Ink, _Ink, _Ink]:
-    """Colours of the texts of an outcome: a touch in the future is red, and one after it grey."""
-    begins = candidate.tick[candidate.contacts]
-    if (begins <= ACTIVE_TICKS).any():
-        return _INK, _TOUCH, _TOUCH, _TOUCH
-    return _INK, _INK, _INK, _QUIET
-
-
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(size)
-
-
-def _write_over(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str) -> None:
-    """Text that can be read on any image."""
-    left, top = at
-    right = left + draw.textlength(text, _font(14))
-    draw.rounded_rectangle((left - 6, top - 10, right + 6, top + 10), 4, fill=_INK)
-    draw.text(at, text, fill="white", font=_font(14), anchor="lm")
-
-
 def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
     """The sheet of a group.
 
@@ -226,14 +216,6 @@ def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
     return Sheet(scene, bank[descriptor.action_bank.nominal.key], descriptor)
 
 
-_STEP_MS = round(1000 * OBSERVATION_STRIDE_TICKS * TICK_S)
-_PAUSE_MS = 1500
-"""How long the last picture stays before the first comes again."""
-
-_SHARE = 2 / 3
-"""Size of an animated picture by that of a sheet."""
-
-
 def sheet_bytes(sheet: Sheet) -> bytes:
     """The sheet of the branch as a PNG."""
     stream = BytesIO()
@@ -252,3 +234,23 @@ def animated_bytes(sheet: Sheet, show: Callable[[int, int], None]) -> bytes:
     pauses = [_STEP_MS] * (len(pictures) - 1) + [_PAUSE_MS]
     pictures[0].save(stream, "GIF", save_all=True, append_images=pictures[1:], duration=pauses, loop=0, disposal=1)
     return stream.getvalue()
+
+
+def outcome_inks(candidate: Candidate) -> tuple[_Ink, _Ink, _Ink, _Ink]:
+    """Colours of the texts of an outcome: a touch in the future is red, and one after it grey."""
+    begins = candidate.tick[candidate.contacts]
+    if (begins <= ACTIVE_TICKS).any():
+        return _INK, _TOUCH, _TOUCH, _TOUCH
+    return _INK, _INK, _INK, _QUIET
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)
+
+
+def _write_over(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str) -> None:
+    """Text that can be read on any image."""
+    left, top = at
+    right = left + draw.textlength(text, _font(14))
+    draw.rounded_rectangle((left - 6, top - 10, right + 6, top + 10), 4, fill=_INK)
+    draw.text(at, text, fill="white", font=_font(14), anchor="lm")

@@ -12,7 +12,7 @@ from tests.reference_impl.benchmark.small_release import contents, invoke
 from tests.sampling import THOROUGH
 
 from branchdrive_reference.benchmark.figure.gallery import figures
-from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
+from branchdrive_reference.benchmark.guard.figure import draw_trade_off
 
 NAMES = ("guard", "policy_value", "prediction", "selected_outcomes")
 

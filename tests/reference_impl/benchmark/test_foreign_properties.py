@@ -17,7 +17,7 @@ from tests.validator.benchmark.samples import small_protocol
 from tests.validator.benchmark.tiny import CANDIDATES, data
 
 from branchdrive import DatasetError
-from branchdrive.benchmark.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.benchmark.foreign import read_predictions
 

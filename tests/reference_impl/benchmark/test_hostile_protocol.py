@@ -15,7 +15,7 @@ from branchdrive import DatasetError, UsageError
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.manifest import build_manifest, write_manifest
-from branchdrive_reference.benchmark.text import render_results
+from branchdrive_reference.benchmark.command.evaluate import render_results
 
 NAME = "../../x/pwn"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
+from branchdrive.benchmark.ranking.noise import OutcomeNoise
 from branchdrive_reference.benchmark.noise import noise_of
 from branchdrive_reference.benchmark.release import benchmark_data, open_release
 

@@ -16,7 +16,7 @@ from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.statistics.sign_flip import p_text
-from branchdrive_reference.benchmark.text import render_results
+from branchdrive_reference.benchmark.command.evaluate import render_results
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from tests.reference_impl.learning.small_models import VISUAL
 from tests.small_images import add_images
 
 from branchdrive import validate
-from branchdrive.benchmark.protocol import default_protocol, protocol_problem, visual_protocol
+from branchdrive.benchmark.protocol.protocol import default_protocol, protocol_problem, visual_protocol
 from branchdrive.contract.document import dump_json
 from branchdrive.errors import UsageError
 from branchdrive.formats.manifest import build_manifest, write_manifest

@@ -9,7 +9,7 @@ from typing import Any
 from tests.model_release import ASSIGNMENT, OUTSIDER, make_frames, write_release
 from tests.small_images import add_images
 
-from branchdrive.benchmark.protocol import default_protocol, visual_protocol
+from branchdrive.benchmark.protocol.protocol import default_protocol, visual_protocol
 from branchdrive_reference.learning.configuration import (
     ActionConfig,
     Configuration,

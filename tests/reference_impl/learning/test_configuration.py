@@ -16,7 +16,7 @@ from tests.reference_impl.learning.small_models import DECLARED, TRAINING
 from tests.validator.contract.mutation import mutated
 
 from branchdrive import DatasetError
-from branchdrive.benchmark.protocol import default_protocol, visual_protocol
+from branchdrive.benchmark.protocol.protocol import default_protocol, visual_protocol
 from branchdrive_reference.learning.configuration import MAX_PREFERENCES, MAX_WIDTH, Configuration, is_model_name
 
 M3 = DECLARED["M3"].record

@@ -9,7 +9,7 @@ import pytest
 from tests.reference_impl.learning.small_models import SMALL
 
 from branchdrive import UsageError, open_model
-from branchdrive.benchmark.data import groups_digest
+from branchdrive.benchmark.prediction.data import groups_digest
 from branchdrive_reference.learning.checkpoint import read_checkpoint
 from branchdrive_reference.learning.held_out import HELD_OUT, Fold, open_fold
 from branchdrive_reference.learning.pool import Task, train_models

@@ -12,7 +12,7 @@ import torch
 from sklearn.ensemble import HistGradientBoostingRegressor
 from tests.reference_impl.learning.small_models import MEAN, make_release
 
-from branchdrive.benchmark.protocol import DeclaredModel
+from branchdrive.benchmark.protocol.protocol import DeclaredModel
 from branchdrive_reference.learning.checkpoint import read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration, ModelConfig, TreesConfig
 from branchdrive_reference.learning.prediction import predict

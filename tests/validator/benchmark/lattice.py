@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.validator.benchmark.samples import data, prediction_set, small_protocol
 
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 
 __all__ = ["Inputs", "changed", "tied"]
 

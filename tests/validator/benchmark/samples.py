@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.benchmark.baseline.context import Contexts
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
 from branchdrive.benchmark.guard.risk import FEATURES, MultiplierGrid, RiskFit
-from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, default_protocol
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.metric.outcome import Predictions
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, default_protocol
+from branchdrive.benchmark.ranking.context import Contexts
+from branchdrive.benchmark.ranking.noise import OutcomeNoise, RepeatLosses
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.tables.frame import Frame

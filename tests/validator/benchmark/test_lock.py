@@ -8,7 +8,6 @@ import pytest
 from tests.mismatch import pointers
 from tests.validator.benchmark.samples import data, further_risks, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.benchmark.guard.outcome_noise import RepeatLosses
 from branchdrive.benchmark.lock import (
     LockedCheckpoint,
     LockFacts,
@@ -21,14 +20,13 @@ from branchdrive.benchmark.lock import (
     ranking_lock_mismatches,
     risk_fit_of,
 )
-from branchdrive.benchmark.protocol import protocol_digest
-from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import noise_of
+from branchdrive.benchmark.prediction.inputs import utility_scale
+from branchdrive.benchmark.ranking.noise import RepeatLosses, noise_of
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.errors import DatasetError
 
 PROTOCOL = small_protocol()
-FACTS = LockFacts(protocol_digest(PROTOCOL), "1" * 64, "2" * 64, "3" * 64, "4" * 64, data().candidates)
+FACTS = LockFacts(PROTOCOL.digest, "1" * 64, "2" * 64, "3" * 64, "4" * 64, data().candidates)
 CHECKPOINTS = [
     LockedCheckpoint(model.id, seed, f"checkpoints/{model.id}-{seed}.safetensors", "5" * 64, "6" * 64)
     for model in PROTOCOL.models

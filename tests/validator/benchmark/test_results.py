@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from tests.validator.benchmark.samples import BANK, data, frames, noise, prediction_set, risk_fit, small_protocol
 
-from branchdrive.benchmark.data import BenchmarkData, groups_digest
 from branchdrive.benchmark.guard.assessment import SELECTIONS
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import read_protocol
-from branchdrive.benchmark.results import noise_of, noise_record, results_document
-from branchdrive.benchmark.table.comparison import JUDGED_BY_CLUSTERS
-from branchdrive.benchmark.table.guard import promises
+from branchdrive.benchmark.guard.table import promises
+from branchdrive.benchmark.prediction.comparison import JUDGED_BY_CLUSTERS
+from branchdrive.benchmark.prediction.data import BenchmarkData, groups_digest
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import read_protocol
+from branchdrive.benchmark.ranking.noise import noise_of, noise_record
+from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
 from branchdrive.errors import DatasetError

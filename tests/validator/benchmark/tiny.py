@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from branchdrive.benchmark.data import BenchmarkData, Part
-from branchdrive.benchmark.metric.outcome import Outcomes
+from branchdrive.benchmark.prediction.data import BenchmarkData, Part
+from branchdrive.benchmark.prediction.metric.outcome import Outcomes
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 
 __all__ = ["CANDIDATES", "SIZES", "data"]

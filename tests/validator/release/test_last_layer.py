@@ -9,7 +9,7 @@ import pytest
 from tests.synthetic_release import SEED
 from tests.validator.release.running import build, contents
 
-from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, CARD_FILE, RESULTS_FILE
 from branchdrive.formats.descriptor_file import read_descriptor

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.metric.outcome import Outcomes, Predictions
-from branchdrive.benchmark.metric.scale import Scale
+from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
+from branchdrive.benchmark.prediction.metric.scale import Scale
 
 UNIT = Scale(np.ones(6), np.ones(6))
 

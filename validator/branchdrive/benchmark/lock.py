@@ -16,12 +16,11 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.benchmark.ranking_result import scale_record
-from branchdrive.benchmark.results import noise_record
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.ranking.noise import OutcomeNoise, noise_record
+from branchdrive.benchmark.ranking.record import scale_record
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.mismatch import Location, Mismatch
@@ -98,7 +97,7 @@ def lock_document(
         raise DatasetError("the identity of the release is unknown; finish the release before it is locked")
     document = {
         "kind": "prediction",
-        "protocol_digest": protocol_digest(protocol),
+        "protocol_digest": protocol.digest,
         "release_identity": facts.release_identity,
         "split_digest": facts.split_digest,
         "normalisation_digest": facts.normalisation_digest,

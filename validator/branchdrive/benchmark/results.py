@@ -4,8 +4,6 @@ The same inputs give the same document, whatever the order of rows: nothing is d
 protocol's seed. What is unknown or not defined is null.
 
 Source: spec/14-benchmark.md#results.
-
-Numbers of results as JSON data: what is unknown is null, and what is infinite too.
 """
 
 from __future__ import annotations
@@ -14,21 +12,19 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from branchdrive.benchmark.baseline.context import Contexts
-from branchdrive.benchmark.data import BenchmarkData
-from branchdrive.benchmark.diagnostic_result import diagnostic_results
-from branchdrive.benchmark.guard.outcome_noise import OutcomeNoise, RepeatLosses
+from branchdrive.benchmark.guard.record import further_guard_results, guard_results
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
-from branchdrive.benchmark.guard_result import further_guard_results, guard_results
-from branchdrive.benchmark.prediction_result import prediction_results, training_scale
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, protocol_digest
-from branchdrive.benchmark.ranking_result import ranking_results, utility_scale
-from branchdrive.statistics.rounding import numbers
+from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.diagnostic import diagnostic_results
+from branchdrive.benchmark.prediction.inputs import ResultInputs
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.record import prediction_results
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.ranking.context import Contexts
+from branchdrive.benchmark.ranking.noise import OutcomeNoise, noise_record
+from branchdrive.benchmark.ranking.record import ranking_results
 
-__all__ = ["noise_of", "noise_record", "results_document"]
+__all__ = ["results_document"]
 
 
 def results_document(
@@ -60,12 +56,10 @@ def results_document(
         DatasetError: The model layer has no group in the partition that is fitted on or reported, or contexts are
             missing.
     """
-    scale = training_scale(protocol, data)
-    quantiles = utility_scale(protocol, data)
-    judged = predictions.of(protocol.partitions.report)
-    further = further_guard_results(protocol, data, predictions, quantiles, further_risks, noise)
+    inputs = ResultInputs.of(protocol, data, predictions)
+    further = further_guard_results(inputs, further_risks, noise)
     return {
-        "protocol": {"name": protocol.name, "version": protocol.version, "digest": protocol_digest(protocol)},
+        "protocol": {"name": protocol.name, "version": protocol.version, "digest": protocol.digest},
         "warnings": list(warnings),
         "population": {
             "groups": {name: len(part.groups) for name, part in data.parts.items()},
@@ -74,11 +68,11 @@ def results_document(
             "nominal": data.candidates[data.nominal],
         },
         **({} if description is None else {"description": dict(description)}),
-        "models": [_model_record(protocol, model, predictions.seeds(model)) for model in judged],
-        "prediction": prediction_results(protocol, data, predictions, scale),
-        "diagnostics": diagnostic_results(protocol, data, predictions, scale),
-        "ranking": ranking_results(protocol, data, predictions, quantiles, contexts, noise),
-        "guard": guard_results(protocol, data, predictions, quantiles, risk_fit, noise),
+        "models": [_model_record(protocol, model, predictions.seeds(model)) for model in inputs.judged],
+        "prediction": prediction_results(inputs),
+        "diagnostics": diagnostic_results(inputs),
+        "ranking": ranking_results(inputs, contexts, noise),
+        "guard": guard_results(inputs, risk_fit, noise),
         **({"further_guards": further} if further else {}),
         "noise": None if noise is None else noise_record(noise),
     }
@@ -89,38 +83,3 @@ def _model_record(protocol: BenchmarkProtocol, model: str, seeds: Sequence[int])
     title = model if declared is None else declared.title
     record = {"id": model, "title": title, "seeds": list(seeds), "declared": declared is not None}
     return record | ({"reported_apart": True} if declared is not None and declared.reported_apart else {})
-
-
-def noise_record(noise: OutcomeNoise) -> dict[str, Any]:
-    """Noise as JSON data, as the ranking lock has them."""
-    return {
-        "tolerance": numbers(noise.tolerance.tolist()),
-        "rms": numbers(noise.rms.tolist()),
-        "num_groups": noise.num_groups.tolist(),
-        "num_one_sided": noise.num_one_sided.tolist(),
-        "losses": noise.losses._asdict(),
-        **(
-            {
-                "further_losses": [
-                    {"tolerance_m": tolerance_m, **losses._asdict()}
-                    for tolerance_m, losses in noise.further_losses.items()
-                ]
-            }
-            if noise.further_losses
-            else {}
-        ),
-    }
-
-
-def noise_of(record: Mapping[str, Any]) -> OutcomeNoise:
-    """Noise of a record."""
-    tolerance, rms = (
-        np.array([np.nan if value is None else float(value) for value in record[name]]) for name in ("tolerance", "rms")
-    )
-    num_groups, num_one_sided = (np.array(record[name], np.int64) for name in ("num_groups", "num_one_sided"))
-    further = {each["tolerance_m"]: _losses_of(each) for each in record.get("further_losses", ())}
-    return OutcomeNoise(tolerance, rms, num_groups, num_one_sided, _losses_of(record["losses"]), further)
-
-
-def _losses_of(record: Mapping[str, Any]) -> RepeatLosses:
-    return RepeatLosses(*(int(record[name]) for name in RepeatLosses._fields))

@@ -1,4 +1,4 @@
-"""Benchmark rules: what is fixed (protocol, locks, checkpoints, test-set accesses), and what follows from it.
+"""Rules of locks, checkpoints and test-set accesses, and of the results and tables that follow from them.
 
 Source: paper, "Benchmark Protocol", "Experiments" and "Discussion, Limitations, and Intended Use";
 spec/14-benchmark.md.
@@ -10,9 +10,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts, num_parameters
-from branchdrive.benchmark.data import groups_digest
-from branchdrive.benchmark.description import describe, described_checkpoints
-from branchdrive.benchmark.latency import latency_mismatches
 from branchdrive.benchmark.lock import (
     LockFacts,
     changed_checkpoints,
@@ -23,24 +20,23 @@ from branchdrive.benchmark.lock import (
     risk_fit_of,
     unlocked_models,
 )
-from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
-from branchdrive.benchmark.protocol import protocol_problem
-from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import noise_of, results_document
+from branchdrive.benchmark.prediction.data import groups_digest
+from branchdrive.benchmark.prediction.description import describe, described_checkpoints
+from branchdrive.benchmark.prediction.inputs import utility_scale
+from branchdrive.benchmark.prediction.rules import data_of, predictions_of
+from branchdrive.benchmark.protocol.rules import protocol_of
+from branchdrive.benchmark.ranking.context import Contexts, contexts_of
+from branchdrive.benchmark.ranking.noise import noise_of
+from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.benchmark.view import (
     CHECKPOINTS,
-    data_of,
     digest_of,
     layer_files,
     lock_of,
     lock_of_kind,
-    mismatches_of,
     other_kind,
-    predictions_of,
-    protocol_of,
     ranking_lock_of,
-    seen_of,
 )
 from branchdrive.benchmark.warning import warnings
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
@@ -65,17 +61,6 @@ from branchdrive.layers.view import ReleaseView
 from branchdrive.model.rules.inputs import FEATURES, NORMALISATION
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses, benchmark_mismatches
 from branchdrive.quality.rules.split import SPLIT
-
-
-@rule("BD-BMK-001")
-def protocol_is_consistent(view: ReleaseView) -> Iterator[Check]:
-    """Names differ, profiles are weighed to 1, and families and guard name what is declared."""
-    problem = protocol_problem(view.document(PROTOCOL_FILE))
-    yield document_check(
-        PROTOCOL_FILE,
-        1,
-        [] if problem is None else [Mismatch({"pointer": "/"}, "a protocol without contradiction", problem)],
-    )
 
 
 @rule("BD-BMK-002")
@@ -195,28 +180,6 @@ def test_was_accessed_once_for_the_benchmark(view: ReleaseView) -> Iterator[Chec
     yield document_check(BENCHMARK_LEDGER_FILE, len(counts), mismatches)
 
 
-@rule("BD-BMK-007")
-def predictions_are_complete(view: ReleaseView) -> Iterator[Check]:
-    """Every model predicts whole banks of the partitions that it must, and nothing beside them."""
-    found = [m for m in view.cached(mismatches_of) if not _is_of_seeds(m) and "column" not in m.location]
-    yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(_in_file, found))
-
-
-@rule("BD-BMK-008")
-def every_declared_seed_predicts(view: ReleaseView) -> Iterator[Check]:
-    """A declared model has predictions of its declared seeds, and of no other."""
-    found = filter(_is_of_seeds, view.cached(mismatches_of))
-    yield Check.of(len(view.cached(protocol_of).models), map(_in_file, found))
-
-
-def _is_of_seeds(mismatch: Mismatch) -> bool:
-    return "model" in mismatch.location and "seed" not in mismatch.location
-
-
-def _in_file(mismatch: Mismatch) -> Mismatch:
-    return mismatch.within({"file": table_path(str(mismatch.location["table"]))})
-
-
 @rule("BD-BMK-009")
 def ranking_lock_follows(view: ReleaseView) -> Iterator[Check]:
     """The ranking lock names the prediction lock, the predictions, and the scale of utility of training."""
@@ -261,6 +224,21 @@ def learned_risk_is_sound(view: ReleaseView) -> Iterator[Check]:
                 f"{model}, {tolerance_m:g} m",
             )
             yield document_check(RANKING_LOCK_FILE, 1, [undeclared])
+
+
+def seen_of(view: ReleaseView) -> Contexts | None:
+    """What the declared baselines see; ``None`` where none is declared.
+
+    Raises:
+        PreconditionError: The model layer cannot be packed.
+    """
+    baselines = view.cached(protocol_of).baselines
+    if not baselines:
+        return None
+    try:
+        return contexts_of(view.frame, view.cached(data_of), baselines)
+    except DatasetError as error:
+        raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 
 
 @rule("BD-BMK-012")
@@ -340,18 +318,3 @@ def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[Chec
         len(view.cached(predictions_of).models),
         [Mismatch({**file, "model": name}, "a locked checkpoint of every seed", "none") for name in _unlocked(view)],
     )
-
-
-@rule("BD-BMK-016")
-def latencies_are_of_the_locked_models(view: ReleaseView) -> Iterator[Check]:
-    """Latencies are of the stored lock, the bank, and the models of the protocol, and agree in themselves."""
-    if LATENCY_FILE not in view.files:
-        return
-    document, bank = view.document(LATENCY_FILE), view.descriptor.action_bank
-    mismatches = latency_mismatches(
-        document,
-        view.cached(protocol_of),
-        prediction_lock_digest=digest_of(view, LOCK_FILE),
-        num_candidates=len(bank.keys),
-    )
-    yield document_check(LATENCY_FILE, max(1, len(document["models"])), mismatches)

@@ -1,4 +1,4 @@
-"""Tables of results, printed as Markdown, `TABLES.md`; a terminal shows `branchdrive.benchmark.table.headline`.
+"""Tables of results, printed as Markdown, `TABLES.md`; a terminal shows `branchdrive.benchmark.headline`.
 
 They are a pure function of the document `results.json`, and of `latency.json` where it exists, in the layout of the
 paper. Whatever prints them puts the warnings of the results below each title, so that none can be quoted without them.
@@ -9,12 +9,12 @@ Source: paper, tables of "Experiments"; spec/14-benchmark.md#tables.
 
 from __future__ import annotations
 
-from branchdrive.benchmark.table.cell import Document
-from branchdrive.benchmark.table.guard import guard_sections, noise_tables
-from branchdrive.benchmark.table.headline import inconclusive_sentence
-from branchdrive.benchmark.table.latency import latency_table
-from branchdrive.benchmark.table.prediction import prediction_tables
-from branchdrive.benchmark.table.ranking import ranking_sections
+from branchdrive.benchmark.cell import Document
+from branchdrive.benchmark.guard.table import guard_sections, noise_tables
+from branchdrive.benchmark.headline import inconclusive_sentence
+from branchdrive.benchmark.latency import latency_table
+from branchdrive.benchmark.prediction.table import prediction_tables
+from branchdrive.benchmark.ranking.table import ranking_sections
 from branchdrive.text.markdown import section_lines
 from branchdrive.text.table import Passage, Table
 

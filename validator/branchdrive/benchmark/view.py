@@ -1,7 +1,4 @@
-"""The benchmark layer as its rules see it: documents, locks, predictions and what they are judged on.
-
-Everything is read once for a dataset: `ReleaseView.cached` keeps what a function here gives.
-"""
+"""Locks and checkpoints of the benchmark layer as its rules see them."""
 
 from __future__ import annotations
 
@@ -9,64 +6,17 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.benchmark.baseline.context import Contexts, contexts_of
-from branchdrive.benchmark.data import TABLES, BenchmarkData
-from branchdrive.benchmark.prediction_check import prediction_mismatches
-from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, read_protocol
-from branchdrive.contract.layout import BENCHMARK, LOCK_FILE, PROTOCOL_FILE, RANKING_LOCK_FILE
-from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
-from branchdrive.errors import DatasetError
+from branchdrive.contract.layout import BENCHMARK, LOCK_FILE, RANKING_LOCK_FILE
+from branchdrive.contract.mismatch import Check, PreconditionError
 from branchdrive.layers.compare import document_check, text_mismatches
 from branchdrive.layers.view import ReleaseView
 
 __all__ = [
-    "CHECKPOINTS", "data_of", "digest_of", "layer_files", "lock_of", "lock_of_kind", "mismatches_of", "other_kind",
-    "predictions_of", "protocol_of", "ranking_lock_of", "seen_of",
+    "CHECKPOINTS", "digest_of", "layer_files", "lock_of", "lock_of_kind", "other_kind", "ranking_lock_of",
 ]  # fmt: skip
 
 _KINDS = {LOCK_FILE: "prediction", RANKING_LOCK_FILE: "ranking"}
 CHECKPOINTS = "checkpoints/"
-
-
-def protocol_of(view: ReleaseView) -> BenchmarkProtocol:
-    """The protocol of the layer.
-
-    Raises:
-        PreconditionError: It cannot be read.
-    """
-    try:
-        return read_protocol(view.document(PROTOCOL_FILE))
-    except DatasetError as error:
-        raise PreconditionError(f"{PROTOCOL_FILE}: {error}") from error
-
-
-def data_of(view: ReleaseView) -> BenchmarkData:
-    """What the benchmark is judged on.
-
-    Raises:
-        PreconditionError: The model layer cannot be packed.
-    """
-    try:
-        return BenchmarkData.of({name: view.frame(name) for name in TABLES}, view.descriptor.action_bank)
-    except DatasetError as error:
-        raise PreconditionError(f"the model layer cannot be packed: {error}") from error
-
-
-def seen_of(view: ReleaseView) -> Contexts | None:
-    """What the declared baselines see; ``None`` where none is declared.
-
-    Raises:
-        PreconditionError: The model layer cannot be packed.
-    """
-    baselines = view.cached(protocol_of).baselines
-    if not baselines:
-        return None
-    try:
-        return contexts_of(view.frame, view.cached(data_of), baselines)
-    except DatasetError as error:
-        raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 
 
 def lock_of(view: ReleaseView) -> Mapping[str, Any]:
@@ -106,27 +56,6 @@ def digest_of(view: ReleaseView, path: str) -> str:
     """SHA-256 of a document's stored bytes."""
     view.document(path)
     return hashlib.sha256(view.contents[path]).hexdigest()
-
-
-def _frames(view: ReleaseView) -> dict[str, Any]:
-    return {name: view.frame(name) for name in PREDICTED}
-
-
-def mismatches_of(view: ReleaseView) -> list[Mismatch]:
-    """What is wrong with predictions."""
-    return list(prediction_mismatches(_frames(view), view.cached(data_of), view.cached(protocol_of)))
-
-
-def predictions_of(view: ReleaseView) -> PredictionSet:
-    """The predictions.
-
-    Raises:
-        PreconditionError: They are not complete.
-    """
-    try:
-        return PredictionSet.from_frames(_frames(view), view.cached(data_of))
-    except DatasetError as error:
-        raise PreconditionError(f"predictions are not complete: {error}") from error
 
 
 def layer_files(view: ReleaseView) -> dict[str, str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from branchdrive.benchmark.table.selected import contact_sentence, is_privileged, percents
+from branchdrive.benchmark.ranking.selected_table import contact_sentence, is_privileged, percents
 from branchdrive.contract.layout import TABLES_FILE
 from branchdrive.contract.text import NONE, counted
 from branchdrive.text.markdown import plain, section_lines

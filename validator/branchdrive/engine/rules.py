@@ -11,7 +11,8 @@ _OF_RAW_ROWS = (
 _NAMES = (
     "files.rules", *(f"raw.rules.{name}" for name in _OF_RAW_ROWS), "layers.rules", "canonical.rules",
     "quality.rules.qualification", "quality.rules.split", "quality.rules.fidelity", "model.rules.inputs",
-    "model.rules.near_duplicate", "leakage.rules.audit", "leakage.rules.structural", "benchmark.rules", "card.rules",
+    "model.rules.near_duplicate", "leakage.rules.audit", "leakage.rules.structural", "benchmark.protocol.rules",
+    "benchmark.prediction.rules", "benchmark.rules", "benchmark.latency", "card.rules",
 )  # fmt: skip
 
 RULE_MODULES = tuple(import_module(f"branchdrive.{name}") for name in _NAMES)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from branchdrive.cli.output import check_output
 from branchdrive.contract.layout import BENCHMARK
@@ -20,9 +22,11 @@ from branchdrive_reference.benchmark.command.option import (
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from branchdrive_reference.benchmark.evaluation import Evaluation
 
-__all__ = ["SUMMARY", "add_arguments", "add_format", "format_evaluation", "run"]
+__all__ = ["SUMMARY", "add_arguments", "add_format", "format_evaluation", "render_results", "run"]
 
 SUMMARY = "evaluate predictions on the test partition: tables, figures, and what guards promise"
 
@@ -115,7 +119,38 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
 def format_evaluation(found: Evaluation, form: str, stdout: TextIO, folder: Path | None) -> str:
     """The evaluation as text, Markdown or JSON; text names the folder that the tables are in, if there is one."""
     if form == "text":
-        from branchdrive_reference.benchmark.text import render_results
-
         return render_results(found.results, stdout, tables=None if folder is None else str(folder / "TABLES.md"))
     return found.files["TABLES.md" if form == "markdown" else "results.json"].decode()
+
+
+def render_results(results: Mapping[str, Any], stdout: TextIO, *, tables: str | None = None) -> str:
+    """Prediction, regret of selections and guard as text, coloured if `stdout` is a terminal.
+
+    Args:
+        results: Document ``results.json``, which conforms to its schema.
+        stdout: Where the text is to go.
+        tables: Path of all tables, if they are in a file.
+    """
+    from branchdrive.text.terminal import render
+
+    return render(partial(_print_results, results=results, tables=tables), stdout)
+
+
+def _print_results(console: Console, results: Mapping[str, Any], tables: str | None) -> None:
+    from rich.text import Text
+
+    from branchdrive.benchmark.headline import headline_sections, inconclusive_sentence
+    from branchdrive.text.terminal import print_section
+
+    if (sentence := inconclusive_sentence(results)) is not None:
+        console.print(Text(sentence, style="yellow"))
+        console.print()
+    for warning in results["warnings"]:
+        console.print(Text(f"Warning: {printable(warning)}", style="yellow"))
+    if results["warnings"]:
+        console.print()
+    for section in headline_sections(results):
+        print_section(console, section)
+        console.print()
+    said = "These are the headlines; --format markdown prints all tables"
+    console.print(Text(f"{said}." if tables is None else f"{said}, which are in {printable(tables)}.", style="dim"))

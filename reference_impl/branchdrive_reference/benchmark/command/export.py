@@ -33,8 +33,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     check_output(args.output, outside=args.release)
     need_models("export")
-    from branchdrive.benchmark.protocol import protocol_digest
-    from branchdrive.benchmark.ranking_result import utility_scale
+    from branchdrive.benchmark.prediction.inputs import utility_scale
     from branchdrive.contract.layout import LOCK_FILE
     from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol
@@ -56,7 +55,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         release.layer,
         scale=utility_scale(protocol, benchmark_data(release)),
         profiles=protocol.preferences,
-        origin={"release": release.manifest.identity, "protocol": protocol_digest(protocol)},
+        origin={"release": release.manifest.identity, "protocol": protocol.digest},
     )
     difference = check_equal(content, checkpoints, release.layer)
     replace_file(args.output, content)

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: The release or a checkpoint cannot be read.
     """
     need_models("latency")
-    from branchdrive.benchmark.table.latency import latency_table
+    from branchdrive.benchmark.latency import latency_table
     from branchdrive.text.terminal import print_section, render
     from branchdrive_reference.benchmark.latency import latency_document, publish_latency
 

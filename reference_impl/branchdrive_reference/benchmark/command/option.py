@@ -14,7 +14,7 @@ from branchdrive.environment import extra
 from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:
-    from branchdrive.benchmark.protocol import BenchmarkProtocol
+    from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
     from branchdrive_reference.benchmark.step import Progress
     from branchdrive_reference.benchmark.workspace import Workspace
 

@@ -15,7 +15,7 @@ from branchdrive_reference.benchmark.figure.leakage import draw_leakage
 from branchdrive_reference.benchmark.figure.policy import draw_policy
 from branchdrive_reference.benchmark.figure.prediction import draw_prediction
 from branchdrive_reference.benchmark.figure.selected import draw_selected
-from branchdrive_reference.benchmark.figure.trade_off import draw_trade_off
+from branchdrive_reference.benchmark.guard.figure import draw_trade_off
 from branchdrive_reference.plotting import quiet
 
 __all__ = ["figures"]

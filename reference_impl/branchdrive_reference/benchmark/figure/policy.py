@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.benchmark.ranking.measure import ENSEMBLE, LEARNED
+from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 from branchdrive_reference.drawing.palette import Rgb
 

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.benchmark.metric.metric import HEADLINES
+from branchdrive.benchmark.prediction.metric.metric import HEADLINES
 from branchdrive.driving.target import TARGETS
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from tests.validator.benchmark.guard.banks import banks
 
-from branchdrive.benchmark.guard.assessment import SELECTIONS, Assessment, GuardData, Limits, assess
+from branchdrive.benchmark.guard.assessment import SELECTIONS, Assessment, assess
+from branchdrive.benchmark.guard.data import GuardData, GuardPartitions, Limits, Setting
 from branchdrive.benchmark.guard.path import multiplier_grid
 from branchdrive.benchmark.guard.risk import FEATURES, RiskFit
 from branchdrive.driving.target import Targets
@@ -48,20 +49,17 @@ def assessed(
     action_prior: int = 3,
     limits: Limits | None = None,
 ) -> Assessment:
-    return assess(
-        FIT,
-        validation=validation,
-        calibration=calibration,
-        test=test,
+    setting = Setting(
+        "balanced",
+        PROFILES["balanced"],
+        SCALE,
         nominal=nominal,
         action_prior=action_prior,
-        scale=SCALE,
-        profile=PROFILES["balanced"],
-        profile_name="balanced",
         seed=1,
         num_resamples=200,
         limits=limits or Limits(),
     )
+    return assess(FIT, GuardPartitions(validation, calibration, test), setting)
 
 
 def taken(data: GuardData, groups: list[int], candidates: list[int]) -> GuardData:

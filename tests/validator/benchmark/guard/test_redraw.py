@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from tests.each import each
 from tests.validator.benchmark.guard.test_assessment import CALIBRATION, FIT, SCALE, VALIDATION, partition
 
-from branchdrive.benchmark.guard.assessment import Assessment, Limits, assess
+from branchdrive.benchmark.guard.assessment import Assessment, assess
 from branchdrive.benchmark.guard.calibration import conformal
+from branchdrive.benchmark.guard.data import GuardPartitions, Limits, Setting
 from branchdrive.benchmark.guard.path import fit_margin, worst_overprediction
 from branchdrive.benchmark.guard.redraw import (
     Executed,
@@ -146,21 +147,18 @@ def test_the_mean_over_all_draws_keeps_the_promise_whatever_the_pool(seed: int) 
 
 @cache
 def assessed(min_groups: int = 88) -> Assessment:
-    return assess(
-        FIT,
-        validation=VALIDATION,
-        calibration=CALIBRATION,
-        test=partition(60, 33, 2),
+    setting = Setting(
+        "balanced",
+        PROFILES["balanced"],
+        SCALE,
         nominal=0,
         action_prior=3,
-        scale=SCALE,
-        profile=PROFILES["balanced"],
-        profile_name="balanced",
         seed=1,
         num_resamples=100,
-        limits=Limits(min_groups=min_groups),
         num_redraws=200,
+        limits=Limits(min_groups=min_groups),
     )
+    return assess(FIT, GuardPartitions(VALIDATION, CALIBRATION, partition(60, 33, 2)), setting)
 
 
 def test_an_assessment_has_redraws_of_every_guard() -> None:

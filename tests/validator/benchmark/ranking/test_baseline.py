@@ -1,131 +1,111 @@
-"""Rankings with declared baselines: what is said of every selector, and against what learned ones are held."""
+"""Baselines: what they are by hand and by another program, and what decides nothing."""
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any
-
 import numpy as np
 import pytest
-from tests.validator.benchmark.samples import contexts, data, prediction_set, whole_protocol
+from numpy.typing import NDArray
+from sklearn.linear_model import Ridge as SklearnRidge
+from sklearn.neighbors import KNeighborsRegressor
 
-from branchdrive.benchmark.baseline.context import Contexts
-from branchdrive.benchmark.ranking_result import ranking_results, utility_scale
-from branchdrive.benchmark.table.ranking import ranking_sections
-from branchdrive.contract.document import schema_mismatches
-from branchdrive.driving.utility import predicted_utility, utility
-from branchdrive.errors import DatasetError
-from branchdrive.text.table import Table
+from branchdrive.benchmark.protocol.selection import Neighbours, Prior
+from branchdrive.benchmark.ranking.baseline import estimate, neighbour_means, prior_means, ridge_regression
+from branchdrive.benchmark.ranking.context import Contexts, standardised, summaries
+from branchdrive.benchmark.ranking.measure import choose
 
-BASELINES = ["type_prior", "route_prior", "neighbours", "ridge", "neighbours_privileged", "ridge_privileged"]
-
-
-def section(seen: Contexts | None) -> dict[str, Any]:
-    protocol = whole_protocol()
-    return ranking_results(protocol, data(), prediction_set(), utility_scale(protocol, data()), seen)
+RNG = np.random.default_rng(5)
+KNOWN, ASKED, UTILITIES = RNG.normal(size=(40, 7)), RNG.normal(size=(9, 7)), RNG.random((40, 3))
 
 
-@cache
-def ranking() -> dict[str, Any]:
-    return section(contexts())
+def test_prior_of_a_cell_is_shrunk_to_the_mean_of_all() -> None:
+    utilities = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 1.0]])  # mean of all 1/4, 1/2
+    found = prior_means(["a", "a", "b", "b"], ["b", "a", "unseen"], utilities, strength=2.0)
+    expected = [[(0 + 0.5) / 4, (2 + 1) / 4], [(1 + 0.5) / 4, (0 + 1) / 4], [0.25, 0.5]]
+    np.testing.assert_allclose(found, expected)
 
 
-def entries(profile: str = "balanced") -> dict[str, Any]:
-    (found,) = (one for one in ranking()["profiles"] if one["profile"] == profile)
-    return {entry["selector"]: entry for entry in found["entries"]}
+def test_strong_prior_is_the_best_constant_and_a_weak_one_the_table() -> None:
+    cells = [number % 4 for number in range(40)]
+    strong = prior_means(cells, cells, UTILITIES, strength=1e6)
+    np.testing.assert_allclose(strong, np.broadcast_to(UTILITIES.mean(axis=0), strong.shape), atol=1e-4)
+    weak = prior_means(cells, [1], UTILITIES, strength=1e-3)
+    np.testing.assert_allclose(weak[0], UTILITIES[1::4].mean(axis=0), atol=1e-3)
 
 
-def test_every_selector_says_what_it_sees() -> None:
-    sees = {name: entry["sees"] for name, entry in entries().items()}
-    assert list(sees) == [
-        "random", "nominal", "action_prior", "fixed_brake", *BASELINES,
-        "O-M0", "O-M1", "E-M1", "O-M2", "E-M2", "O-M3", "E-M3", "oracle",
-    ]  # fmt: skip
-    assert sees["action_prior"] == sees["random"] == "nothing"
-    assert sees["type_prior"] == "scenario type"
-    assert sees["route_prior"] == "town, command, speed limit"
-    assert (sees["ridge"], sees["ridge_privileged"]) == ("sensor history", "privileged history")
-    assert (sees["O-M3"], sees["E-M3"], sees["oracle"]) == ("sensor inputs", "sensor inputs", "outcomes")
+def test_neighbours_and_ridge_are_those_of_scikit_learn() -> None:
+    other = KNeighborsRegressor(n_neighbors=6).fit(KNOWN, UTILITIES)
+    np.testing.assert_allclose(neighbour_means(KNOWN, ASKED, UTILITIES, count=6), other.predict(ASKED))
+    centred = KNOWN - KNOWN.mean(axis=0)
+    ridge = SklearnRidge(alpha=0.3 * len(KNOWN)).fit(centred, UTILITIES)
+    np.testing.assert_allclose(ridge_regression(centred, ASKED, UTILITIES, strength=0.3), ridge.predict(ASKED))
 
 
-def test_tie_rules_are_marked() -> None:
-    """M0 and M2 predict one outcome for the whole bank."""
-    assert [name for name, entry in entries().items() if entry["is_tie"]] == ["O-M0", "O-M2", "E-M2"]
+def test_groups_that_tie_with_the_last_neighbour_count_too() -> None:
+    known = np.array([[0.0], [1.0], [-1.0], [1.0 + 1e-14], [5.0]])
+    utilities = np.array([[0.0], [3.0], [6.0], [9.0], [99.0]])
+    assert neighbour_means(known, np.zeros((1, 1)), utilities, count=2).tolist() == [[4.5]]
+    assert neighbour_means(known, np.zeros((1, 1)), utilities, count=1).tolist() == [[0.0]]
+    assert neighbour_means(known, np.zeros((1, 1)), utilities, count=50).tolist() == [[pytest.approx(117 / 5)]]
 
 
-def test_ensemble_chooses_by_the_mean_prediction() -> None:
-    protocol = whole_protocol()
-    scale, profile = utility_scale(protocol, data()), protocol.preferences["safety"]
-    scores = predicted_utility(prediction_set().scalars("M3", "test").mean(axis=0), scale, profile)
-    executed = utility(data().part("test").targets, scale, profile)
-    expected = executed[np.arange(len(executed)), scores.argmax(axis=1)].mean()
-    assert entries("safety")["E-M3"]["value"] == pytest.approx(expected)
+def _estimates(rows: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+    return [
+        prior_means((rows % 5).tolist(), [0, 3, 9], UTILITIES[rows], strength=4.0),
+        neighbour_means(KNOWN[rows], ASKED, UTILITIES[rows], count=5),
+        ridge_regression(KNOWN[rows], ASKED, UTILITIES[rows], strength=0.5),
+    ]
 
 
-def test_gate_compares_with_nominal_too() -> None:
-    separation = data().part("test").outcomes.scalars[..., 1]
-    prior = data().candidates.index(ranking()["profiles"][0]["action_prior"])
-    gate = entries()["action_prior"]["gate_to_nominal"]
-    assert gate["mean_m"] == pytest.approx((separation[:, prior] - separation[:, 0]).mean())
-    assert gate["passed"] == (gate["mean_m"] >= -1e-9)
-    assert gate["low"] <= gate["mean_m"] <= gate["high"]
-    assert entries()["nominal"]["gate_to_nominal"] == {"mean_m": 0.0, "low": None, "high": None, "passed": True}
-    assert entries()["nominal"]["gate"]["mean_m"] == pytest.approx(-gate["mean_m"])
+def test_order_of_training_groups_decides_nothing() -> None:
+    for one, other in zip(_estimates(np.arange(40)), _estimates(RNG.permutation(40)), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-13)
 
 
-def test_every_learned_selector_is_held_against_every_reference() -> None:
-    held = {(one["left"], one["right"], one["metric"], one["profile"]): one for one in ranking()["held"]}
-    learned = [name for name in entries() if name[:2] in ("O-", "E-")]
-    assert len(held) == len(ranking()["held"]) == len(learned) * 2 * 2 * 5
-    for (left, right, metric, profile), one in held.items():
-        assert one["name"] == f"{left}-{right}.{metric}.{profile}"
-        found = entries(profile)
-        assert one["difference"] == pytest.approx(found[left][metric] - found[right][metric])
-        assert one["num_clusters"] == 10
-    declared = {one["name"]: one for one in ranking()["comparisons"]}
-    again = held["E-M3", "type_prior", "regret", "safety"]
-    assert again["p_clusters"] == declared["E-M3-type_prior.regret.safety"]["p_clusters"]
-    (family,) = (one for one in ranking()["families"] if one["name"] == "ranking_baselines")
-    assert (family["num_declared"], family["num_evaluated"]) == (16, 16)
+def test_last_bits_choose_nothing() -> None:
+    """Utilities, distances and cells of which many tie."""
+    rng = np.random.default_rng(2)
+    known, asked = rng.integers(0, 2, (60, 4)) * 1.0, rng.integers(0, 2, (20, 4)) * 1.0
+    utilities = rng.integers(0, 3, (60, 5)) / 3
+
+    def choices(*, noise: float) -> list[list[int]]:
+        x, z, u = (values * (1 + noise * rng.normal(size=values.shape)) for values in (known, asked, utilities))
+        found = (
+            prior_means(known[:, 0].tolist(), asked[:, 0].tolist(), u, strength=3.0),
+            neighbour_means(x, z, u, count=4),
+            ridge_regression(x, z, u, strength=0.1),
+        )
+        return [choose(scores).tolist() for scores in found]
+
+    expected = choices(noise=0.0)
+    assert all(choices(noise=1e-15) == expected for _ in range(5))
 
 
-def test_baselines_that_see_more_are_worth_more() -> None:
-    value = {name: entry["value"] for name, entry in entries("safety").items()}
-    assert value["type_prior"] == value["route_prior"] > value["action_prior"]
-    assert value["neighbours_privileged"] > value["neighbours"]
+def test_summary_takes_what_is_available() -> None:
+    window = np.array([[[1.0, np.nan], [4.0, np.nan], [np.nan, np.nan]]])
+    last, mean, least, greatest, share = np.split(summaries(window)[0], 5)
+    assert (last[0], mean[0], least[0], greatest[0]) == (4.0, 2.5, 1.0, 4.0)
+    assert np.isnan([last[1], mean[1], least[1], greatest[1]]).all()
+    assert share.tolist() == [pytest.approx(2 / 3), 0.0]
 
 
-def test_section_conforms() -> None:
-    whole = {"ranking": ranking()}
-    assert [m for m in schema_mismatches(whole, "results.schema.json") if m.location["pointer"] != "/"] == []
+def test_standardised_summary_is_zero_where_it_says_nothing() -> None:
+    train = np.array([[1.0, 7.0, np.nan], [3.0, 7.0, np.nan], [np.nan, 7.0, np.nan]])
+    found = standardised(train, np.array([[4.0, 9.0, 1.0], [np.nan, 7.0, np.nan], [1e300, 0.0, 0.0]]))
+    assert found.tolist() == [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]
 
 
-def test_baseline_without_its_evidence_is_left_out_and_named() -> None:
-    seen = contexts()
-    blind = Contexts(seen.row, seen.labels, {**seen.histories, "privileged": None})
-    found = section(blind)
-    assert found["unseen"] == BASELINES[4:]
-    assert {entry["selector"] for entry in found["profiles"][0]["entries"]}.isdisjoint(BASELINES[4:])
-    assert (
-        "no evidence of surroundings: neighbours_privileged, ridge_privileged."
-        in ranking_sections({"ranking": found, "noise": None})[0].notes[-1]
-    )
-    with pytest.raises(DatasetError, match="declares baselines, which need the histories"):
-        section(None)
+def test_overflow_makes_a_summary_say_nothing() -> None:
+    huge = np.array([[[1.7e308], [1.7e308]], [[-1.7e308], [1.0]]])
+    assert np.isfinite(standardised(summaries(huge), summaries(huge))).all()
 
 
-def test_tables_name_references_and_report_privileged_ones_apart() -> None:
-    tables = {
-        one.title: one for one in ranking_sections({"ranking": ranking(), "noise": None}) if isinstance(one, Table)
-    }
-    main, apart = tables["Ranking, profile safety"], tables["Ranking, profile safety, privileged"]
-    assert [row[0] for row in apart.rows] == BASELINES[4:]
-    rows = {row[0]: row for row in main.rows}
-    assert {"O-M0 (tie)", "O-M2 (tie)", "E-M3", "type_prior"} <= set(rows)
-    assert rows["nominal"][-1].startswith("action_prior: ")
-    assert rows["nominal"][-1].endswith(", nominal: pass (+0.000 m)")
-    assert [row[0] for row in tables["Selected outcomes, profile safety, privileged"].rows] == BASELINES[4:]
-    assert {row[0] for row in tables["Selected outcomes, profile safety"].rows}.isdisjoint(BASELINES[4:])
-    held = tables["Learned selectors against references, profile safety"]
-    assert [row[:2] for row in held.rows][:2] == [["O-M0", "action_prior"], ["O-M0", "type_prior"]]
-    assert len(held.rows) == 14
+def test_training_groups_without_a_utility_are_left_out() -> None:
+    contexts = Contexts({"a": 0, "b": 1, "c": 2}, {"town": ["x", "x", "y"]}, {"privileged": None})
+    prior = Prior(name="p", kind="prior", by=("town",), strength=1.0)
+    utilities = np.array([[1.0, 0.0], [np.nan, 0.5]])
+    np.testing.assert_allclose(estimate(prior, contexts, ["a", "b"], utilities, ["c", "b"]), [[1.0, 0.0]] * 2)
+    with pytest.raises(ValueError, match="none of 2 groups has all its utilities"):
+        estimate(prior, contexts, ["a", "b"], utilities * np.nan, ["c"])
+    near = Neighbours(name="n", kind="neighbours", contract="privileged", neighbours=1)
+    with pytest.raises(ValueError, match="no evidence of surroundings"):
+        estimate(near, contexts, ["a", "b"], utilities, ["c"])

@@ -15,16 +15,17 @@ from tests.content_cache import kept, remembered
 from tests.validator.benchmark.samples import GUARD, noise, paper_protocol, paths_of, risk_fit
 from tests.validator.engine.rules.release import BUILT, SPLIT, STEPS, ReleaseDraft, release_draft
 
-from branchdrive.benchmark.baseline.context import Contexts, contexts_of
 from branchdrive.benchmark.checkpoint import CheckpointFacts
-from branchdrive.benchmark.data import TABLES, BenchmarkData, groups_digest
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
-from branchdrive.benchmark.metric.outcome import Predictions
-from branchdrive.benchmark.prediction_rows import TABLES as PREDICTED
-from branchdrive.benchmark.prediction_set import PredictionSet
-from branchdrive.benchmark.protocol import BenchmarkProtocol, read_protocol
-from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.benchmark.results import noise_of, results_document
+from branchdrive.benchmark.prediction.data import TABLES, BenchmarkData, groups_digest
+from branchdrive.benchmark.prediction.inputs import utility_scale
+from branchdrive.benchmark.prediction.metric.outcome import Predictions
+from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.rows import TABLES as PREDICTED
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, read_protocol
+from branchdrive.benchmark.ranking.context import Contexts, contexts_of
+from branchdrive.benchmark.ranking.noise import noise_of
+from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content, document_digest

@@ -233,7 +233,7 @@ def judged_folder(root: Path, **options: Any) -> Report:
 
 PURE = (
     "branchdrive.engine.derived_files.schema_mismatches",
-    "branchdrive.benchmark.view.read_protocol",
+    "branchdrive.benchmark.protocol.rules.read_protocol",
     "branchdrive.benchmark.rules.results_document",
     "branchdrive.leakage.rules.structural.affine_targets",
     "branchdrive.leakage.rules.structural.neighbours_p",
@@ -242,7 +242,7 @@ PURE = (
     "branchdrive.leakage.rules.audit.score_mismatches",
     "branchdrive.leakage.rules.audit.statistic_mismatches",
     "branchdrive.files.survey.schema_mismatches",
-    "branchdrive.benchmark.protocol.schema_mismatches",
+    "branchdrive.benchmark.protocol.protocol.schema_mismatches",
     "branchdrive.leakage.battery.fit_logistic",
     "branchdrive.leakage.battery.held_out_score",
     "branchdrive.leakage.recompute._redrawn",

@@ -1,9 +1,9 @@
 """Guards side by side: the paper's and the selection-path guard, one profile, from predictions and outcomes.
 
 The global margin is fitted on the validation partition, as in the paper; the selection path is calibrated on its own
-partition; every selection is then looked up in the test partition. Groups in which a candidate has no utility or
-no separation take no part and are counted. `action_prior`, which takes the same candidate everywhere, stands beside
-them without a guard: a selector has to be worth more than that.
+partition; every selection is then looked up in the test partition, and judged by its outcomes there. Groups in which a
+candidate has no utility or no separation take no part and are counted. `action_prior`, which takes the same candidate
+everywhere, stands beside them without a guard: a selector has to be worth more than that.
 
 Source: paper, "Conservative Calibration and Deployment Boundary" for the global margin; the rest is this project's
 choice.
@@ -17,19 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.guard.calibration import (
-    ALPHA,
-    DELTA,
-    MIN_CLUSTERS,
-    MIN_GROUPS,
-    Calibration,
-    conformal,
-    learn_then_test,
-)
-from branchdrive.benchmark.guard.figure import RATES, Figure, cluster_weights, figures, terms
+from branchdrive.benchmark.guard.calibration import Calibration, conformal, learn_then_test
+from branchdrive.benchmark.guard.data import CompleteGroups, GuardPartitions, Setting, complete_groups
+from branchdrive.benchmark.guard.figure import RATES, terms
 from branchdrive.benchmark.guard.path import (
-    COVERAGE,
-    TOLERANCE_M,
     GlobalMargin,
     MarginReport,
     SelectionPath,
@@ -37,70 +28,19 @@ from branchdrive.benchmark.guard.path import (
     margin_report,
     margin_selection,
     violations,
-    worst_overprediction,
 )
-from branchdrive.benchmark.guard.redraw import (
-    Executed,
-    Redraws,
-    conformal_places,
-    judged,
-    learn_then_test_places,
-    margin_places,
-    pool_of,
-)
+from branchdrive.benchmark.guard.redraw import Redraws, redrawn_margin, redrawn_path
 from branchdrive.benchmark.guard.risk import RiskFit, guarded_path
-from branchdrive.benchmark.ranking.measure import choose
-from branchdrive.benchmark.ranking.ranking import SEPARATION
-from branchdrive.driving.target import Targets
-from branchdrive.driving.utility import Profile, Scale, predicted_utility, utility
-from branchdrive.statistics.bootstrap import NUM_RESAMPLES
+from branchdrive.benchmark.ranking.ratio import Figure, cluster_weights, figures
 
-__all__ = ["SELECTIONS", "Assessment", "GuardData", "Limits", "TradeOff", "assess"]
+__all__ = ["SELECTIONS", "Assessment", "TradeOff", "assess"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 SELECTIONS = ("nominal", "action_prior", "unguarded", "global_margin", "conformal", "learn_then_test")
 """Names of the selections, in the order of `Assessment.selections`."""
-
-
-class Limits(NamedTuple):
-    """What guards are held to.
-
-    Attributes:
-        alpha: Largest rate of violations.
-        delta: Of learn then test.
-        tolerance_m: Of a violation, metres.
-        min_groups: Calibration groups below which the selection path is not judged.
-        min_clusters: Their clusters.
-        coverage: Of the global margin.
-    """
-
-    alpha: float = ALPHA
-    delta: float = DELTA
-    tolerance_m: float = TOLERANCE_M
-    min_groups: int = MIN_GROUPS
-    min_clusters: int = MIN_CLUSTERS
-    coverage: float = COVERAGE
-
-
-_LIMITS = Limits()
-
-
-class GuardData(NamedTuple):
-    """One partition.
-
-    Attributes:
-        scalars: Predicted targets ``[seeds, groups, candidates, 6]``.
-        outcomes: Executed targets ``[groups, candidates, 6]``.
-        groups: Identifier of every group.
-        clusters: Route cluster of every group.
-    """
-
-    scalars: Array
-    outcomes: Targets
-    groups: Sequence[str]
-    clusters: Sequence[str]
 
 
 class TradeOff(NamedTuple):
@@ -152,243 +92,180 @@ class Assessment(NamedTuple):
     redraws: Mapping[str, Redraws | None] | None
 
 
-class _CompleteGroups(NamedTuple):
-    """The groups of a partition that take part."""
+class _Calibrated(NamedTuple):
+    """The selection path on the calibration partition, and the places that are taken on it."""
 
-    kept: NDArray[np.bool_]
-    scalars: Array
-    utilities: Array
-    separation_m: Array
-    groups: list[str]
-    clusters: list[str]
-    predicted_m: Array
-    predicted_utilities: Array
-
-    @property
-    def members(self) -> tuple[tuple[str, str], ...]:
-        """Identifier and cluster of every group."""
-        return tuple(zip(self.groups, self.clusters, strict=True))
+    path: SelectionPath
+    conformal: Calibration
+    learn_then_test: Calibration
 
 
-def assess(
-    fit: RiskFit,
-    *,
-    validation: GuardData,
-    calibration: GuardData,
-    test: GuardData,
-    nominal: int,
-    action_prior: int,
-    scale: Scale,
-    profile: Profile,
-    profile_name: str,
-    seed: int,
-    num_resamples: int = NUM_RESAMPLES,
-    limits: Limits = _LIMITS,
-    num_redraws: int | None = None,
-) -> Assessment:
-    """Fit the margin, calibrate the path, and look both up in the test partition.
+def assess(fit: RiskFit, partitions: GuardPartitions, setting: Setting) -> Assessment:
+    """Fit the margin, calibrate the path, select in the test partition, and judge what was selected.
 
     Args:
         fit: Learned risk, from training.
-        validation: Partition of the global margin.
-        calibration: Partition of the selection path.
-        test: Partition of the figures.
-        nominal: Place of the nominal candidate.
-        action_prior: Candidate with the greatest mean utility in training.
-        scale: Quantiles of the training partition.
-        profile: What is preferred.
-        profile_name: Its name in `RiskFit.grids`.
-        seed: Of the draw of learn then test and of intervals.
-        num_resamples: Of intervals.
-        limits: What guards are held to.
-        num_redraws: Further divisions of calibrating and test clusters; none by default.
+        partitions: Predictions and outcomes.
+        setting: Profile, limits and draws.
 
     Raises:
         ValueError: The risk was fitted for another tolerance, a prediction is not finite, shapes do not match, or a
             partition has no group that takes part.
     """
-    if fit.tolerance_m != limits.tolerance_m:
-        raise ValueError(f"the risk was fitted for a tolerance of {fit.tolerance_m:g} m, not {limits.tolerance_m:g} m")
-    val, cal, tested = (_complete_groups(data, scale, profile) for data in (validation, calibration, test))
-
-    def path_of(found: _CompleteGroups) -> SelectionPath:
-        return guarded_path(
-            fit, found.scalars, nominal=nominal, scale=scale, profile=profile, profile_name=profile_name
-        )
-
-    def lost(path: SelectionPath, found: _CompleteGroups) -> NDArray[np.bool_]:
-        return violations(path.selections, found.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
-
-    calibration_path = path_of(cal)
-    losses = lost(calibration_path, cal)
-    least = {"min_groups": limits.min_groups, "min_clusters": limits.min_clusters}
-    exact = conformal(losses, cal.clusters, alpha=limits.alpha, **least)
-    tail = learn_then_test(losses, cal.clusters, cal.groups, seed=seed, alpha=limits.alpha, delta=limits.delta, **least)
-    margin = fit_margin(val.predicted_m, val.separation_m, nominal=nominal, coverage=limits.coverage)
-    path = path_of(tested)
-    selections = dict(
-        zip(
-            SELECTIONS,
-            (
-                path.selections[0],
-                np.full(len(tested.groups), action_prior, np.intp),
-                path.selections[-1],
-                margin_selection(tested.predicted_m, tested.predicted_utilities, margin, nominal=nominal),
-                path.selections[exact.place],
-                path.selections[tail.place],
-            ),
-            strict=True,
-        )
-    )
-    settled = _settled(exact, tail, always_nominal=action_prior == nominal)
-    found = {
-        name: figures(
-            terms(
-                chosen,
-                path.selections[-1],
-                tested.utilities,
-                tested.separation_m,
-                tested.clusters,
-                nominal=nominal,
-                tolerance_m=limits.tolerance_m,
-            ),
-            tested.clusters,
-            seed=seed,
-            num_resamples=num_resamples,
-            settled=settled.get(name, ()),
-        )
-        for name, chosen in selections.items()
-    }
-    losses = lost(path, tested)
-    weights = cluster_weights(tested.clusters)
-    gains = tested.utilities[np.arange(len(tested.groups)), path.selections] - tested.utilities[:, nominal]
-    places = {"nominal": nominal, "action_prior": action_prior}
-    reports = [
-        margin_report(of.predicted_m, of.separation_m, of.predicted_utilities, of.utilities, margin, **places)
-        for of in (val, tested)
-    ]
+    tolerance_m = setting.limits.tolerance_m
+    if fit.tolerance_m != tolerance_m:
+        raise ValueError(f"the risk was fitted for a tolerance of {fit.tolerance_m:g} m, not {tolerance_m:g} m")
+    validation, calibration, test = (complete_groups(data, setting) for data in partitions)
+    margin = _fit(validation, setting)
+    calibrated = _calibrate(fit, calibration, setting)
+    path = _path(fit, test, setting)
+    selections = _select(path, test, margin, calibrated, setting)
     return Assessment(
-        kept=tested.kept,
+        kept=test.kept,
         num_left_out={
-            name: int((~part.kept).sum())
-            for name, part in (("validation", val), ("calibration", cal), ("test", tested))
+            name: int((~groups.kept).sum())
+            for name, groups in zip(GuardPartitions._fields, (validation, calibration, test), strict=True)
         },
         margin=margin,
-        margin_validation=reports[0],
-        margin_test=reports[1],
-        conformal=exact,
-        learn_then_test=tail,
+        margin_validation=_report(validation, margin, setting),
+        margin_test=_report(test, margin, setting),
+        conformal=calibrated.conformal,
+        learn_then_test=calibrated.learn_then_test,
         selections=selections,
-        figures=found,
-        trade_off=TradeOff(
-            path.multipliers,
-            losses.mean(axis=1),
-            (losses * weights).sum(axis=1) / weights.sum(),
-            (path.selections != nominal).mean(axis=1),
-            gains.mean(axis=1),
+        figures=_judge(selections, test, calibrated, setting),
+        trade_off=_trade_off(path, test, setting),
+        redraws=_redraw(validation, calibration, test, calibrated, path, setting),
+    )
+
+
+def _fit(validation: CompleteGroups, setting: Setting) -> GlobalMargin:
+    """The paper's margin."""
+    predicted_m, separation_m = validation.predicted_m, validation.separation_m
+    return fit_margin(predicted_m, separation_m, nominal=setting.nominal, coverage=setting.limits.coverage)
+
+
+def _calibrate(fit: RiskFit, calibration: CompleteGroups, setting: Setting) -> _Calibrated:
+    """Where on the selection path conformal risk control and learn then test stop."""
+    limits, path = setting.limits, _path(fit, calibration, setting)
+    losses, clusters = _violations(path, calibration, setting), calibration.clusters
+    least = {"min_groups": limits.min_groups, "min_clusters": limits.min_clusters}
+    return _Calibrated(
+        path,
+        conformal(losses, clusters, alpha=limits.alpha, **least),
+        learn_then_test(
+            losses, clusters, calibration.groups, seed=setting.seed, alpha=limits.alpha, delta=limits.delta, **least
         ),
-        redraws=None
-        if num_redraws is None
-        else {
-            "global_margin": _redrawn_margin(val, tested, nominal, limits, seed, num_redraws),
-            **_redrawn_path(
-                cal,
-                tested,
-                np.concatenate([calibration_path.selections, path.selections], axis=1),
-                {found.method: found.refusal is None for found in (exact, tail)},
-                nominal,
-                limits,
-                seed,
-                num_redraws,
-            ),
-        },
     )
 
 
-def _redrawn_margin(
-    val: _CompleteGroups, tested: _CompleteGroups, nominal: int, limits: Limits, seed: int, num_redraws: int
-) -> Redraws:
-    """The global margin over redraws of validation and test clusters."""
-    pool = pool_of(val.members, tested.members, seed=seed, num_redraws=num_redraws)
-    predicted_m, utilities = (
-        np.concatenate([getattr(part, name) for part in (val, tested)])
-        for name in ("predicted_m", "predicted_utilities")
+def _select(
+    path: SelectionPath, test: CompleteGroups, margin: GlobalMargin, calibrated: _Calibrated, setting: Setting
+) -> dict[str, Indices]:
+    """Chosen candidates of every selection ``[groups]``, by the names `SELECTIONS`."""
+    chosen = (
+        path.selections[0],
+        np.full(len(test.groups), setting.action_prior, np.intp),
+        path.selections[-1],
+        margin_selection(test.predicted_m, test.predicted_utilities, margin, nominal=setting.nominal),
+        path.selections[calibrated.conformal.place],
+        path.selections[calibrated.learn_then_test.place],
     )
-    executed = _executed(val, tested, nominal, limits)
-    worst = worst_overprediction(predicted_m, executed.separation_m, nominal=nominal)
-    margins, places = margin_places(worst, pool, coverage=limits.coverage)
-    selections = np.stack(
-        [
-            margin_selection(predicted_m, utilities, GlobalMargin(margin_m, 0, 0), nominal=nominal)
-            for margin_m in margins.tolist()
-        ]
-    )
-    return judged(selections, choose(utilities), executed, pool, places)
+    return dict(zip(SELECTIONS, chosen, strict=True))
 
 
-def _redrawn_path(
-    cal: _CompleteGroups,
-    tested: _CompleteGroups,
-    selections: Indices,
-    is_judged: Mapping[str, bool],
-    nominal: int,
-    limits: Limits,
-    seed: int,
-    num_redraws: int,
-) -> dict[str, Redraws | None]:
-    """The selection path over redraws of calibration and test clusters; `None` where it was not judged."""
-    if not any(is_judged.values()):
-        return dict.fromkeys(is_judged)
-    pool = pool_of(cal.members, tested.members, seed=seed, num_redraws=num_redraws)
-    executed = _executed(cal, tested, nominal, limits)
-    losses = violations(selections, executed.separation_m, nominal=nominal, tolerance_m=limits.tolerance_m)
-    places = {
-        "conformal": conformal_places(losses, pool, alpha=limits.alpha),
-        "learn_then_test": learn_then_test_places(losses, pool, alpha=limits.alpha, delta=limits.delta),
-    }
-    return {
-        name: judged(selections, selections[-1], executed, pool, places[name]) if holds else None
-        for name, holds in is_judged.items()
-    }
+def _judge(
+    selections: Mapping[str, Indices], test: CompleteGroups, calibrated: _Calibrated, setting: Setting
+) -> dict[str, Mapping[str, Figure]]:
+    """Figures of every selection, by selection and name."""
+    settled = _settled(calibrated, always_nominal=setting.action_prior == setting.nominal)
+    found = {}
+    for name, chosen in selections.items():
+        counted = terms(
+            chosen,
+            selections["unguarded"],
+            test.utilities,
+            test.separation_m,
+            test.clusters,
+            nominal=setting.nominal,
+            tolerance_m=setting.limits.tolerance_m,
+        )
+        found[name] = figures(
+            counted,
+            test.clusters,
+            seed=setting.seed,
+            num_resamples=setting.num_resamples,
+            rates=RATES,
+            settled=settled.get(name, ()),
+        )
+    return found
 
 
-def _executed(one: _CompleteGroups, other: _CompleteGroups, nominal: int, limits: Limits) -> Executed:
-    utilities, separation_m = (
-        np.concatenate([getattr(part, name) for part in (one, other)]) for name in ("utilities", "separation_m")
-    )
-    return Executed(utilities, separation_m, nominal, limits.tolerance_m, limits.alpha)
-
-
-def _settled(exact: Calibration, tail: Calibration, *, always_nominal: bool) -> dict[str, Sequence[str]]:
+def _settled(calibrated: _Calibrated, *, always_nominal: bool) -> dict[str, Sequence[str]]:
     """Rates that follow from what a selection is: nominal never loses, ActionPrior always intervenes."""
-    nominal = {"conformal": exact.place == 0, "learn_then_test": tail.place == 0, "action_prior": always_nominal}
+    stays = {found.method: found.place == 0 for found in (calibrated.conformal, calibrated.learn_then_test)}
+    stays |= {"nominal": True, "action_prior": always_nominal}
     return {
         "action_prior": ("intervention",),
-        **{name: RATES for name, holds in (("nominal", True), *nominal.items()) if holds},
+        **{name: RATES for name, holds in stays.items() if holds},
     }
 
 
-def _complete_groups(data: GuardData, scale: Scale, profile: Profile) -> _CompleteGroups:
-    shape = data.outcomes.values.shape
-    if data.scalars.ndim != 4 or data.scalars.shape[1:] != shape or not len(data.scalars):
-        raise ValueError(f"predictions {list(data.scalars.shape)} and outcomes {list(shape)} do not match")
-    if not len(data.groups) == len(data.clusters) == shape[0]:
-        raise ValueError(
-            f"{len(data.groups)} groups and {len(data.clusters)} clusters do not match {shape[0]} outcomes"
-        )
-    utilities, separation = utility(data.outcomes, scale, profile), data.outcomes.values[..., SEPARATION]
-    kept = np.asarray(np.isfinite(utilities).all(axis=1) & np.isfinite(separation).all(axis=1))
-    if not kept.any():
-        raise ValueError(f"none of {len(kept)} groups has every utility and separation; a guard needs one")
-    scalars = data.scalars[:, kept]
-    mean = scalars.mean(axis=0)
-    return _CompleteGroups(
-        kept=kept,
-        scalars=scalars,
-        utilities=utilities[kept],
-        separation_m=separation[kept],
-        groups=[name for name, keeps in zip(data.groups, kept, strict=True) if keeps],
-        clusters=[name for name, keeps in zip(data.clusters, kept, strict=True) if keeps],
-        predicted_m=mean[..., SEPARATION],
-        predicted_utilities=predicted_utility(mean, scale, profile),
+def _path(fit: RiskFit, found: CompleteGroups, setting: Setting) -> SelectionPath:
+    return guarded_path(
+        fit,
+        found.scalars,
+        nominal=setting.nominal,
+        scale=setting.scale,
+        profile=setting.profile,
+        profile_name=setting.profile_name,
     )
+
+
+def _violations(path: SelectionPath, found: CompleteGroups, setting: Setting) -> Mask:
+    """Violations along a path ``[multipliers, groups]``."""
+    tolerance_m = setting.limits.tolerance_m
+    return violations(path.selections, found.separation_m, nominal=setting.nominal, tolerance_m=tolerance_m)
+
+
+def _report(found: CompleteGroups, margin: GlobalMargin, setting: Setting) -> MarginReport:
+    return margin_report(
+        found.predicted_m,
+        found.separation_m,
+        found.predicted_utilities,
+        found.utilities,
+        margin,
+        nominal=setting.nominal,
+        action_prior=setting.action_prior,
+    )
+
+
+def _trade_off(path: SelectionPath, test: CompleteGroups, setting: Setting) -> TradeOff:
+    violated, weights = _violations(path, test, setting), cluster_weights(test.clusters)
+    gains = test.utilities[np.arange(len(test.groups)), path.selections] - test.utilities[:, setting.nominal]
+    return TradeOff(
+        path.multipliers,
+        violated.mean(axis=1),
+        (violated * weights).sum(axis=1) / weights.sum(),
+        (path.selections != setting.nominal).mean(axis=1),
+        gains.mean(axis=1),
+    )
+
+
+def _redraw(
+    validation: CompleteGroups,
+    calibration: CompleteGroups,
+    test: CompleteGroups,
+    calibrated: _Calibrated,
+    path: SelectionPath,
+    setting: Setting,
+) -> dict[str, Redraws | None] | None:
+    """Guards over redraws; `None` where no redraws are asked for."""
+    if setting.num_redraws is None:
+        return None
+    selections = np.concatenate([calibrated.path.selections, path.selections], axis=1)
+    methods = (calibrated.conformal, calibrated.learn_then_test)
+    is_judged = {found.method: found.refusal is None for found in methods}
+    return {
+        "global_margin": redrawn_margin(validation, test, setting, setting.num_redraws),
+        **redrawn_path(calibration, test, selections, is_judged, setting, setting.num_redraws),
+    }

@@ -19,14 +19,23 @@ Source: this project's choice; the check of Angelopoulos and Bates 2021, arXiv 2
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.guard.path import COVERAGE, envelope, violations
+from branchdrive.benchmark.guard.data import CompleteGroups, Setting
+from branchdrive.benchmark.guard.path import (
+    COVERAGE,
+    GlobalMargin,
+    envelope,
+    margin_selection,
+    violations,
+    worst_overprediction,
+)
+from branchdrive.benchmark.ranking.measure import choose
 from branchdrive.driving.utility import RANGE, TIE
 from branchdrive.statistics.binomial import binomial_cdf, exact_fraction
 from branchdrive.statistics.random_words import orders, words
@@ -40,6 +49,8 @@ __all__ = [
     "learn_then_test_places",
     "margin_places",
     "pool_of",
+    "redrawn_margin",
+    "redrawn_path",
 ]
 
 Array = NDArray[np.float64]
@@ -114,6 +125,59 @@ class Redraws(NamedTuple):
     retained_low: float | None
     retained_high: float | None
     num_undefined: int
+
+
+def redrawn_margin(val: CompleteGroups, tested: CompleteGroups, setting: Setting, num_redraws: int) -> Redraws:
+    """The global margin over redraws of validation and test clusters."""
+    nominal, limits = setting.nominal, setting.limits
+    pool = pool_of(val.members, tested.members, seed=setting.seed, num_redraws=num_redraws)
+    predicted_m, utilities = (
+        np.concatenate([getattr(part, name) for part in (val, tested)])
+        for name in ("predicted_m", "predicted_utilities")
+    )
+    executed = _executed(val, tested, setting)
+    worst = worst_overprediction(predicted_m, executed.separation_m, nominal=nominal)
+    margins, places = margin_places(worst, pool, coverage=limits.coverage)
+    selections = np.stack(
+        [
+            margin_selection(predicted_m, utilities, GlobalMargin(margin_m, 0, 0), nominal=nominal)
+            for margin_m in margins.tolist()
+        ]
+    )
+    return judged(selections, choose(utilities), executed, pool, places)
+
+
+def redrawn_path(
+    cal: CompleteGroups,
+    tested: CompleteGroups,
+    selections: Indices,
+    is_judged: Mapping[str, bool],
+    setting: Setting,
+    num_redraws: int,
+) -> dict[str, Redraws | None]:
+    """The selection path over redraws of calibration and test clusters; `None` where it was not judged."""
+    if not any(is_judged.values()):
+        return dict.fromkeys(is_judged)
+    pool = pool_of(cal.members, tested.members, seed=setting.seed, num_redraws=num_redraws)
+    executed = _executed(cal, tested, setting)
+    limits = setting.limits
+    losses = violations(selections, executed.separation_m, nominal=setting.nominal, tolerance_m=limits.tolerance_m)
+    places = {
+        "conformal": conformal_places(losses, pool, alpha=limits.alpha),
+        "learn_then_test": learn_then_test_places(losses, pool, alpha=limits.alpha, delta=limits.delta),
+    }
+    return {
+        name: judged(selections, selections[-1], executed, pool, places[name]) if holds else None
+        for name, holds in is_judged.items()
+    }
+
+
+def _executed(one: CompleteGroups, other: CompleteGroups, setting: Setting) -> Executed:
+    """What the groups of two partitions are judged by."""
+    utilities, separation_m = (
+        np.concatenate([getattr(part, name) for part in (one, other)]) for name in ("utilities", "separation_m")
+    )
+    return Executed(utilities, separation_m, setting.nominal, setting.limits.tolerance_m, setting.limits.alpha)
 
 
 @lru_cache(maxsize=4)

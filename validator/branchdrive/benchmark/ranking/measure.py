@@ -33,8 +33,6 @@ from numpy.typing import NDArray
 from branchdrive.driving.utility import RANGE, TIE
 
 __all__ = [
-    "ENSEMBLE",
-    "LEARNED",
     "Measures",
     "Selector",
     "best_fixed",
@@ -149,12 +147,6 @@ def _sign(difference: Array) -> Array:
 
 
 Indices = NDArray[np.intp]
-
-LEARNED = "O-"
-"""Name of an outcome-derived selector, before that of its model."""
-
-ENSEMBLE = "E-"
-"""Name of the selector by the mean prediction of the seeds of a model, before that of the model."""
 
 
 class Selector(NamedTuple):

@@ -27,9 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
 from branchdrive.benchmark.ranking.measure import (
-    ENSEMBLE,
-    LEARNED,
     Measures,
     Selector,
     by_score,

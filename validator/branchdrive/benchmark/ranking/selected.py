@@ -10,7 +10,7 @@ With the shares ``w_ga`` of a selector, means over its seeds, and the outcomes `
                                                             by those that can be compared with it
 
 A mean has the intervals of every measure of a ranking. The others are rates of events that may be rare, of which a
-bootstrap resamples nothing but zeros: they have the interval of `branchdrive.benchmark.guard.figure`, by clusters.
+bootstrap resamples nothing but zeros: they have the interval of `branchdrive.benchmark.ranking.ratio`, by clusters.
 Shares of a choice are parts of an event, so that a rate over several seeds, or of a random choice, varies less than
 that of single events, and its interval is at least as wide as it needs to be.
 
@@ -25,11 +25,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.guard.figure import rate_interval
-from branchdrive.benchmark.guard.outcome_noise import worse_beyond
-from branchdrive.benchmark.metric.table import Interval
-from branchdrive.benchmark.prediction_result import interval_record
+from branchdrive.benchmark.prediction.metric.table import Interval
+from branchdrive.benchmark.prediction.record import interval_record
+from branchdrive.benchmark.ranking.noise import worse_beyond
 from branchdrive.benchmark.ranking.ranking import SEPARATION
+from branchdrive.benchmark.ranking.ratio import rate_interval
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import TIE
 from branchdrive.statistics.bca import intervals

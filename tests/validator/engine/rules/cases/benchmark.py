@@ -21,7 +21,7 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import LEDGER
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts, checkpoint_facts
-from branchdrive.benchmark.data import groups_digest
+from branchdrive.benchmark.prediction.data import groups_digest
 from branchdrive.benchmark.warning import warnings
 from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, merged, with_benchmark_access
 

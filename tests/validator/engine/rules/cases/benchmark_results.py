@@ -17,10 +17,10 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import boundary, mutant
 
-from branchdrive.benchmark.baseline.declaration import Neighbours, Prior, Ridge, Selection
 from branchdrive.benchmark.guard.calibration import GUARANTEE
-from branchdrive.benchmark.prediction_rows import TABLES
-from branchdrive.benchmark.protocol import default_protocol
+from branchdrive.benchmark.prediction.rows import TABLES
+from branchdrive.benchmark.protocol.protocol import default_protocol
+from branchdrive.benchmark.protocol.selection import Neighbours, Prior, Ridge, Selection
 from branchdrive.benchmark.warning import warnings
 from branchdrive.tables.frame import concat, take
 

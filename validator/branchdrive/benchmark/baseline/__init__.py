@@ -1,1 +1,0 @@
-"""Baselines of selections: what a lookup table, neighbours or a linear regression make of a context."""

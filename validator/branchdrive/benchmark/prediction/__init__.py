@@ -1,0 +1,1 @@
+"""What a benchmark is judged on, predictions of it, and their errors."""

@@ -1,0 +1,126 @@
+"""What a benchmark is judged on: groups, clusters and outcomes of every partition of a model layer.
+
+Groups of a partition are in the order of their ids, candidates in that of the bank, whatever the order of rows in
+the tables of the layer.
+
+Source: spec/14-benchmark.md#data.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from branchdrive.benchmark.prediction.metric.outcome import Outcomes
+from branchdrive.contract.bank import ActionBank
+from branchdrive.driving.target import Targets
+from branchdrive.errors import DatasetError
+from branchdrive.model.arrays import pack_scalars, pack_trajectories
+from branchdrive.tables.frame import Frame
+
+__all__ = ["TABLES", "BenchmarkData", "Part", "groups_digest"]
+
+TABLES = ("contexts", "scalars", "trajectories")
+"""Tables of the model layer that a benchmark reads."""
+
+BRAKE = "brake"
+"""Family of the candidates among which the fixed brake is chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One partition.
+
+    Attributes:
+        groups: Ids of its groups, sorted, ``[N]``.
+        clusters: Route cluster of every group, ``[N]``.
+        outcomes: What was recorded.
+    """
+
+    groups: tuple[str, ...]
+    clusters: tuple[str, ...]
+    outcomes: Outcomes
+
+    @cached_property
+    def targets(self) -> Targets:
+        """Scalar outcomes ``[N, A, 6]`` with NaN where not available."""
+        found = self.outcomes
+        return Targets(np.where(found.available, found.scalars, np.nan), found.available)
+
+    def __repr__(self) -> str:
+        return f"Part({len(self.groups)} groups, {len(set(self.clusters))} clusters)"
+
+
+@dataclass(frozen=True, eq=False)
+class BenchmarkData:
+    """Partitions of a model layer.
+
+    Attributes:
+        parts: By partition; a partition without groups is not there.
+        candidates: Action keys, the order of the candidate axis, ``[A]``.
+        nominal: Place of the nominal candidate.
+        brakes: Places of the brake candidates, ascending.
+    """
+
+    parts: Mapping[str, Part]
+    candidates: tuple[str, ...]
+    nominal: int
+    brakes: tuple[int, ...]
+
+    @classmethod
+    def of(cls, frames: Mapping[str, Frame], bank: ActionBank) -> BenchmarkData:
+        """Data of the frames of the tables `TABLES` of a model layer.
+
+        Raises:
+            DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is not a number.
+        """
+        contexts = frames["contexts"]
+        rows = zip(
+            contexts["group_id"].tolist(),
+            contexts["partition"].tolist(),
+            contexts["route_cluster"].tolist(),
+            strict=True,
+        )
+        about = {group: (partition, str(cluster)) for group, partition, cluster in sorted(rows)}
+        if len(about) < len(contexts["group_id"]):
+            raise DatasetError("table `contexts` repeats a group; run `branchdrive-validate`")
+        groups = tuple(about)
+        scalars = pack_scalars(frames["scalars"], groups, bank.keys)
+        paths = pack_trajectories(frames["trajectories"], groups, bank.keys)
+        parts = {}
+        for name in sorted({partition for partition, _ in about.values()}):
+            rows_of = np.array([i for i, group in enumerate(groups) if about[group][0] == name], np.int64)
+            members = tuple(groups[i] for i in rows_of)
+            try:
+                outcomes = Outcomes.of(scalars.values[rows_of], scalars.available[rows_of], paths.values[rows_of])
+            except ValueError as error:
+                raise DatasetError(f"outcomes of the partition {name!r}: {error}") from error
+            parts[name] = Part(members, tuple(about[group][1] for group in members), outcomes)
+        return cls(
+            parts,
+            bank.keys,
+            bank.keys.index(bank.nominal.key),
+            tuple(i for i, policy in enumerate(bank.policies) if policy.family == BRAKE),
+        )
+
+    def part(self, partition: str) -> Part:
+        """A partition.
+
+        Raises:
+            DatasetError: It has no group.
+        """
+        if partition not in self.parts:
+            raise DatasetError(f"no group is in the partition {partition!r}; there are {sorted(self.parts)}")
+        return self.parts[partition]
+
+    def __repr__(self) -> str:
+        return f"BenchmarkData({dict(self.parts)!r}, {len(self.candidates)} candidates)"
+
+
+def groups_digest(groups: Sequence[str]) -> str:
+    """SHA-256 of group ids, sorted, one a line, hexadecimal: what a checkpoint says that it was trained on."""
+    return hashlib.sha256("".join(f"{group}\n" for group in sorted(groups)).encode()).hexdigest()

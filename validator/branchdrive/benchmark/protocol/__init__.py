@@ -1,0 +1,1 @@
+"""What a benchmark declares: models, tests, profiles, selectors, guards."""
