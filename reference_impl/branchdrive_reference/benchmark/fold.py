@@ -12,8 +12,8 @@ from branchdrive.benchmark.data import BenchmarkData
 from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking_result import utility_scale
-from branchdrive.environment import extra
 from branchdrive.errors import UsageError
+from branchdrive.runtime.environment import extra
 from branchdrive_reference.benchmark.document import keep_risks
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.training import model_tasks

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.cli.build import seed
 from branchdrive.cli.main import EXIT_INTERRUPTED
 from branchdrive.cli.progress import Update, progress_bar
-from branchdrive.environment import extra
 from branchdrive.errors import UsageError
-from branchdrive.interrupt import deferred_interrupt, heeded_termination
+from branchdrive.runtime.environment import extra
+from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport

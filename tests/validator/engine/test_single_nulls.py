@@ -19,10 +19,10 @@ from branchdrive.engine.derived import layer_files_task
 from branchdrive.engine.layer_files import LayerFiles, read_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import in_process
 from branchdrive.files.survey import take_survey
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.parquet import decode_table, encode_table
+from branchdrive.runtime.executor import in_process
 from branchdrive.testing.edit import with_cells
 
 SHARES = [12, pytest.param(1, marks=THOROUGH)]

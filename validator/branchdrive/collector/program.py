@@ -14,7 +14,7 @@ from branchdrive.collector.report import CollectionReport
 from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import BranchDriveError, ToolError
-from branchdrive.interrupt import heeded_termination
+from branchdrive.runtime.interrupt import heeded_termination
 
 __all__ = ["collector_main"]
 
