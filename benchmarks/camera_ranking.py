@@ -22,8 +22,8 @@ from branchdrive.benchmark.protocol.protocol import visual_protocol
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, fit_scale
-from branchdrive.environment import extra
 from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.runtime.environment import extra
 from branchdrive_reference.benchmark.camera_latency import (
     CameraContext,
     exported_camera_selector,

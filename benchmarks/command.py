@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.memory import Measured, run_measured
-from branchdrive.process import python_command
+from branchdrive.runtime.process import python_command
 
 __all__ = ["memory", "minutes", "run_branchdrive", "run_module", "size"]
 

@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.row import Row
 from benchmarks.simulator import Rollouts
 from branchdrive.contract.timing import TICK_S
-from branchdrive.environment import install_command
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 __all__ = ["INSTALL", "Comparison", "compare", "rows"]

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from branchdrive.engine.worker import in_process
 from branchdrive.leakage.battery import ways
 from branchdrive.leakage.classifier import Unavailable, sequence_classifier
 from branchdrive.leakage.gate import leakage_gate
@@ -28,6 +27,7 @@ from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.streams import Streams
 from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
+from branchdrive.runtime.executor import in_process
 from branchdrive.statistics.random_words import orders, words
 from branchdrive_reference.leakage.uniformity import uniformity
 

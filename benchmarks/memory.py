@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from branchdrive.process import child_environment
+from branchdrive.runtime.process import child_environment
 
 __all__ = ["Measured", "peak_bytes", "process_tree", "reset_peak", "run_measured"]
 

@@ -21,7 +21,6 @@ from benchmarks.staged import StageCost
 from benchmarks.validation import time_validation
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LEAKAGE_FILE
-from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
 from branchdrive.leakage.inputs import gate_features
 from branchdrive.leakage.protocol import GateProtocol
@@ -30,6 +29,7 @@ from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.text import access_sentence, target_sentences
 from branchdrive.release.built_layers import BuiltLayers, load_layers
 from branchdrive.release.scan import RawScan, scan_raw
+from branchdrive.runtime.executor import isolated
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 
 __all__ = ["FOLDER", "ReleaseBench", "rows"]

@@ -16,10 +16,10 @@ from threading import Event, Thread
 
 from benchmarks.memory import peak_bytes, process_tree, reset_peak
 from branchdrive.cli.build import calibration
-from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
 from branchdrive.release.builder import build_release
 from branchdrive.release.stage import BuildOptions
+from branchdrive.runtime.executor import isolated
 from branchdrive.statistics.split import Calibration
 
 __all__ = ["StageCost", "main"]

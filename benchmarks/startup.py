@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 
 from benchmarks.row import Row
-from branchdrive.process import python_command
+from branchdrive.runtime.process import python_command
 
 __all__ = ["rows", "time_startup"]
 

@@ -17,10 +17,10 @@ from branchdrive.contract.layout import RAW_DIR
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.shard import ShardTask, audit_shard
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import isolated
 from branchdrive.errors import BranchDriveError
 from branchdrive.files.survey import take_survey
 from branchdrive.formats.untrusted_parquet import decode_table
+from branchdrive.runtime.executor import isolated
 from branchdrive_reference.collect.campaign import collect
 
 __all__ = ["ValidationTiming", "rows", "time_validation", "worker_peak_bytes"]

@@ -16,7 +16,7 @@ from tests.content_cache import kept
 
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
-from branchdrive.engine.worker import in_process
+from branchdrive.runtime.executor import in_process
 
 __all__ = ["audit_once", "remember_audits", "remembering"]
 
@@ -56,7 +56,7 @@ def _alone(task: ShardTask) -> tuple[ShardResult, dict[str, bytes]]:
 def remember_audits(patch: pytest.MonkeyPatch) -> None:
     """Validate and build in this process, where `audit_once` is what audits."""
     patch.setattr("branchdrive.engine.reading.audit_shard", audit_once)
-    patch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+    patch.setattr("branchdrive.runtime.executor.isolated", lambda jobs: in_process)
 
 
 def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:

@@ -32,7 +32,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.waiver import load_waivers
 from branchdrive.errors import UsageError
-from branchdrive.process import spawn_context
+from branchdrive.runtime.process import spawn_context
 from branchdrive_conformance.archive import pack
 from branchdrive_conformance.case import (
     MAX_LOCATIONS,

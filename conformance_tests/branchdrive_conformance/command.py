@@ -18,7 +18,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import replace_file
-from branchdrive.process import python_command
+from branchdrive.runtime.process import python_command
 from branchdrive.text.table import Column, Table
 from branchdrive.text.terminal import print_section, render
 from branchdrive_conformance.archive import unpacked

@@ -27,7 +27,7 @@ from typing import Any
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import printable
 from branchdrive.errors import UsageError
-from branchdrive.process import ONE_THREAD, child_environment
+from branchdrive.runtime.process import ONE_THREAD, child_environment
 from branchdrive_conformance.case import Case
 from branchdrive_conformance.materialize import CASE_FILE, DATASET_DIR, RAW_DIR, WAIVERS_FILE, materialize
 from branchdrive_conformance.score import Answer, Departure, score

@@ -21,8 +21,8 @@ from tests.sampling import THOROUGH, sampled
 from benchmarks import benchmark, highway_env, paper, ranking, release
 from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.cli.main import run
-from branchdrive.environment import install_command
 from branchdrive.errors import BranchDriveError
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.benchmark.training import model_tasks
 
 MIB = 2**20

@@ -21,7 +21,7 @@ from tests.fuzz.pool import Lost, run_cases
 from tests.fuzz.report import render, summary
 
 from branchdrive.cli.validate import at_least
-from branchdrive.engine.worker import isolated
+from branchdrive.runtime.executor import isolated
 
 DEFAULT_CASES = 10_000
 LIMIT_S = 120.0

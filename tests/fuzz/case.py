@@ -27,9 +27,9 @@ from branchdrive.cli.text import render_report
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.runtime.executor import Executor, in_process
 
 __all__ = ["MAX_CPU_S", "MAX_MEMORY_BYTES", "Fuzz", "Result"]
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from branchdrive.process import child_environment
+from branchdrive.runtime.process import child_environment
 from branchdrive_reference.kernel import drop_stale_kernels
 
 PROGRAM = """

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from branchdrive.engine.rollout import check_rollout
     from branchdrive.engine.validate import validate
     from branchdrive.engine.waiver import Waiver, load_waivers
-    from branchdrive.engine.worker import Executor, isolated
     from branchdrive.errors import (
         BranchDriveError,
         ContractError,
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
     from branchdrive.raw.media.camera_frames import CameraFrames
     from branchdrive.raw.reader import Dataset, open_dataset
     from branchdrive.raw.rollout import Rollout
+    from branchdrive.runtime.executor import Executor, isolated
     from branchdrive.writer.group_writer import GroupWriter
     from branchdrive.writer.rollout_writer import RolloutWriter
     from branchdrive.writer.writer import DatasetWriter
@@ -158,7 +158,7 @@ _HOME = {
     "DecodeError": "errors",
     "Descriptor": "contract.descriptor",
     "Driver": "contract.descriptor",
-    "Executor": "engine.worker",
+    "Executor": "runtime.executor",
     "Finding": "engine.finding",
     "Frame": "collector.frame",
     "GroupReport": "collector.report",
@@ -201,7 +201,7 @@ _HOME = {
     "encode_policy": "contract.encoding",
     "encoding_digest": "contract.encoding",
     "full_extents": "collector.frame",
-    "isolated": "engine.worker",
+    "isolated": "runtime.executor",
     "lane_element": "collector.town",
     "load_action_bank": "contract.bank",
     "load_waivers": "engine.waiver",
@@ -219,7 +219,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'branchdrive' has no attribute {name!r}")
     if _HOME[name] != "errors":
-        import_module("branchdrive.environment").check_environment()
+        import_module("branchdrive.runtime.environment").check_environment()
     value = getattr(import_module(f"branchdrive.{_HOME[name]}"), name)
     globals()[name] = value
     return value

@@ -27,10 +27,10 @@ from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import TARGETS
 from branchdrive.driving.utility import REVERSED, WEIGHED, Profile, Scale
-from branchdrive.environment import extra
 from branchdrive.errors import BranchDriveError
 from branchdrive.model.features import HISTORIES
 from branchdrive.model.reader import ModelLayer
+from branchdrive.runtime.environment import extra
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.image_encoder import open_encoder
 from branchdrive_reference.learning.image_encoding import ENCODINGS, VIEWS

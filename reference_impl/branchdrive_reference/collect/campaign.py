@@ -25,7 +25,8 @@ from branchdrive.contract.descriptor import (
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
-from branchdrive.interrupt import deferred_interrupt
+from branchdrive.runtime.interrupt import deferred_interrupt
+from branchdrive.runtime.progress import unwatched
 from branchdrive.writer.writer import DatasetWriter
 from branchdrive_reference.collect.disk import GROUPS_PER_SHARD, DiskNeed, disk_need
 from branchdrive_reference.collect.group import execute_group
@@ -36,10 +37,6 @@ from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIM
 from branchdrive_reference.world.vehicle import MAX_BRAKE_MPS2, MAX_DRIVE_MPS2, MAX_STEER_RAD, WHEELBASE_M
 
 __all__ = ["collect", "collection_descriptor", "town_maps"]
-
-
-def _ignore(*_: object) -> None:
-    """Nobody watches."""
 
 
 def collect(
@@ -53,8 +50,8 @@ def collect(
     scenario_types: Sequence[str] = (),
     jobs: int = 1,
     resume: bool = False,
-    foresee: Callable[[DiskNeed], None] = _ignore,
-    watch: Callable[[int, int], None] = _ignore,
+    foresee: Callable[[DiskNeed], None] = unwatched,
+    watch: Callable[[int, int], None] = unwatched,
 ) -> CollectionReport:
     """Collect a dataset at `root`, or go on with one that was interrupted.
 

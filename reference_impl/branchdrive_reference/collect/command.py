@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.build import seed
 from branchdrive.cli.progress import Update, progress_bar
-from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
-from branchdrive.interrupt import deferred_interrupt, heeded_termination
+from branchdrive.runtime.environment import extra
+from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.text import printable
-from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.runtime.environment import extra
 from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:

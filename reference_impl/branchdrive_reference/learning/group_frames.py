@@ -22,13 +22,13 @@ import numpy as np
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.text import listed
 from branchdrive.contract.timing import HISTORY_OFFSETS
-from branchdrive.environment import install_command
 from branchdrive.errors import UsageError
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.media.folder import FRAMES
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import Rollout
 from branchdrive.raw.shard import Shard, rollouts_of
+from branchdrive.runtime.environment import install_command
 
 try:
     import torch

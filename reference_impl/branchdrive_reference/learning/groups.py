@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from branchdrive.driving.feature import InputContract
-from branchdrive.environment import install_command
 from branchdrive.errors import UsageError
 from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.learning.image_inputs import image_arrays
 
 try:

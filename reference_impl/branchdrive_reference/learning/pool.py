@@ -9,20 +9,16 @@ Source: this project's choice.
 from __future__ import annotations
 
 import itertools
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from multiprocessing.queues import SimpleQueue
-from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from branchdrive.errors import UsageError
-from branchdrive.interrupt import deferred_interrupt
 from branchdrive.model.reader import ModelLayer, open_model
-from branchdrive.process import spawn_context
-from branchdrive.workers import WorkerError, started_workers
+from branchdrive.runtime.progress import unwatched
+from branchdrive.runtime.workers import run_each
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration
 from branchdrive_reference.learning.held_out import Fold, open_fold
@@ -74,7 +70,7 @@ def train_models(
     *,
     jobs: int = 1,
     device: str = "cpu",
-    on_epoch: Callable[[EpochReport], None] | None = None,
+    on_epoch: Callable[[EpochReport], None] = unwatched,
 ) -> list[Checkpoint]:
     """Train all tasks; what is finished or begun in the folder is not done again.
 
@@ -95,79 +91,36 @@ def train_models(
         WorkerError: A worker process died.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
-    layer, paths = open_model(release), [task.path(Path(folder)) for task in tasks]
+    open_model(release)  # what is no release is refused before a process starts
+    paths = [task.path(Path(folder)) for task in tasks]
     if len(set(paths)) < len(tasks):
         raise UsageError(f"two of {len(tasks)} tasks have one model, seed and fold; give each model its own name")
-    watch, there = on_epoch or _unseen, [path.exists() for path in paths]
-    missing = [task for task, is_there in zip(tasks, there, strict=True) if not is_there]
-    if min(jobs, len(missing)) <= 1:
-        with deferred_interrupt() as raise_if_noted:
-
-            def between(report: EpochReport) -> None:
-                watch(report)
-                raise_if_noted()
-
-            return [task.train(layer, folder, device, between) for task in tasks]
+    training, there = _Training(str(release), str(folder), device), [path.exists() for path in paths]
     for task in itertools.compress(tasks, there):
-        task.train(layer, folder, device, watch)  # which trains nothing, and refuses what is of another training
-    _in_workers(str(release), str(folder), missing, min(jobs, len(missing)), device, watch)
+        training(task, on_epoch)  # which trains nothing, and refuses what is of another training
+    missing = [task for task, is_there in zip(tasks, there, strict=True) if not is_there]
+    for _ in run_each(training, missing if jobs == 1 else _longest_first(missing), jobs=jobs, watch=on_epoch):
+        pass
     return [read_checkpoint(path) for path in paths]
 
 
-def _unseen(report: EpochReport) -> None:
-    """Nobody watches."""
+@dataclass(frozen=True)
+class _Training:
+    """Trains a task's model in whichever process."""
 
+    release: str
+    folder: str
+    device: str
 
-def _in_workers(
-    release: str, folder: str, tasks: Sequence[Task], jobs: int, device: str, watch: Callable[[EpochReport], None]
-) -> None:
-    with deferred_interrupt() as raise_if_noted:  # half an event or queue leaks semaphores
-        context = spawn_context()
-        stop, reports = context.Event(), context.SimpleQueue()
-    raise_if_noted()
-    watcher = _Watcher(reports, watch, stop)
-    watcher.start()
-    is_broken = False
-    state = _Worker(release, folder, device, stop, reports)
-    try:
-        with started_workers(context, jobs, stop, _Worker.start, state) as workers:
-            running = {workers.submit(_Worker.train, task) for task in _longest_first(tasks)}
-            while running:
-                finished, running = workers.wait(running)
-                for future in finished:
-                    future.result()
-    except WorkerError:
-        is_broken = True
-        raise
-    except _StoppedError:
-        pass  # because the watcher raised
-    finally:
-        if not is_broken:  # a process that died may hold the lock of the queue
-            reports.put(None)
-            watcher.join()
-            reports.close()
-    if watcher.error is not None:
-        raise watcher.error
+    def __reduce__(self) -> tuple[object, ...]:
+        return _Training, (self.release, self.folder, self.device)  # every process opens the release for itself
 
+    @cached_property
+    def layer(self) -> ModelLayer:
+        return open_model(self.release)
 
-class _Watcher(threading.Thread):
-    """Passes on what workers report; if the one who watches raises, they are asked to stop."""
-
-    def __init__(
-        self, reports: SimpleQueue[EpochReport | None], watch: Callable[[EpochReport], None], stop: Event
-    ) -> None:
-        super().__init__(daemon=True)
-        self.error: BaseException | None = None
-        self._reports, self._watch, self._stop_event = reports, watch, stop
-
-    def run(self) -> None:
-        while (report := self._reports.get()) is not None:
-            if self.error is None:
-                try:
-                    self._watch(report)
-                except BaseException as error:  # raised again by who waits
-                    self.error = error
-                    self._stop_event.set()
+    def __call__(self, task: Task, between: Callable[[EpochReport], None]) -> None:
+        task.train(self.layer, self.folder, self.device, between)
 
 
 def _longest_first(tasks: Sequence[Task]) -> list[Task]:
@@ -178,39 +131,3 @@ def _longest_first(tasks: Sequence[Task]) -> list[Task]:
         return -len(model.images), model.history is None
 
     return sorted(tasks, key=briefness)
-
-
-class _StoppedError(Exception):
-    """A worker stopped after an epoch; nobody waits for its checkpoint any more."""
-
-
-@dataclass
-class _Worker:
-    """What a worker process knows; `current` is the one of this process."""
-
-    release: str
-    folder: str
-    device: str
-    stop: Event
-    reports: SimpleQueue[EpochReport | None]
-
-    current: ClassVar[_Worker]
-
-    @cached_property
-    def layer(self) -> ModelLayer:
-        return open_model(self.release)
-
-    def start(self) -> None:
-        _Worker.current = self
-
-    def between(self, report: EpochReport) -> None:
-        self.reports.put(report)
-        if self.stop.is_set():
-            raise _StoppedError
-
-    @staticmethod
-    def train(task: Task) -> None:
-        worker = _Worker.current
-        if worker.stop.is_set():
-            raise _StoppedError
-        task.train(worker.layer, worker.folder, worker.device, worker.between)

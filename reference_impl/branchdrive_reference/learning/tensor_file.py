@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.text import printable
-from branchdrive.environment import install_command
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import replace_file
 from branchdrive.formats.untrusted import read_file
+from branchdrive.runtime.environment import install_command
 
 try:
     import safetensors

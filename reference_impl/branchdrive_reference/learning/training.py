@@ -25,6 +25,7 @@ from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
 from branchdrive.model.normalisation import Scaling
 from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.runtime.progress import unwatched
 from branchdrive_reference.learning.adam import AdamW
 from branchdrive_reference.learning.checkpoint import (
     Checkpoint,
@@ -100,7 +101,7 @@ def train_model(
     *,
     seed: int,
     device: str = "cpu",
-    on_epoch: Callable[[EpochReport], None] | None = None,
+    on_epoch: Callable[[EpochReport], None] = unwatched,
 ) -> Checkpoint:
     """Train, or go on where a training was interrupted, or take the checkpoint that is already there.
 
@@ -133,7 +134,7 @@ def train_model(
                 f"{path} was trained on another configuration, release or version; delete it, or choose another folder"
             )
         return found
-    job = _Job(configuration, origin, environment(place), path, on_epoch or _unseen)
+    job = _Job(configuration, origin, environment(place), path, on_epoch)
     with deterministic():
         network = build_network(configuration.model, num_action_features)
         if isinstance(network, MeanNetwork):
@@ -187,10 +188,6 @@ class _Job(NamedTuple):
             curve.best_epoch,
             _is_over(curve, self.configuration.training),
         )
-
-
-def _unseen(report: EpochReport) -> None:
-    """Nobody watches."""
 
 
 def _fit(network: OutcomeNetwork, data: Mapping[str, Mapping[str, Tensor]], loss: _Loss, job: _Job) -> TrainingState:

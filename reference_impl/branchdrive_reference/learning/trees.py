@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
-from branchdrive.environment import extra
+from branchdrive.runtime.environment import extra
 from branchdrive_reference.learning.configuration import TreesConfig
 from branchdrive_reference.learning.outcome import Outcome
 

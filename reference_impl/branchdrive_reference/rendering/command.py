@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
-from branchdrive.environment import extra
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
-from branchdrive.interrupt import heeded_termination
+from branchdrive.runtime.environment import extra
+from branchdrive.runtime.interrupt import heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive_reference.rendering.dataset import RenderReport

@@ -42,6 +42,7 @@ from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.release.publish import RENDER_DIR, staging
+from branchdrive.runtime.progress import unwatched
 from branchdrive_reference.rendering.group import joined_pieces, piece_paths
 from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, plan_text, with_media
 from branchdrive_reference.rendering.work import Task, render_groups
@@ -76,17 +77,13 @@ class RenderReport:
     num_groups: int
 
 
-def _ignore(*_: object) -> None:
-    """Nobody watches."""
-
-
 def render_dataset(
     root: Path,
     plan: MediaPlan,
     *,
     output: Path | None = None,
     jobs: int = 1,
-    watch: Callable[[int, int], None] = _ignore,
+    watch: Callable[[int, int], None] = unwatched,
 ) -> RenderReport:
     """Add media to the dataset at `root`, or go on where a run was interrupted.
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from multiprocessing.synchronize import Event
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
-from branchdrive.environment import leave_out_pandas
-from branchdrive.interrupt import deferred_interrupt
-from branchdrive.process import spawn_context
 from branchdrive.raw.reader import open_dataset
-from branchdrive.workers import started_workers
+from branchdrive.runtime.environment import leave_out_pandas
+from branchdrive.runtime.workers import run_each
 from branchdrive_reference.rendering.group import GroupRenderer
 from branchdrive_reference.rendering.plan import MediaPlan
 
@@ -43,43 +42,20 @@ def render_groups(root: Path, plan: MediaPlan, tasks: Sequence[Task], *, jobs: i
         WorkerError: A worker process died.
         KeyboardInterrupt: The user interrupted; finished groups are kept.
     """
-    if jobs == 1 or len(tasks) <= 1:
-        renderer = GroupRenderer(open_dataset(root), plan)
-        with deferred_interrupt() as raise_if_noted:
-            for task in tasks:
-                renderer.write_piece(*task, between=raise_if_noted)
-                yield task
-                raise_if_noted()
-        return
-    with deferred_interrupt() as raise_if_noted:  # half an event leaks semaphores
-        context = spawn_context()
-        stop = context.Event()
-    raise_if_noted()
-    with started_workers(context, min(jobs, len(tasks)), stop, _Worker.start, root, plan, stop) as workers:
-        yield from workers.results(_Worker.render, tasks)
+    return run_each(_Rendering(root, plan), tasks, jobs=jobs, start=leave_out_pandas)
 
 
-class _StoppedError(Exception):
-    """A worker stopped between two rollouts; nobody waits for its group any more."""
+@dataclass(frozen=True)
+class _Rendering:
+    """Renders a group in whichever process."""
 
+    root: Path
+    plan: MediaPlan
 
-class _Worker:
-    """State of a worker process; never instantiated."""
+    @cached_property
+    def renderer(self) -> GroupRenderer:
+        return GroupRenderer(open_dataset(self.root), self.plan)
 
-    renderer: ClassVar[GroupRenderer]
-    stop: ClassVar[Event]
-
-    @classmethod
-    def start(cls, root: Path, plan: MediaPlan, stop: Event) -> None:
-        leave_out_pandas()
-        cls.renderer, cls.stop = GroupRenderer(open_dataset(root), plan), stop
-
-    @classmethod
-    def render(cls, task: Task) -> Task:
-        cls.renderer.write_piece(*task, between=cls.raise_if_stopped)
+    def __call__(self, task: Task, between: Callable[[], None]) -> Task:
+        self.renderer.write_piece(*task, between=between)
         return task
-
-    @classmethod
-    def raise_if_stopped(cls) -> None:
-        if cls.stop.is_set():
-            raise _StoppedError

@@ -9,9 +9,9 @@ from typing import TextIO
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import part_lines, progress_bar
 from branchdrive.contract.text import printable
-from branchdrive.environment import extra
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.durable import replace_file
+from branchdrive.runtime.environment import extra
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 

@@ -20,7 +20,7 @@ from tests.waiting import PATIENCE_S
 
 from branchdrive import DatasetError, UsageError, open_model
 from branchdrive.driving.target import TARGETS, TRAJECTORY
-from branchdrive.environment import install_command
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.benchmark.document import published_protocol
 from branchdrive_reference.benchmark.foreign import mean_predictions
 from branchdrive_reference.benchmark.release import benchmark_data, open_release, published_predictions

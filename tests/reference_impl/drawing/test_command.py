@@ -19,7 +19,7 @@ from tests.synthetic import BRANCH_TICK, bare_descriptor, bare_tables, base_tabl
 
 from branchdrive import Rollout, open_dataset
 from branchdrive.cli.main import run
-from branchdrive.environment import install_command
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.drawing.picture import SIZE_PX, draw_scene, title
 
 SEED, GROUPS = 3, 2

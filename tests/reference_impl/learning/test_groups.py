@@ -15,7 +15,7 @@ from tests.model_release import CANDIDATES, make_frames, write_release
 from torch.utils.data import DataLoader
 
 from branchdrive import InputContract, ModelLayer, UsageError, open_model
-from branchdrive.environment import install_command
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.learning.groups import BranchGroupDataset
 
 KEYS = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from tests.reference_impl.learning.small_models import SMALL, small
 from tests.sampling import THOROUGH
 
 from branchdrive import UsageError
-from branchdrive_reference.learning.pool import Task, _Watcher, train_models
+from branchdrive_reference.learning.pool import Task, train_models
 from branchdrive_reference.learning.training import EpochReport
 
 
@@ -29,7 +28,7 @@ def test_processes_change_no_bit(release: Path, tmp_path: Path) -> None:
 
 
 def test_models_that_are_there_start_no_process(release: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("branchdrive_reference.learning.pool._in_workers")
+    monkeypatch.delattr("branchdrive.runtime.workers._in_workers")
     tasks = [Task(SMALL["M1"], 11), Task(SMALL["M1"], 23)]
     first = train_models(release, tmp_path, tasks)
     again = train_models(release, tmp_path, tasks, jobs=2)
@@ -42,23 +41,6 @@ def test_an_error_in_one_process_stops_the_others(release: Path, tmp_path: Path)
     with pytest.raises(UsageError, match=r"M1, seed 11: the loss of epoch \d is not a number"):
         train_models(release, tmp_path, tasks, jobs=2)
     assert {path.name for path in tmp_path.iterdir()} <= {"M3-seed11.training"}
-
-
-def test_an_error_of_who_watches_asks_workers_to_stop() -> None:
-    def stop(report: EpochReport) -> None:
-        raise RuntimeError(f"stopped at {report.epoch}")
-
-    context = get_context("spawn")
-    reports, event = context.SimpleQueue(), context.Event()
-    watcher = _Watcher(reports, stop, event)
-    watcher.start()
-    for epoch in (1, 2):
-        reports.put(EpochReport("M3", 11, epoch, 8, 1.0, 1.0, 1))
-    reports.put(None)
-    watcher.join()
-    reports.close()
-    assert event.is_set()
-    assert str(watcher.error) == "stopped at 1"
 
 
 def test_who_watches_in_this_process_may_stop_it(release: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from tests.reference_impl.study import samples
 from tests.sampling import sampled
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
-from branchdrive.engine.worker import in_process
+from branchdrive.runtime.executor import in_process
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ from branchdrive.engine.worker import in_process
 def test_a_changed_dataset_is_shown_or_refused_in_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, size: int
 ) -> None:
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+    monkeypatch.setattr("branchdrive.runtime.executor.isolated", lambda jobs: in_process)
     root = samples.written(tmp_path / "d")
     draw = ("draw", root, "--output", tmp_path / "p", "--group", "g0", "--format", "svg")
     assert poor_ends(root, path, size, ("study", root), draw) == []

@@ -13,10 +13,10 @@ from tests.file_size import at_most
 
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
-from branchdrive.engine.worker import in_process
 from branchdrive.errors import PlatformError
 from branchdrive.formats import untrusted
 from branchdrive.formats.durable import replace_file
+from branchdrive.runtime.executor import in_process
 
 FAULTS = {
     "ENOSPC": "make room", "EDQUOT": "quota", "EFBIG": "ulimit -f", "EMFILE": "ulimit -n", "ENFILE": "stop other",
@@ -68,7 +68,7 @@ def test_a_machine_that_cannot_read_makes_no_finding(valid_root: Path, monkeypat
         return true(path, *arguments, **options)
 
     monkeypatch.setattr(os, "open", exhausted)
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+    monkeypatch.setattr("branchdrive.runtime.executor.isolated", lambda jobs: in_process)
     stdout, stderr = io.StringIO(), io.StringIO()
     assert validate_run([str(valid_root)], stdout, stderr) == 4
     assert stdout.getvalue() == ""

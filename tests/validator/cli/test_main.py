@@ -22,7 +22,7 @@ from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import AREAS, CATALOGUE
-from branchdrive.environment import install_command
+from branchdrive.runtime.environment import install_command
 
 Run = Callable[[Sequence[str], Any, Any], int]
 
@@ -305,7 +305,7 @@ def test_an_interrupt_is_one_line_and_exit_code_130(
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: interrupted)
+    monkeypatch.setattr("branchdrive.runtime.executor.isolated", lambda jobs: interrupted)
     code, out, err = call(entry, valid_root)
     assert (code, out) == (130, "")
     assert err in ("branchdrive: interrupted\n", "branchdrive-validate: interrupted\n")

@@ -11,10 +11,10 @@ from branchdrive.engine.derived import layer_files_task, layers_tasks
 from branchdrive.engine.derived_rules import view_of
 from branchdrive.engine.reading import read_dataset
 from branchdrive.engine.spool import Spool
-from branchdrive.engine.worker import in_process
 from branchdrive.files.survey import take_survey
 from branchdrive.formats.table_file import parts_of
 from branchdrive.layers.view import RawLayer, ReleaseView
+from branchdrive.runtime.executor import in_process
 
 
 def release_view(root: Path) -> ReleaseView:

@@ -241,7 +241,7 @@ VALIDATE_AND_MEASURE = """
 import json, re, resource, sys
 from pathlib import Path
 from branchdrive import validate
-from branchdrive.engine.worker import isolated
+from branchdrive.runtime.executor import isolated
 
 if __name__ == "__main__":
     report = validate(sys.argv[1], executor=isolated(1))

@@ -19,11 +19,11 @@ from branchdrive.engine.derived import layer_files_task
 from branchdrive.engine.derived_files import LayerFiles, read_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import in_process
 from branchdrive.files.survey import take_survey
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
+from branchdrive.runtime.executor import in_process
 from branchdrive.testing.defect import with_cells
 
 SHARES = [12, pytest.param(1, marks=THOROUGH)]

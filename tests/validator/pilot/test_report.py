@@ -12,11 +12,11 @@ from tests.validator.engine import datasets
 
 from branchdrive.cli.main import run
 from branchdrive.contract.document import schema_mismatches
-from branchdrive.engine.worker import in_process
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.report import PilotReport, examine_pilot
 from branchdrive.pilot.route_plan import expected_clusters
 from branchdrive.pilot.section import Concern, Section
+from branchdrive.runtime.executor import in_process
 from branchdrive.statistics.binomial import binomial_interval
 from branchdrive.text.table import Column, Table
 
@@ -34,7 +34,7 @@ def report(pilot: Pilot) -> PilotReport:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Validate in this process."""
-    monkeypatch.setattr("branchdrive.engine.worker.isolated", lambda jobs: in_process)
+    monkeypatch.setattr("branchdrive.runtime.executor.isolated", lambda jobs: in_process)
 
 
 def command(*arguments: object) -> tuple[int, str, str]:

@@ -178,7 +178,7 @@ child without a parent where it `orphans`, and only until all are there where it
 
 REPORT = """
 from pathlib import Path
-from branchdrive.interrupt import heeded_termination
+from branchdrive.runtime.interrupt import heeded_termination
 from branchdrive.pilot.rerun import Command
 with heeded_termination():
     Command({words!r}).run(Path({out!r}), [], limit_s=100_000)

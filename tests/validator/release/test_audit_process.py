@@ -16,11 +16,10 @@ import pytest
 from tests.hostile_folder import infest, marks
 from tests.reference_impl.collect.running import session_of
 from tests.repo.checkout import ROOT
-from tests.validator.engine.tasks import sleep_and_tell
 from tests.validator.release.running import QUICK
+from tests.validator.runtime.tasks import sleep_and_tell
 from tests.waiting import wait_for
 
-from branchdrive.engine.worker import in_process
 from branchdrive.errors import ToolError
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 from branchdrive.leakage.replays import replay_inputs
@@ -28,6 +27,7 @@ from branchdrive.release import audit_process
 from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
 from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
+from branchdrive.runtime.executor import in_process
 
 
 @dataclass(frozen=True)

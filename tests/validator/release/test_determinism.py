@@ -19,9 +19,9 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layer import TABLE_OF_PATH, table_paths
-from branchdrive.engine.worker import isolated
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.release.builder import STAGES
+from branchdrive.runtime.executor import isolated
 
 
 def test_the_same_build_twice_changes_no_byte(dataset: Path, release: Path, built: Path, audited: Path) -> None:

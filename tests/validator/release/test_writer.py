@@ -15,13 +15,13 @@ from tests.validator.writer.invented import write_dataset as write_small
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import in_process
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.release import builder as builder
 from branchdrive.release.publish import RENDER_DIR, lock_area, staging
 from branchdrive.release.scan import RawScan, scan_raw
+from branchdrive.runtime.executor import in_process
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.writer import DatasetWriter
 

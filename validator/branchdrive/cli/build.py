@@ -77,9 +77,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         UsageError: The options do not go together.
         DatasetError: The raw layer cannot be built from.
     """
-    from branchdrive.engine.worker import isolated
     from branchdrive.release.builder import build_release
     from branchdrive.release.stage import BuildOptions
+    from branchdrive.runtime.executor import isolated
 
     stages = tuple(args.stage or _STAGES)
     if args.no_leakage:

@@ -20,10 +20,10 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import NoReturn, Protocol, TextIO
 
-from branchdrive.environment import check_environment, extra, import_fault, leave_out_pandas
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
 from branchdrive.exit_code import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_USAGE
 from branchdrive.formats.file_error import file_error_text, is_machine_fault
+from branchdrive.runtime.environment import check_environment, extra, import_fault, leave_out_pandas
 
 __all__ = ["main", "run", "run_script", "script_main", "validate_main"]
 

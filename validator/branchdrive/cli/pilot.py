@@ -14,7 +14,7 @@ from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
-from branchdrive.interrupt import heeded_termination
+from branchdrive.runtime.interrupt import heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive.pilot.report import PilotReport
@@ -60,12 +60,12 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     Raises:
         UsageError: There is no dataset, it is larger than a pilot, or the command cannot be run.
     """
-    from branchdrive.engine.worker import isolated
     from branchdrive.formats.durable import replace_file
     from branchdrive.pilot.pilot import read_pilot
     from branchdrive.pilot.report import examine_pilot
     from branchdrive.pilot.rerun import Command
     from branchdrive.pilot.reruns import Reruns
+    from branchdrive.runtime.executor import isolated
 
     check_output(args.output, outside=args.dataset)
     check_output(args.work, outside=args.dataset, is_folder=True)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Protocol, TextIO
 
+from branchdrive.runtime.progress import unwatched
+
 __all__ = ["Update", "part_lines", "progress_bar"]
 
 
@@ -16,15 +18,11 @@ class Update(Protocol):
         """Show `done` of `total`."""
 
 
-def _unseen(done: int, total: int, note: str = "") -> None:
-    """Nobody watches."""
-
-
 @contextmanager
 def progress_bar(stderr: TextIO, title: str) -> Iterator[Update]:
     """A progress bar on `stderr` if that is a terminal, nothing elsewhere; gone when the work is over."""
     if not stderr.isatty():
-        yield _unseen
+        yield unwatched
         return
     from rich.console import Console
     from rich.progress import (

@@ -77,8 +77,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.cli.text import render_report
     from branchdrive.engine.validate import validate
     from branchdrive.engine.waiver import load_waivers
-    from branchdrive.engine.worker import isolated
     from branchdrive.formats.durable import replace_file
+    from branchdrive.runtime.executor import isolated
     from branchdrive.writer.staging import snapshot
 
     written = outputs(args.output)

@@ -1,30 +1,71 @@
-"""A whole collection: execute what is missing, commit shards in order, finish the dataset."""
+"""A whole collection: execute what is missing, commit shards in order, finish the dataset.
+
+Which process executes a group never changes its bytes. Asked to stop, a worker stops before the next rollout.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from branchdrive.collector.pool import Execute, Planned, execute_groups, num_workers
 from branchdrive.collector.report import CollectionReport, GroupReport
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline, route_clusters
 from branchdrive.errors import UsageError
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.runtime.environment import leave_out_pandas
+from branchdrive.runtime.progress import unwatched
+from branchdrive.runtime.workers import num_workers, run_each
+from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.writer import DatasetWriter
 
-__all__ = ["check_begun", "run_campaign"]
+__all__ = ["Execute", "Planned", "check_begun", "run_campaign"]
+
+
+class Planned(Protocol):
+    """A group that is to be collected; processes hand it to each other."""
+
+    @property
+    def index(self) -> int:
+        """Place in the dataset, from 0."""
+
+    @property
+    def group_id(self) -> str:
+        """Identity of the group."""
+
 
 _Plan = TypeVar("_Plan", bound=Planned)
+_PlanTaken = TypeVar("_PlanTaken", bound=Planned, contravariant=True)
+_ReportGiven = TypeVar("_ReportGiven", covariant=True)
 
 
-def _ignore(*_: object) -> None:
-    """Nobody watches."""
+class Execute(Protocol[_PlanTaken, _ReportGiven]):
+    """Executes what is missing of a group; a function of a module, or an object, that can be pickled."""
+
+    def __call__(
+        self, writer: GroupWriter, descriptor: Descriptor, plan: _PlanTaken, *, between: Callable[[], None]
+    ) -> _ReportGiven:
+        """Write the group's rollouts; `between` is called before each, and an exception from it is passed on."""
+
+
+@dataclass(frozen=True)
+class _Collecting:
+    """Collects and closes a group."""
+
+    root: Path
+    descriptor: Descriptor
+    execute: Execute[Any, GroupReport]
+
+    def __call__(self, plan: Planned, between: Callable[[], None]) -> GroupReport:
+        with GroupWriter(self.root, self.descriptor, plan.group_id, plan.index) as writer:
+            return self.execute(writer, self.descriptor, plan, between=between)
 
 
 def check_begun(writer: DatasetWriter, num_groups: int) -> None:
@@ -47,8 +88,8 @@ def run_campaign(
     execute: Execute[_Plan, GroupReport],
     *,
     jobs: int = 1,
-    prepare: Callable[[int], None] = _ignore,
-    watch: Callable[[int, int], None] = _ignore,
+    prepare: Callable[[int], None] = unwatched,
+    watch: Callable[[int, int], None] = unwatched,
 ) -> CollectionReport:
     """Collect the planned groups that are not finished, and finish the dataset.
 
@@ -57,7 +98,7 @@ def run_campaign(
     Args:
         writer: The dataset, open.
         plans: All groups of the dataset, by place.
-        execute: What collects a group; see `execute_groups`.
+        execute: What collects a group.
         jobs: Worker processes; 1 works in this process.
         prepare: Called with the number of groups that are missing, if there are any, before the first of them.
         watch: Called with the number of finished groups and of ticks executed by this run, at the beginning and after
@@ -81,7 +122,8 @@ def run_campaign(
     reports: list[GroupReport] = []
     num_ticks = 0
     watch(num_found, num_ticks)
-    with closing(execute_groups(writer.root, writer.descriptor, missing, execute, jobs=jobs)) as finished:
+    collecting = _Collecting(writer.root, writer.descriptor, execute)
+    with closing(run_each(collecting, missing, jobs=jobs, start=leave_out_pandas)) as finished:
         for report in finished:
             reports.append(report)
             num_ticks += report.num_ticks

@@ -21,6 +21,7 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import Collection, DeclaredEncoding, Descriptor, Software
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.errors import UsageError
+from branchdrive.runtime.progress import unwatched
 from branchdrive.writer.writer import DatasetWriter
 
 __all__ = ["collect_dataset", "describe", "plan_groups"]
@@ -82,10 +83,6 @@ def _chosen(plans: Sequence[GroupPlan], group_ids: Sequence[str]) -> list[GroupP
     return [replace(by_id[group_id], index=index) for index, group_id in enumerate(group_ids)]
 
 
-def _ignore(*_: object) -> None:
-    """Nobody watches."""
-
-
 def collect_dataset(
     root: str | Path,
     descriptor: Descriptor,
@@ -96,7 +93,7 @@ def collect_dataset(
     maps: Mapping[str, Sequence[Element]] | None = None,
     groups_per_shard: int = 32,
     only: Sequence[str] = (),
-    watch: Callable[[int, int], None] = _ignore,
+    watch: Callable[[int, int], None] = unwatched,
     **options: Any,
 ) -> CollectionReport:
     """Collect a dataset at `root`, or go on with one that was interrupted; the bytes are the same.

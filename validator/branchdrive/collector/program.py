@@ -15,7 +15,7 @@ from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.errors import BranchDriveError, ToolError
 from branchdrive.exit_code import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_SUCCESS, EXIT_USAGE
-from branchdrive.interrupt import heeded_termination
+from branchdrive.runtime.interrupt import heeded_termination
 
 __all__ = ["collector_main"]
 

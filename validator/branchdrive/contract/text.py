@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
-__all__ = ["NONE", "count_text", "counted", "listed", "nearest", "one_line", "percent", "printable", "quote"]
+__all__ = [
+    "NONE", "count_text", "counted", "failure_text", "listed", "nearest", "one_line", "percent", "printable", "quote",
+]  # fmt: skip
 
 NONE = "-"
 """Stands where a value is not defined."""
@@ -13,10 +16,19 @@ NONE = "-"
 MAX_QUOTED = 160
 """Characters of a quoted value in a finding."""
 
+_MAX_LINE = 500
+"""Characters of a line of a traceback, whose message may quote a value."""
+
 
 def printable(text: str) -> str:
     """`text` on one line of printable ASCII, every other character escaped: safe on any terminal."""
     return "".join(c if " " <= c <= "~" else ascii(c)[1:-1] for c in text)
+
+
+def failure_text(place: str) -> str:
+    """The exception that is being handled, with its traceback, in printable lines."""
+    lines = f"{place}:\n{traceback.format_exc()}".rstrip().split("\n")
+    return "\n".join(printable(line[:_MAX_LINE]) for line in lines)
 
 
 def one_line(text: str) -> str:

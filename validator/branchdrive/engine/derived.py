@@ -18,9 +18,9 @@ from branchdrive.engine.reading import Reading
 from branchdrive.engine.shard import ShardResult, spooled_name
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
-from branchdrive.engine.worker import Executor, Failed
 from branchdrive.files.survey import Survey
 from branchdrive.raw.content import raw_content
+from branchdrive.runtime.executor import Executor, Failed
 
 __all__ = ["MAX_GROUPS_AT_ONCE", "Derived", "judge_derived", "layer_files_task", "layers_tasks", "needs_raw"]
 

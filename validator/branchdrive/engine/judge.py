@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterable
 from itertools import islice
 
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
+from branchdrive.contract.text import failure_text
 from branchdrive.engine.finding import Finding
-from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, Tally, failure_text
+from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, Tally
 
 __all__ = ["judge", "plain_mismatches"]
 

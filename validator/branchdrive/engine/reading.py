@@ -14,9 +14,9 @@ from branchdrive.contract.media import MediaMode
 from branchdrive.engine.derived_files import LayerFiles, LayerFilesTask, read_layers
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
-from branchdrive.engine.worker import Executor, Failed
 from branchdrive.files.shard_facts import repeated_rollouts, split_groups
 from branchdrive.files.survey import Survey
+from branchdrive.runtime.executor import Executor, Failed
 
 __all__ = ["Progress", "Reading", "read_dataset"]
 

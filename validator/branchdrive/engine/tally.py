@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import islice
@@ -10,26 +9,16 @@ from typing import Literal
 
 from branchdrive.contract.mismatch import MAX_KEPT
 from branchdrive.contract.rule import CATALOGUE, RuleInfo
-from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding
 
-__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally", "failure_text"]
+__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally"]
 
 MAX_FINDINGS_PER_RULE = MAX_KEPT
 """Findings kept per rule; counts stay exact."""
 
-_MAX_LINE = 500
-"""Characters of a line of a traceback, whose message may quote a value."""
-
 _NO_STREAM = "the descriptor claims no stream that this rule is about"
 
 RuleStatus = Literal["pass", "fail", "skipped", "not-claimed", "inconclusive", "error"]
-
-
-def failure_text(place: str) -> str:
-    """The exception that is being handled, with its traceback, in printable lines."""
-    lines = f"{place}:\n{traceback.format_exc()}".rstrip().split("\n")
-    return "\n".join(printable(line[:_MAX_LINE]) for line in lines)
 
 
 @dataclass

@@ -32,13 +32,13 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
-from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.manifest import Manifest
 from branchdrive.formats.untrusted import Links, linked_folders
 from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
+from branchdrive.runtime.executor import Executor, in_process
 
 __all__ = ["judge_files", "select_rules", "validate"]
 
@@ -91,7 +91,7 @@ def validate(
         strict: Whether exit code 0 takes that no diagnostic and no recommendation fails.
         follow_links: Whether links are followed: those that stay in their dataset, and those into `allow`.
         allow: Folders that links may lead into.
-        executor: How shards are run; `branchdrive.engine.worker.isolated` bounds memory.
+        executor: How shards are run; `branchdrive.runtime.executor.isolated` bounds memory.
         progress: Called after every shard.
         today: The date against which waivers expire; the current date by default.
 

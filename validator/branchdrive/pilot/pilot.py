@@ -19,13 +19,13 @@ from branchdrive.engine.reading import Progress
 from branchdrive.engine.report import Report
 from branchdrive.engine.shard import raw_rows_of
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.motion.response import responses
 from branchdrive.raw.shard import find_shards
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.runtime.executor import Executor, in_process
 from branchdrive.tables.frame import Frame, concat
 
 __all__ = ["MAX_GROUPS", "ROLLOUTS_WANTED", "Part", "Pilot", "read_pilot"]

@@ -31,7 +31,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.text import printable, quote
 from branchdrive.errors import UsageError
 from branchdrive.pilot import supervisor
-from branchdrive.process import bare_command
+from branchdrive.runtime.process import bare_command
 
 __all__ = ["Command", "Run"]
 

@@ -22,7 +22,7 @@ from branchdrive.leakage.audit import Progress, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
-from branchdrive.process import ARRAY_WORK, child_environment, exit_after, python_command
+from branchdrive.runtime.process import ARRAY_WORK, child_environment, exit_after, python_command
 
 __all__ = ["AuditTask", "KnownParts", "audit_here", "audit_in_own_process"]
 

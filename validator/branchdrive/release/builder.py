@@ -27,7 +27,6 @@ from branchdrive.contract.layout import (
     SOURCE_FILE,
     STAGING_DIR,
 )
-from branchdrive.engine.worker import Executor, in_process
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.manifest import Manifest
@@ -38,6 +37,7 @@ from branchdrive.release.leakage import build_leakage
 from branchdrive.release.publish import has_card, publish, published_identity, staging
 from branchdrive.release.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality, check_encoding
+from branchdrive.runtime.executor import Executor, in_process
 
 __all__ = ["STAGES", "BuildReport", "build_release"]
 

@@ -30,9 +30,9 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import BranchDriveError, DatasetError, ToolError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.durable import delete, make_dir, move, replace_file, sync_dir, write_file
-from branchdrive.formats.file_lock import FileLock
 from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifest
 from branchdrive.formats.untrusted import read_file
+from branchdrive.runtime.file_lock import FileLock
 
 __all__ = [
     "RENDER_DIR", "benchmark_area", "has_card", "is_rendering", "lock_area", "make_private", "publish", "publish_layer",

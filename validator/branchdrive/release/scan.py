@@ -17,12 +17,12 @@ from branchdrive.engine.reading import Progress, read_dataset
 from branchdrive.engine.shard import ShardResult, spooled_name
 from branchdrive.engine.spool import Spool, SpooledFrames
 from branchdrive.engine.validate import judge_files
-from branchdrive.engine.worker import Executor
 from branchdrive.errors import DatasetError
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.manifest import parse_manifest
 from branchdrive.formats.untrusted import read_file
 from branchdrive.raw.content import raw_content
+from branchdrive.runtime.executor import Executor
 from branchdrive.tables.frame import Frame
 
 __all__ = ["RawScan", "check_unchanged", "scan_raw"]

@@ -6,7 +6,7 @@ The names below are the public interface; everything else is private. What is dr
 
 from __future__ import annotations
 
-from branchdrive.environment import extra
+from branchdrive.runtime.environment import extra
 
 with extra("testing", of="branchdrive.testing"):
     from branchdrive.testing.dataset import SmallDataset

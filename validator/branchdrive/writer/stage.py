@@ -28,9 +28,9 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE, MAX_SHARD_INDEX, RAW_DIR, STAGING_DIR, WRITER_LOCK
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete, make_dir, move, partial_path, remove, replace_file, sync_dir
-from branchdrive.formats.file_lock import FileLock
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, rollouts_of
+from branchdrive.runtime.file_lock import FileLock
 from branchdrive.writer.staged_group import StagedGroup, arrow_bytes
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from typing import Literal
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR, STAGING_DIR
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
-from branchdrive.formats.file_lock import FileLock
 from branchdrive.formats.manifest import build_manifest, write_manifest
+from branchdrive.runtime.file_lock import FileLock
 from branchdrive.writer.assembly import assemble_shard
 from branchdrive.writer.stage import Stage
 from branchdrive.writer.staged_group import StagedGroup

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
-from branchdrive.environment import extra
+from branchdrive.runtime.environment import extra
 from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def at_work(
         UsageError: Another command is running there.
         DatasetError: The release cannot be read.
     """
-    from branchdrive.interrupt import heeded_termination
+    from branchdrive.runtime.interrupt import heeded_termination
     from branchdrive_reference.benchmark.document import choose_protocol
     from branchdrive_reference.benchmark.release import open_release
     from branchdrive_reference.benchmark.workspace import open_workspace

@@ -12,8 +12,8 @@ from branchdrive.benchmark.guard.risk import RiskFit, Risks
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
-from branchdrive.environment import extra
 from branchdrive.errors import UsageError
+from branchdrive.runtime.environment import extra
 from branchdrive.statistics.random_words import words
 from branchdrive_reference.benchmark.document import keep_risks
 from branchdrive_reference.benchmark.release import Release

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.environment import install_command
 from branchdrive.errors import ToolError
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.benchmark.guard.regression import Regression, polished
 
 try:

@@ -20,8 +20,8 @@ from tests.validator.benchmark.guard.banks import banks
 from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.cli.main import run
 from branchdrive.driving.utility import fit_scale
-from branchdrive.environment import install_command
 from branchdrive.errors import ToolError
+from branchdrive.runtime.environment import install_command
 from branchdrive_reference.benchmark.guard.regression import LOGISTIC, Regression, polished
 
 cp = pytest.importorskip("cvxpy")

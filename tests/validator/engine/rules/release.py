@@ -30,7 +30,6 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import CARD_FILE, FILTERING_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
-from branchdrive.engine.worker import in_process
 from branchdrive.leakage.classifier import Unavailable
 from branchdrive.model.near_duplicate import near_duplicate_flags
 from branchdrive.quality.fidelity import (
@@ -49,6 +48,7 @@ from branchdrive.release.built_layers import BuiltLayers
 from branchdrive.release.leakage import build_leakage
 from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality
+from branchdrive.runtime.executor import in_process
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, sort_rows
 

@@ -17,7 +17,7 @@ from tests.repo.checkout import ROOT
 from tests.validator.engine import datasets
 from tests.waiting import PATIENCE_S
 
-from branchdrive.process import ARRAY_WORK, spawn_context
+from branchdrive.runtime.process import ARRAY_WORK, spawn_context
 
 SCRIPT = """
 import os, sys
@@ -55,7 +55,7 @@ def test_one_module_knows_how_children_are_started() -> None:
 
 
 def test_an_interpreter_whose_children_cannot_be_made_safe_is_refused() -> None:
-    code = "from branchdrive.process import spawn_context; spawn_context()"
+    code = "from branchdrive.runtime.process import spawn_context; spawn_context()"
     for flags, returncode in ((["-E"], 1), (["-E", "-P"], 0), (["-I"], 0)):
         done = subprocess.run([sys.executable, *flags, "-c", code], capture_output=True, text=True, check=False)
         assert done.returncode == returncode

@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
@@ -86,6 +88,38 @@ def die_at_file(task: Any) -> Any:
     if "raw/shard-00001/actors.parquet" in task.files:
         os.kill(os.getpid(), signal.SIGKILL)
     return audit_shard(task)
+
+
+@dataclass(frozen=True)
+class Adding:
+    """Adds a number to a task, and reports twice meanwhile."""
+
+    number: int
+
+    def __call__(self, task: int, between: Callable[..., None]) -> int:
+        for part in range(2):
+            between(task, part)
+        return task + self.number
+
+
+def raise_between(task: int, between: Callable[..., None]) -> None:
+    between()
+    raise LookupError(f"no seed {task}")
+
+
+def die_between(task: int, between: Callable[..., None]) -> None:
+    between()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def count_parts(num_parts: int, between: Callable[..., None]) -> int:
+    """Ends after `num_parts` parts, or works on until it is stopped."""
+    part = 0
+    while part != num_parts or not num_parts:
+        part += 1
+        between(part)
+        time.sleep(0.01)
+    return num_parts
 
 
 if parent_process() is not None and "BROKEN_IMPORT" in os.environ:

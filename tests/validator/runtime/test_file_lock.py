@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from branchdrive.formats.file_lock import FileLock
+from branchdrive.runtime.file_lock import FileLock
 
 
 @pytest.fixture

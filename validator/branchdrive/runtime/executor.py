@@ -20,10 +20,10 @@ from importlib import import_module
 from typing import Protocol, TypeVar
 
 from branchdrive.contract.limits import spec_limits
-from branchdrive.engine.tally import failure_text
-from branchdrive.environment import import_fault, leave_out_pandas
+from branchdrive.contract.text import failure_text
 from branchdrive.errors import PlatformError
-from branchdrive.process import exit_after, spawn_context
+from branchdrive.runtime.environment import import_fault, leave_out_pandas
+from branchdrive.runtime.process import exit_after, spawn_context
 
 __all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
 

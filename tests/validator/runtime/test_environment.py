@@ -13,11 +13,11 @@ import pytest
 from tests.validator.engine import datasets
 
 import branchdrive
-from branchdrive import environment
 from branchdrive.cli.main import run, validate_run
-from branchdrive.engine.worker import in_process, isolated
-from branchdrive.environment import check_environment, check_libraries, extra, requirements
 from branchdrive.errors import PlatformError, ToolError
+from branchdrive.runtime import environment
+from branchdrive.runtime.environment import check_environment, check_libraries, extra, requirements
+from branchdrive.runtime.executor import in_process, isolated
 
 
 @pytest.fixture(autouse=True)

@@ -16,7 +16,7 @@ from tests import synthetic
 from tests.repo.checkout import ROOT
 from tests.sampling import sampled
 from tests.validator.engine.datasets import DEPARTURES, cells, write, write_with
-from tests.validator.engine.tasks import (
+from tests.validator.runtime.tasks import (
     allocate,
     broken_import,
     converts_with_pandas,
@@ -33,8 +33,8 @@ from tests.validator.engine.tasks import (
 from tests.waiting import wait_for
 
 from branchdrive.engine.validate import validate
-from branchdrive.engine.worker import Died, Executor, Failed, in_process, isolated
 from branchdrive.errors import PlatformError
+from branchdrive.runtime.executor import Died, Executor, Failed, in_process, isolated
 
 
 def results(executor: Executor, function: Callable[[Any], Any], tasks: list[Any]) -> dict[int, Any]:
@@ -98,7 +98,7 @@ def test_every_task_may_die() -> None:
 
 
 def test_workers_have_a_memory_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.engine.worker.spec_limits", lambda: _Limits())
+    monkeypatch.setattr("branchdrive.runtime.executor.spec_limits", lambda: _Limits())
     found = results(isolated(1), allocate, [1 << 20, 1 << 32, 1 << 21])
     assert found == {0: 1 << 20, 1: Died(), 2: 1 << 21}
 
@@ -120,7 +120,7 @@ class Fragile(ThreadPoolExecutor):
 
 
 def test_a_pool_that_breaks_between_two_tasks_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.engine.worker._pool", Fragile)
+    monkeypatch.setattr("branchdrive.runtime.executor._pool", Fragile)
     assert results(isolated(2), double, list(range(5))) == {i: 2 * i for i in range(5)}
 
 
@@ -132,8 +132,8 @@ def test_an_interrupt_is_not_swallowed() -> None:
 def test_processes_that_cannot_start_are_no_fault_of_the_data(
     valid_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("branchdrive.engine.worker._prepare_process", die_on_three)
-    monkeypatch.setattr("branchdrive.engine.worker.spec_limits", lambda: _Deadly())
+    monkeypatch.setattr("branchdrive.runtime.executor._prepare_process", die_on_three)
+    monkeypatch.setattr("branchdrive.runtime.executor.spec_limits", lambda: _Deadly())
     report = validate(valid_root, executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert "worker processes die before they take up work" in report.errors[0]
@@ -203,7 +203,7 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
 def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     place = tmp_path / "worker"
     code = (
-        f"from branchdrive.engine.worker import isolated\nfrom tests.validator.engine.tasks import sleep_and_tell\n"
+        f"from branchdrive.runtime.executor import isolated\nfrom tests.validator.runtime.tasks import sleep_and_tell\n"
         f"list(isolated(1)(sleep_and_tell, [{str(place)!r}]))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
@@ -213,6 +213,6 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
 
 
 def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.engine.worker._allowed_bytes", lambda: 1.5 * 2**30)
+    monkeypatch.setattr("branchdrive.runtime.executor._allowed_bytes", lambda: 1.5 * 2**30)
     with pytest.raises(PlatformError, match=r"no more than 1\.5 GiB of memory here.*raise `ulimit -v`"):
         results(isolated(1), leave_quietly, [1])

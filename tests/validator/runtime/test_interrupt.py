@@ -9,7 +9,7 @@ import sys
 import pytest
 from tests.waiting import PATIENCE_S
 
-from branchdrive.interrupt import (
+from branchdrive.runtime.interrupt import (
     TerminationInterrupt,
     deferred_interrupt,
     heeded_termination,
