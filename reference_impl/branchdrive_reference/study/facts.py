@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.timing import FUTURE_OFFSETS
 from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.driving.target import TARGETS
@@ -24,7 +25,7 @@ from branchdrive.raw.examination import Examination
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 from branchdrive_reference.simulation.branch_kind import EARLY_TICKS, BranchKind
-from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
+from branchdrive_reference.study.fidelity import discrepancies, equal_records
 
 __all__ = [
     "RESULTS",
@@ -130,7 +131,7 @@ class Fidelity:
         interventions: Discrepancies of canonical interventions ``[n, 12]``.
         replays: Discrepancies of compliant nominal replays ``[n, 12]``.
         equal: Whether complete nominal replays hold the bits of their complete nominals, by table
-            ``[n, tables]`` in the order of `COMPARED_TABLES`; true for a table that is not claimed.
+            ``[n, tables]`` in the order of `TICK_TABLES`; true for a table that is not claimed.
         num_alone: Nominal replays that are not complete or whose nominal is not ``[shards]``.
     """
 
@@ -226,7 +227,7 @@ def _fidelity(view: ShardView, examination: Examination) -> Fidelity:
     return Fidelity(
         discrepancies(view, interventions),
         discrepancies(view, replays),
-        np.stack([equal.get(table, np.ones(len(compared), bool)) for table in COMPARED_TABLES], axis=1),
+        np.stack([equal.get(table, np.ones(len(compared), bool)) for table in TICK_TABLES], axis=1),
         np.array([(is_replay & ~whole).sum()]),
     )
 

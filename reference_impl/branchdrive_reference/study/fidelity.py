@@ -7,19 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import TABLES
+from branchdrive.contract.columns import TABLES, TICK_TABLES
 from branchdrive.driving.discrepancy import CORE
 from branchdrive.quality import replay
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
 
-__all__ = ["COMPARED_TABLES", "discrepancies", "equal_records"]
+__all__ = ["discrepancies", "equal_records"]
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-COMPARED_TABLES = ("controls", "observations", "actors", "evidence")
-"""Tables in which a nominal replay and its nominal are compared."""
 
 
 def discrepancies(view: ShardView, pairs: replay.Pairs) -> NDArray[np.float64]:
@@ -38,7 +35,7 @@ def equal_records(view: ShardView, pairs: replay.Pairs) -> dict[str, Mask]:
 
     Order of rows carries no meaning. Numbers are equal where their bits are: 0 and -0 are not, NaN and NaN are.
     """
-    return {table: _equal_rows(view.stream(table), pairs) for table in COMPARED_TABLES if table in view}
+    return {table: _equal_rows(view.stream(table), pairs) for table in TICK_TABLES if table in view}
 
 
 def _equal_rows(stream: StreamView, pairs: replay.Pairs) -> Mask:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.driving.route_cluster import route_clusters
@@ -17,7 +18,6 @@ from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
 from branchdrive_reference.simulation.branch_kind import BranchKind
 from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity, Groups
-from branchdrive_reference.study.fidelity import COMPARED_TABLES
 from branchdrive_reference.study.study import Equality, Population, Rate, Scenario, Spread, Study
 
 __all__ = ["PROFILE", "summarise"]
@@ -34,7 +34,7 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
     everything = np.ones(len(banks.completed), bool)
     unseen = np.asarray(np.isnan(banks.results).any(axis=0))
     has_evidence = "evidence" in descriptor.tables
-    tables = [table for table in COMPARED_TABLES if table in descriptor.tables]
+    tables = [table for table in TICK_TABLES if table in descriptor.tables]
     return Study(
         descriptor.dataset_id,
         descriptor.dataset_version,
@@ -132,7 +132,7 @@ def _spreads(values: NDArray[np.float64], has_evidence: bool) -> tuple[Spread, .
 
 def _equality(fidelity: Fidelity, tables: Sequence[str]) -> Equality:
     num_compared = len(fidelity.equal)
-    differing = dict(zip(COMPARED_TABLES, (~fidelity.equal).sum(axis=0).tolist(), strict=True))
+    differing = dict(zip(TICK_TABLES, (~fidelity.equal).sum(axis=0).tolist(), strict=True))
     return Equality(
         num_compared + int(fidelity.num_alone.sum()),
         num_compared,

@@ -7,6 +7,8 @@ from tests.synthetic import BRANCH_TICK, make_group, plans
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.contract.columns import TICK_TABLES
+
 BRANCH_COLUMNS = (
     "branch_tick", "branch_frame", "trigger_definition", "trigger_rollout_id", "trigger_tick", "trigger_signal",
     "trigger_value", "trigger_threshold", "trigger_confidence",
@@ -21,7 +23,7 @@ LAST_TICK = 200
 @mutant("BD-STA-001", at={"rollout_id": "g0.brake_0.50.a2", "column": "status"}, lost=0)
 def retry_that_ended_early(d: Draft) -> None:
     d.copy_attempt(BRAKE, "g0.brake_0.50.a2", attempt=2, status="partial", status_reason="the ego was stuck")
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         d.drop(table, rollout_id="g0.brake_0.50.a2", tick=range(BRANCH_TICK + 7, 201))
     d.recount("g0.brake_0.50.a2")
 
