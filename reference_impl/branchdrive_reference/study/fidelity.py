@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,10 +42,8 @@ def _equal_rows(stream: StreamView, pairs: replay.Pairs) -> Mask:
     pair = np.repeat(np.arange(len(pairs.replay)), np.where(equal, lengths, 0))
     sides = [_rows(stream, side[equal], lengths[equal], pair) for side in pairs]
     for column in TABLES[stream.name].columns:
-        if column.name == "rollout_id":
-            continue
-        a, b = (_bits(stream, column.name, rows) for rows in sides)
-        equal[pair[(a != b).any(axis=1)]] = False
+        if column.name != "rollout_id":
+            equal[pair[stream.differs(column.name, *sides)]] = False
     return equal
 
 
@@ -58,14 +54,3 @@ def _rows(stream: StreamView, rollouts: Index, lengths: Index, pair: Index) -> I
     if "actor_id" in stream:
         rows = rows[np.lexsort((stream["actor_id"][rows], stream.tick[rows], pair))]
     return np.asarray(rows)
-
-
-def _bits(stream: StreamView, column: str, rows: Index) -> NDArray[np.uint8]:
-    """Bytes of a column's values at `rows`, and whether they are null: ``[rows, bytes]``."""
-    if TABLES[stream.name][column].type == "string":
-        values: NDArray[Any] = stream.categories(column)[0][rows]
-    else:
-        values = stream[column][rows]
-    valid = stream.valid(column)[rows]
-    raw = np.ascontiguousarray(values).view(np.uint8).reshape(len(rows), values.dtype.itemsize)
-    return np.concatenate([raw, valid[:, None].astype(np.uint8)], axis=1)
