@@ -11,9 +11,10 @@ import shapely
 from tests.each import each
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, branch_of, intervention_of, nominal_of
 
+from branchdrive.collector.recording import Record
 from branchdrive.contract.columns import TABLES, TICK_TABLES
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.simulation.record import ACTOR_RANGE_M, Record, record
+from branchdrive_reference.simulation.record import ACTOR_RANGE_M, record
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.town import town
