@@ -89,9 +89,9 @@ def _saved(run: Drive) -> list[Observation]:
 
 def _observations(run: Drive) -> Columns:
     saved, decisions = _saved(run), run.decisions[::OBSERVATION_STRIDE_TICKS]
-    pose = ([getattr(ego, name) for ego in saved] for name in ("x_m", "y_m", "yaw_rad"))
+    x_m, y_m, yaw_rad = ([getattr(ego, name) for ego in saved] for name in ("x_m", "y_m", "yaw_rad"))
     return {
-        **pose_columns(*pose, run.scene.route_x_m, run.scene.route_y_m),
+        **pose_columns(x_m, y_m, yaw_rad, run.scene.route_x_m, run.scene.route_y_m),
         **{name: [getattr(ego, name) for ego in saved] for name in _OF_EGO},
         **_rates(run),
         **{name: [getattr(decision, name) for decision in decisions] for name in _OF_EXPERT},

@@ -8,6 +8,7 @@ Source: spec/05-raw-streams.md.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -155,7 +156,7 @@ class Recording:
         }
 
     def _fields(self, observations: Columns) -> Columns:
-        hits = np.repeat(np.asarray(self.classes, np.str_), num_contacts(self.touching))
+        hits = Counter(np.repeat(np.asarray(self.classes, np.str_), num_contacts(self.touching)).tolist())
         off_road = np.array([known is not None and not known for known in self.on_road], np.bool_)
         is_driven = self.completion == "completed"
         driven = 1.0 if is_driven else float(observations["route_progress_m"].max()) / self.goal_m
@@ -168,7 +169,8 @@ class Recording:
             "result_termination": self.termination,
             "result_route_fraction": min(driven, 1.0),
             **{
-                f"result_num_{kind}_collisions": int(np.isin(hits, classes).sum()) for kind, classes in _COUNTED.items()
+                f"result_num_{kind}_collisions": sum(hits[name] for name in classes)
+                for kind, classes in _COUNTED.items()
             },
             "result_num_off_road_infractions": int((off_road & ~np.append(False, off_road[:-1])).sum()),
         }
