@@ -28,7 +28,7 @@ def document(name: str) -> Any:
 
 RULES: list[dict[str, Any]] = [rule for rule in document("rules.json")["rules"] if "layer" not in rule]
 TABLES: dict[str, dict[str, Any]] = document("columns.json")["tables"]
-RAW_TABLES = ("rollouts", "controls", "observations", "actors", "evidence", "map", "frames")
+RAW_TABLES = tuple(TABLES)
 DERIVED: dict[str, dict[str, Any]] = document("layers.json")["layers"]
 STREAMS: dict[str, dict[str, Any]] = document("columns.json")["streams"]
 PATTERNS: dict[str, str] = document("columns.json")["patterns"]

@@ -12,7 +12,7 @@ from tests.repo.checkout import CHAPTERS, ROOT, anchors, files, heading_slugs, n
 MARKDOWN = files(".md")
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 KEY_WORD = re.compile(r"\b(MUST|SHALL|SHOULD|MAY|REQUIRED|RECOMMENDED|OPTIONAL)\b")
-TAG = re.compile(r" \[[PVIC](/[PVIC])*( \d+-\d+)?\]$")
+TAG = re.compile(r" \[[PVIC](/[PVIC])*( \d+-\d+(: [^]]+)?)?\]$")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
 each_chapter = each("path", CHAPTERS, ids=name)

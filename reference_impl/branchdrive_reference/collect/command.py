@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from branchdrive_reference.collect.disk import DiskNeed
     from branchdrive_reference.rendering.dataset import RenderReport
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "collect a dataset in the reference world"
+ORDER = 20
 
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0

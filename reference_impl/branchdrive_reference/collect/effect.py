@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.collector.recording import Columns, Record
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Policy
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS
 from branchdrive.raw.rollout import Rollout
 from branchdrive_reference.collect.fault import Fault
 from branchdrive_reference.collect.script import Attempt
 from branchdrive_reference.simulation.ending import Ending
-from branchdrive_reference.simulation.record import Columns, Record, record
+from branchdrive_reference.simulation.record import record
 from branchdrive_reference.simulation.rollout import Run, run
 from branchdrive_reference.simulation.spec import WorldSpec
 

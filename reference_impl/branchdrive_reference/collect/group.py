@@ -70,10 +70,7 @@ class _Collection:
         writer = self.writer.begin_rollout(
             role=attempt.role, action_key=attempt.policy.key, protocol_variant=protocol_variant(attempt)
         )
-        writer.append_ticks(**recorded.controls)
-        writer.append_observations(**recorded.observations)
-        writer.append_actors(**recorded.actors)
-        writer.append_evidence(**recorded.evidence)
+        recorded.append_to(writer)
         self.report.num_simulated += 1
         self.report.num_ticks += executed.log.num_ticks
         return writer.finish(

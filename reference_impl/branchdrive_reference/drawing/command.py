@@ -16,9 +16,10 @@ from branchdrive_reference.plotting import load_matplotlib
 if TYPE_CHECKING:
     from branchdrive_reference.drawing.scene import DrawnScene
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "draw branch groups: the map, the actors and the futures of every candidate"
+ORDER = 60
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

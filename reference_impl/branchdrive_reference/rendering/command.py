@@ -18,9 +18,10 @@ from branchdrive.runtime.interrupt import heeded_termination
 if TYPE_CHECKING:
     from branchdrive_reference.rendering.dataset import RenderReport
 
-__all__ = ["STREAM_NAMES", "SUMMARY", "add_arguments", "image_size", "run"]
+__all__ = ["ORDER", "STREAM_NAMES", "SUMMARY", "add_arguments", "image_size", "run"]
 
 SUMMARY = "add camera images and bird's-eye views, drawn from what a dataset records"
+ORDER = 40
 
 STREAM_NAMES = ("rgb_surround", "rgb_top_down", "semantic_bev")
 _MOST_PX = 4096

@@ -13,9 +13,10 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.durable import replace_file
 from branchdrive.runtime.environment import extra
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "show a branch group with its images: a contact sheet, or an animated view"
+ORDER = 70
 
 _SUFFIXES = (".png", ".gif")
 

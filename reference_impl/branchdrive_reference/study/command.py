@@ -9,9 +9,10 @@ from typing import TextIO
 from branchdrive.cli.output import check_output
 from branchdrive.cli.progress import progress_bar
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "show what a dataset contains: population, outcomes, replay fidelity"
+ORDER = 50
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

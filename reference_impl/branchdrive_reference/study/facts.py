@@ -5,7 +5,6 @@ Among them are outcomes of rollouts: whether the ego touched anything, and what 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
@@ -13,18 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.timing import FUTURE_OFFSETS
-from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.driving.target import TARGETS
 from branchdrive.engine.examine import examine
 from branchdrive.model.targets import targets_of
-from branchdrive.quality.qualification import first_attempts, group_quality
+from branchdrive.quality.collected import Collected, Names
+from branchdrive.quality.qualification import first_attempts
 from branchdrive.quality.replay import Pairs, canonical_pairs
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 from branchdrive_reference.simulation.branch_kind import EARLY_TICKS, BranchKind
-from branchdrive_reference.study.fidelity import COMPARED_TABLES, discrepancies, equal_records
+from branchdrive_reference.study.fidelity import discrepancies, equal_records
 
 __all__ = [
     "RESULTS",
@@ -32,7 +32,6 @@ __all__ = [
     "Collisions",
     "Facts",
     "Fidelity",
-    "Groups",
     "NominalResults",
     "branch_kinds",
     "collisions",
@@ -43,8 +42,6 @@ __all__ = [
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Names = NDArray[np.object_]
-"""Text as objects, which share what is equal: an array of fixed width would make each as wide as the longest."""
 
 RESULTS = {
     "result_num_vehicle_collisions": "vehicle collisions",
@@ -74,29 +71,6 @@ class NominalResults(NamedTuple):
 
     completed: Mask
     counts: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Groups:
-    """Branch groups, each field ``[groups]`` first.
-
-    Attributes:
-        scenario_type: Of the canonical nominal, else of the first attempt.
-        town: Likewise.
-        branch: Kind of its branch likewise, as `branch_kinds` has it.
-        polyline: Route ``[groups, 32, 2]``, resampled; NaN where the record holds no polyline.
-        has_nominal: Whether a compliant nominal was found.
-        is_complete: Whether the group is integrity-complete.
-        has_complete: Whether every policy has a complete attempt, compliant or not.
-    """
-
-    scenario_type: Names
-    town: Names
-    branch: Names
-    polyline: Array
-    has_nominal: Mask
-    is_complete: Mask
-    has_complete: Mask
 
 
 @dataclass(frozen=True)
@@ -130,7 +104,7 @@ class Fidelity:
         interventions: Discrepancies of canonical interventions ``[n, 12]``.
         replays: Discrepancies of compliant nominal replays ``[n, 12]``.
         equal: Whether complete nominal replays hold the bits of their complete nominals, by table
-            ``[n, tables]`` in the order of `COMPARED_TABLES`; true for a table that is not claimed.
+            ``[n, tables]`` in the order of `TICK_TABLES`; true for a table that is not claimed.
         num_alone: Nominal replays that are not complete or whose nominal is not ``[shards]``.
     """
 
@@ -142,13 +116,19 @@ class Fidelity:
 
 @dataclass(frozen=True)
 class Facts:
-    """Contribution of a shard, or of several."""
+    """Contribution of a shard, or of several.
 
-    groups: Groups
+    Attributes:
+        groups: What the raw layer holds.
+        branch: Kind of the branch of each group ``[groups]``, as `branch_kinds` has it.
+        banks: Canonical banks.
+        fidelity: Attempts against nominals.
+    """
+
+    groups: Collected
+    branch: Names
     banks: Banks
     fidelity: Fidelity
-    statuses: Counter[str]
-    num_ticks: int
 
     @staticmethod
     def merged(parts: Sequence[Facts]) -> Facts:
@@ -158,45 +138,23 @@ class Facts:
             return kind(**{f.name: np.concatenate([getattr(side, f.name) for side in sides]) for f in fields(kind)})
 
         return Facts(
-            joined(Groups, [part.groups for part in parts]),
+            Collected.merged(part.groups for part in parts),
+            np.concatenate([part.branch for part in parts]),
             joined(Banks, [part.banks for part in parts]),
             joined(Fidelity, [part.fidelity for part in parts]),
-            sum((part.statuses for part in parts), Counter()),
-            sum(part.num_ticks for part in parts),
         )
 
 
 def shard_facts(view: ShardView) -> Facts:
     """What a shard contributes."""
     _, examination = examine(view)
+    described = first_attempts(view, examination)
     return Facts(
-        _groups(view, examination),
+        Collected.of(view, examination, described),
+        branch_kinds(view, described),
         _banks(view, examination),
         _fidelity(view, examination),
-        Counter(view.rollouts["status"]),
-        len(view.controls),
     )
-
-
-def _groups(view: ShardView, examination: Examination) -> Groups:
-    standing, described = group_quality(view, examination), first_attempts(view, examination)
-    nominal, records = examination.selection.nominal, view.rollouts
-    routes = [_polyline(records["route_x_m"][i], records["route_y_m"][i]) for i in described]
-    return Groups(
-        standing["scenario_type"],
-        standing["town"],
-        branch_kinds(view, described),
-        np.reshape(routes, (len(described), CLUSTER_POINTS, 2)),
-        (nominal >= 0) & examination.complies[nominal],
-        np.asarray(standing["integrity_complete"]),
-        np.asarray((examination.selection.chosen >= 0).all(axis=1)),
-    )
-
-
-def _polyline(x_m: Array, y_m: Array) -> Array:
-    if len(x_m) != len(y_m) or not len(x_m) or not np.isfinite([x_m, y_m]).all():
-        return np.full((CLUSTER_POINTS, 2), np.nan)
-    return resample_polyline(x_m, y_m)
 
 
 def _banks(view: ShardView, examination: Examination) -> Banks:
@@ -226,7 +184,7 @@ def _fidelity(view: ShardView, examination: Examination) -> Fidelity:
     return Fidelity(
         discrepancies(view, interventions),
         discrepancies(view, replays),
-        np.stack([equal.get(table, np.ones(len(compared), bool)) for table in COMPARED_TABLES], axis=1),
+        np.stack([equal.get(table, np.ones(len(compared), bool)) for table in TICK_TABLES], axis=1),
         np.array([(is_replay & ~whole).sum()]),
     )
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import TABLES
+from branchdrive.contract.columns import TABLES, TICK_TABLES
 from branchdrive.driving.discrepancy import CORE
 from branchdrive.quality import replay
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
 
-__all__ = ["COMPARED_TABLES", "discrepancies", "equal_records"]
+__all__ = ["discrepancies", "equal_records"]
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-COMPARED_TABLES = ("controls", "observations", "actors", "evidence")
-"""Tables in which a nominal replay and its nominal are compared."""
 
 
 def discrepancies(view: ShardView, pairs: replay.Pairs) -> NDArray[np.float64]:
@@ -38,7 +33,7 @@ def equal_records(view: ShardView, pairs: replay.Pairs) -> dict[str, Mask]:
 
     Order of rows carries no meaning. Numbers are equal where their bits are: 0 and -0 are not, NaN and NaN are.
     """
-    return {table: _equal_rows(view.stream(table), pairs) for table in COMPARED_TABLES if table in view}
+    return {table: _equal_rows(view.stream(table), pairs) for table in TICK_TABLES if table in view}
 
 
 def _equal_rows(stream: StreamView, pairs: replay.Pairs) -> Mask:
@@ -47,10 +42,8 @@ def _equal_rows(stream: StreamView, pairs: replay.Pairs) -> Mask:
     pair = np.repeat(np.arange(len(pairs.replay)), np.where(equal, lengths, 0))
     sides = [_rows(stream, side[equal], lengths[equal], pair) for side in pairs]
     for column in TABLES[stream.name].columns:
-        if column.name == "rollout_id":
-            continue
-        a, b = (_bits(stream, column.name, rows) for rows in sides)
-        equal[pair[(a != b).any(axis=1)]] = False
+        if column.name != "rollout_id":
+            equal[pair[stream.differs(column.name, *sides)]] = False
     return equal
 
 
@@ -61,14 +54,3 @@ def _rows(stream: StreamView, rollouts: Index, lengths: Index, pair: Index) -> I
     if "actor_id" in stream:
         rows = rows[np.lexsort((stream["actor_id"][rows], stream.tick[rows], pair))]
     return np.asarray(rows)
-
-
-def _bits(stream: StreamView, column: str, rows: Index) -> NDArray[np.uint8]:
-    """Bytes of a column's values at `rows`, and whether they are null: ``[rows, bytes]``."""
-    if TABLES[stream.name][column].type == "string":
-        values: NDArray[Any] = stream.categories(column)[0][rows]
-    else:
-        values = stream[column][rows]
-    valid = stream.valid(column)[rows]
-    raw = np.ascontiguousarray(values).view(np.uint8).reshape(len(rows), values.dtype.itemsize)
-    return np.concatenate([raw, valid[:, None].astype(np.uint8)], axis=1)

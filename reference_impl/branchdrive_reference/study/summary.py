@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.driving.discrepancy import CORE, EXTENDED
-from branchdrive.driving.route_cluster import route_clusters
 from branchdrive.driving.target import Targets
 from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, utility
+from branchdrive.quality.collected import Collected, Names
 from branchdrive_reference.simulation.branch_kind import BranchKind
-from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity, Groups
-from branchdrive_reference.study.fidelity import COMPARED_TABLES
+from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity
 from branchdrive_reference.study.study import CollectedGroups, Equality, Rate, Scenario, Spread, Study
 
 __all__ = ["PROFILE", "summarise"]
@@ -34,17 +33,16 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
     everything = np.ones(len(banks.completed), bool)
     unseen = np.asarray(np.isnan(banks.results).any(axis=0))
     has_evidence = "evidence" in descriptor.tables
-    tables = [table for table in COMPARED_TABLES if table in descriptor.tables]
+    tables = [table for table in TICK_TABLES if table in descriptor.tables]
     return Study(
         descriptor.dataset_id,
         descriptor.dataset_version,
-        _population(facts),
+        _population(facts.groups, facts.branch),
         PROFILE,
         tuple(title for title, missing in zip(RESULTS.values(), unseen, strict=True) if missing),
         has_evidence,
         tuple(
-            _scenario(name, banks.scenario_type == name, banks, shares, bank)
-            for name in sorted(set(facts.groups.scenario_type.tolist()))
+            _scenario(name, banks.scenario_type == name, banks, shares, bank) for name in facts.groups.scenario_types
         ),
         tuple(_scenario(kind, banks.branch == kind, banks, shares, bank) for kind in _kinds(banks.branch)),
         _scenario("all", everything, banks, shares, bank),
@@ -54,30 +52,25 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
     )
 
 
-def _population(facts: Facts) -> CollectedGroups:
-    groups: Groups = facts.groups
+def _population(groups: Collected, branch: Names) -> CollectedGroups:
     return CollectedGroups(
-        len(groups.town),
+        groups.num_groups,
         int(groups.is_complete.sum()),
         int((~groups.has_complete).sum()),
         int((groups.has_complete & ~groups.is_complete).sum()),
         int((~groups.has_nominal).sum()),
-        _counts(groups.scenario_type.tolist()),
-        _counts(groups.town.tolist()),
-        {kind: int((groups.branch == kind).sum()) for kind in _kinds(groups.branch)},
-        len(set(route_clusters(groups.town.tolist(), groups.polyline).tolist())),
-        facts.num_ticks,
-        dict(sorted(facts.statuses.items())),
+        groups.scenario_types,
+        groups.towns,
+        {kind: int((branch == kind).sum()) for kind in _kinds(branch)},
+        groups.num_route_clusters,
+        groups.num_ticks,
+        dict(sorted(groups.statuses.items())),
     )
 
 
 def _kinds(found: NDArray[np.object_]) -> list[str]:
     """Kinds of branch that are found, in their order."""
     return [kind for kind in (*map(str, BranchKind), "none") if (found == kind).any()]
-
-
-def _counts(names: Sequence[str]) -> dict[str, int]:
-    return dict(sorted(Counter(names).items()))
 
 
 def _rate(values: NDArray[Any]) -> Rate:
@@ -132,7 +125,7 @@ def _spreads(values: NDArray[np.float64], has_evidence: bool) -> tuple[Spread, .
 
 def _equality(fidelity: Fidelity, tables: Sequence[str]) -> Equality:
     num_compared = len(fidelity.equal)
-    differing = dict(zip(COMPARED_TABLES, (~fidelity.equal).sum(axis=0).tolist(), strict=True))
+    differing = dict(zip(TICK_TABLES, (~fidelity.equal).sum(axis=0).tolist(), strict=True))
     return Equality(
         num_compared + int(fidelity.num_alone.sum()),
         num_compared,

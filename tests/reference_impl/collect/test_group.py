@@ -12,6 +12,7 @@ from tests.sampling import sampled
 
 from branchdrive import DatasetWriter, Descriptor, check_rollout
 from branchdrive.collector.report import GroupReport
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive_reference.collect.campaign import collection_descriptor, town_maps
 from branchdrive_reference.collect.group import execute_group
 from branchdrive_reference.collect.plan import PlannedGroup, plan_group
@@ -66,7 +67,7 @@ def test_every_rollout_of_a_group_complies(tmp_path: Path) -> None:
     assert all(check_rollout(r, DESCRIPTOR, nominal=nominal) == [] for r in rollouts)
     assert {r.branch_tick for r in rollouts} == {nominal.branch_tick}
     for replay in rollouts[-NUM_NOMINAL_REPLAYS:]:
-        for table in ("controls", "observations", "actors", "evidence"):
+        for table in TICK_TABLES:
             assert replay.tables[table].drop_columns("rollout_id") == nominal.tables[table].drop_columns("rollout_id")
 
 

@@ -11,9 +11,10 @@ import shapely
 from tests.each import each
 from tests.reference_impl.simulation.worlds import SCENARIO_NAMES, branch_of, intervention_of, nominal_of
 
-from branchdrive.contract.columns import TABLES
+from branchdrive.collector.recording import Record
+from branchdrive.contract.columns import TABLES, TICK_TABLES
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive_reference.simulation.record import ACTOR_RANGE_M, Record, record
+from branchdrive_reference.simulation.record import ACTOR_RANGE_M, record
 from branchdrive_reference.simulation.rollout import Run
 from branchdrive_reference.town.lane import Turn
 from branchdrive_reference.town.town import town
@@ -42,7 +43,7 @@ FILLED_BY_COLLECTOR = {
 
 @each_record
 def test_tables_have_the_declared_columns(run: Run, recorded: Record) -> None:
-    for name in ("controls", "observations", "actors", "evidence"):
+    for name in TICK_TABLES:
         columns = getattr(recorded, name)
         declared = {column.name for column in TABLES[name].columns} - {"rollout_id"}
         assert set(columns) == declared
@@ -54,7 +55,7 @@ def test_tables_have_the_declared_columns(run: Run, recorded: Record) -> None:
 
 @each_record
 def test_values_lie_in_the_declared_ranges(run: Run, recorded: Record) -> None:
-    for name in ("controls", "observations", "actors", "evidence"):
+    for name in TICK_TABLES:
         for column in TABLES[name].columns:
             if column.min is not None or column.max is not None:
                 values = np.ma.compressed(getattr(recorded, name)[column.name])

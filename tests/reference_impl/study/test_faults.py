@@ -16,6 +16,7 @@ from tests.reference_impl.study.samples import Edit, dropped, replaced, rows_at
 from tests.sampling import sampled
 from tests.synthetic import BRANCH_TICK, descriptor, group_name
 
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.driving.target import TARGETS
@@ -177,8 +178,6 @@ def test_any_mixture_of_lost_rows_is_survived(tmp_path: Path, seed: int) -> None
         kept = rng.random(len(table)) > rng.choice([1e-3, 0.2, 0.9])
         return table.filter(pa.array(kept)).take(rng.permutation(int(kept.sum())))
 
-    edits = {
-        name: thinned for name in ("rollouts", "controls", "observations", "evidence", "actors") if rng.random() < 0.7
-    }
+    edits = {name: thinned for name in ("rollouts", *TICK_TABLES) if rng.random() < 0.7}
     study = samples.studied(tmp_path / "dataset", edits)
     assert 1 <= study.population.num_integrity_complete <= study.population.num_groups

@@ -16,6 +16,7 @@ from tests.synthetic import BRANCH_TICK, NUM_TICKS, bare_descriptor, group_name
 from tests.validator.driving import oracle_target
 
 from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import Rollout
@@ -192,7 +193,7 @@ def _copies() -> dict[str, samples.Edit]:
         renamed = [own.set_column(index, table.schema.field(index), pa.array([name] * len(own))) for name in replays]
         return pa.concat_tables([kept, renamed[0], renamed[1].take(list(range(len(own)))[::-1])])
 
-    return dict.fromkeys(("controls", "observations", "actors", "evidence"), repeated)
+    return dict.fromkeys(TICK_TABLES, repeated)
 
 
 def test_replays_that_repeat_their_nominal_are_bit_equal_in_any_order_of_rows(tmp_path: Path) -> None:

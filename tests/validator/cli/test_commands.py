@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Iterator
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,10 @@ def run(args, stdout, stderr):
     stdout.write(f"{args.wheels} wheels\\n")
     return 3
 """
+WORKFLOW = (
+    "init", "collect", "staging", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules", "build",
+    "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
+)  # fmt: skip
 ENTRIES = """[branchdrive.commands]
 wheels = third_party_wheels
 broken = third_party_broken
@@ -64,9 +69,33 @@ def test_the_help_lists_it_after_the_workflow(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     listed = dict(line.split(maxsplit=1) for line in commands(help_of(run, "--help", capsys=capsys)))
-    ours = [*command_line._WORKFLOW]
-    assert [*listed] == [*ours, "broken", "needy", "wheels"]
+    assert [*listed] == [*WORKFLOW, "broken", "needy", "wheels"]
     assert listed["wheels"] == "count the wheels of a dataset"
+
+
+@pytest.mark.parametrize(("order", "before"), [(85, "pilot"), (-1, "init"), (90, "diff"), (1000, "broken")])
+def test_it_can_have_an_order_of_its_own(
+    order: int, before: str, installed: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "third_party_wheels.py").write_text(f"{MODULE}\nORDER = {order}\n")
+    listed = [line.split()[0] for line in commands(help_of(run, "--help", capsys=capsys)) if line[2] != " "]
+    assert listed[listed.index("wheels") + 1] == before
+
+
+@pytest.mark.parametrize("order", ["'first'", "None", "float('nan')", "[]"])
+def test_an_order_that_is_none_takes_nobodys_help_away(
+    order: str, installed: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "third_party_wheels.py").write_text(f"{MODULE}\nORDER = {order}\n")
+    listed = [line.split()[0] for line in commands(help_of(run, "--help", capsys=capsys)) if line[2] != " "]
+    assert [name for name in listed if name != "wheels"] == [*WORKFLOW, "broken", "needy"]
+
+
+def test_every_command_of_ours_has_a_place_of_its_own() -> None:
+    (ours,) = (found.entry_points.select(group="branchdrive.commands") for found in distributions(name="branchdrive"))
+    orders = {point.name: point.load().ORDER for point in ours}
+    assert sorted(orders, key=orders.__getitem__) == [*WORKFLOW]
+    assert len(set(orders.values())) == len(orders)
 
 
 def test_what_cannot_be_loaded_takes_nobodys_help_away(

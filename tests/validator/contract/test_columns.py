@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.contract.columns import STREAMS, TABLES, Column, Table, table_schema
+from branchdrive.contract.columns import STREAMS, TABLES, TICK_TABLES, Column, Table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.resources import load_resource
 from branchdrive.testing import strategies
@@ -130,6 +130,10 @@ def test_strategy_of_values_stays_inside_the_declaration(table: Table, data: st.
 
 
 ORDER = ("rollouts", "controls", "observations", "actors", "evidence", "map", "frames")
+
+
+def test_tables_of_ticks_record_attempts() -> None:
+    assert TICK_TABLES == ("controls", "observations", "actors", "evidence")
 
 
 @given(strategies.descriptors())

@@ -13,7 +13,7 @@ from tests.synthetic_map import map_descriptor
 from tests.validator.contract.vectors import FOLDER, VECTORS, text
 
 from branchdrive.contract.bank import ActionBank
-from branchdrive.contract.columns import declared_table, table_schema
+from branchdrive.contract.columns import TABLES, declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.encoding import encode_bank, encode_policy
 from branchdrive.contract.identity import content_identity, derived_content, document_digest
@@ -115,7 +115,7 @@ def test_content_of_tables(name: str) -> None:
 
 
 def test_content_of_attempts_and_layers() -> None:
-    tables = {name: stored(name) for name in ("rollouts", "controls", "observations", "actors", "evidence", "map")}
+    tables = {name: stored(name) for name in TABLES if name != "frames"}
     view = ShardView(tables, Descriptor.model_validate(map_descriptor()))
     blocks = table_content(view)
     for place, rollout_id in enumerate(view.rollout_ids):

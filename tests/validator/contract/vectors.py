@@ -23,7 +23,7 @@ from tests.validator.driving.oracle import Actor, Ego, closing_mps, evidence
 from tests.validator.raw.spelled_content import attempt_blocks, lines_digest, sha, table_block
 
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.contract.columns import LAYER_TABLES, declared_table
+from branchdrive.contract.columns import LAYER_TABLES, TABLES, declared_table
 from branchdrive.contract.resources import schema_dir
 
 FOLDER = schema_dir() / "vectors"
@@ -251,7 +251,7 @@ _CANONICAL: dict[str, Any] = {
 
 def content_vectors() -> dict[str, Any]:
     """One group with rows of every table, and the digest of everything that the content of a dataset is made of."""
-    rows = {name: _rows_of(name) for name in ("rollouts", "controls", "observations", "actors", "evidence", "map")}
+    rows = {name: _rows_of(name) for name in TABLES if name != "frames"}
     blocks = {one: attempt_blocks(one, rows) for one in sorted(_ATTEMPTS)}
     attempts = {one: sha(b"".join(found.values())).hex() for one, found in blocks.items()}
     towns = {f"map {town}": table_block("map", rows["map"]).hex() for town in sorted({r["town"] for r in rows["map"]})}

@@ -13,6 +13,7 @@ import pytest
 from tests import synthetic
 from tests.validator.engine.datasets import DEPARTURES, FOLDER, cells, edited, with_column, write, write_with
 
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.contract.text import printable, quote
@@ -152,8 +153,7 @@ def test_facts_count_what_is_there(valid_root: Path) -> None:
     facts = validate(valid_root).dataset
     tables = synthetic.base_tables()
     assert facts.rows == {
-        name: sum(len(shard[name]) for shard in tables.values())
-        for name in ("rollouts", "controls", "observations", "actors", "evidence")
+        name: sum(len(shard[name]) for shard in tables.values()) for name in ("rollouts", *TICK_TABLES)
     }
     assert (facts.num_shards, facts.num_groups, facts.num_rollouts) == (2, 3, facts.rows["rollouts"])
     files = [path for path in valid_root.rglob("*") if path.is_file()]

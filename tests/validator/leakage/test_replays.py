@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from branchdrive.leakage.replays import EGO_NAMES, ego_frames
+from branchdrive.contract.columns import TICK_TABLES
+from branchdrive.leakage.replays import AVAILABILITY_NAMES, EGO_NAMES, ego_frames
 
 Array = NDArray[np.float64]
 TIME_S = np.arange(-16, 1) * 0.25
@@ -24,6 +25,10 @@ def drive(
 
 def column(frames: Array, name: str) -> Array:
     return np.asarray(frames[0, 0, :, EGO_NAMES.index(name)])
+
+
+def test_every_table_of_ticks_has_a_share() -> None:
+    assert sorted(AVAILABILITY_NAMES) == sorted(TICK_TABLES)
 
 
 def test_a_replay_that_ends_beside_its_nominal_keeps_the_offset() -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from branchdrive.statistics.split import Calibration
 
 SUMMARY = "build the derived layers of a release from a raw layer"
+ORDER = 120
 
 _STAGES = ("canonical", "quality", "leakage", "model")
 _MAX_SEED = 2**63 - 1

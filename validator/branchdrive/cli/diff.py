@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from branchdrive.diff.difference import DatasetDifference, TableDifference
 
 SUMMARY = "tell two datasets apart by what they say"
+ORDER = 100
 
 _SHOWN = 10
 """Lines of a list that the text names."""

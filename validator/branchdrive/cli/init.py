@@ -17,6 +17,7 @@ from typing import TextIO
 from branchdrive.errors import BranchDriveError, UsageError
 
 SUMMARY = "write a package for a collector of one's own"
+ORDER = 10
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _PACKAGE_DIR = Path(__file__).resolve().parents[1]

@@ -1,9 +1,9 @@
 """The commands `branchdrive` and `branchdrive-validate`.
 
-Commands are modules with `SUMMARY`, `add_arguments(parser)` and `run(args, stdout, stderr) -> int`.
-Extras and other distributions add theirs through the entry-point group `branchdrive.commands`, whose names are those
-of the commands and whose values are modules. Exit codes are those of `branchdrive.exit_code`: a command fails for no
-reason in its input where it has a bug, a library is missing or too old, or a disk is full.
+Commands are modules with `SUMMARY`, `ORDER`, `add_arguments(parser)` and `run(args, stdout, stderr) -> int`.
+They are found through the entry-point group `branchdrive.commands`, in which other distributions can name theirs; its
+names are those of the commands, its values modules. Exit codes are those of `branchdrive.exit_code`: a command fails
+for no reason in its input where it has a bug, a library is missing or too old, or a disk is full.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points, version
+from importlib.metadata import distributions, entry_points, version
+from math import inf
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import NoReturn, Protocol, TextIO
@@ -27,30 +28,22 @@ from branchdrive.runtime.environment import check_environment, extra, import_fau
 
 __all__ = ["main", "run", "run_script", "script_main", "validate_main"]
 
-_BUILT_IN = {
-    "validate": "branchdrive.cli.validate",
-    "build": "branchdrive.cli.build",
-    "rules": "branchdrive.cli.rules",
-    "diff": "branchdrive.cli.diff",
-    "pilot": "branchdrive.cli.pilot",
-    "init": "branchdrive.cli.init",
-    "staging": "branchdrive.cli.staging",
-}
-
-_WORKFLOW = (
-    "init", "collect", "staging", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules", "build",
-    "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
-)  # fmt: skip
-"""Order in which the help lists commands; those that it does not name follow by name."""
+_GROUP = "branchdrive.commands"
 
 _WITHOUT_PANDAS = ("validate", "collect")
 """Commands that need no pandas, and whose libraries all work where it is not installed."""
 
 
 class Command(Protocol):
-    """A command module."""
+    """A command module.
+
+    Attributes:
+        SUMMARY: What it does, as the help says it.
+        ORDER: Its place in the help, which follows the work on a dataset; commands without one follow by name.
+    """
 
     SUMMARY: str
+    ORDER: int
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Declare the command's arguments."""
@@ -61,9 +54,9 @@ class Command(Protocol):
 
 @cache
 def _command_modules() -> dict[str, str]:
-    """Module of every command: the built-in ones and those of installed extras."""
-    added = {point.name: point.value for point in entry_points(group="branchdrive.commands")}
-    return {**added, **_BUILT_IN}
+    """Module of every command by name; another distribution adds commands and replaces none of this one."""
+    ours = (point for found in distributions(name="branchdrive") for point in found.entry_points.select(group=_GROUP))
+    return {point.name: point.value for point in (*entry_points(group=_GROUP), *ours)}
 
 
 def _load(module_name: str) -> Command:
@@ -83,27 +76,30 @@ class _CommandsParser(_Parser):
 
     def format_help(self) -> str:
         """Usage, options, and every command with its summary."""
-        modules = _command_modules()
-        order = {name: place for place, name in enumerate(_WORKFLOW)}
-        names = sorted(modules, key=lambda name: (order.get(name, len(order)), name))
-        room = max(map(len, names)) + 4
+        listed = {name: _listed(module_name) for name, module_name in _command_modules().items()}
+        room = max(map(len, listed)) + 4
         width = max(get_terminal_size().columns - 2, room + 20)
         lines = ["commands:"]
-        for name in names:
-            summary = fill(_summary(modules[name]), width, initial_indent=" " * room, subsequent_indent=" " * room)
-            lines.append(f"  {_on_one_line(name)}".ljust(room) + summary[room:])
+        for name in sorted(listed, key=lambda name: (listed[name][0], name)):
+            _, summary = listed[name]
+            text = fill(summary, width, initial_indent=" " * room, subsequent_indent=" " * room)
+            lines.append(f"  {_on_one_line(name)}".ljust(room) + text[room:])
         ending = f"`{self.prog} COMMAND --help` explains a command."
         return "\n".join([super().format_help(), *lines, "", ending, ""])
 
 
-def _summary(module_name: str) -> str:
-    """What a command does, or why it cannot be loaded: a broken command of others takes nobody's help away."""
+def _listed(module_name: str) -> tuple[float, str]:
+    """A command's place in the help, and what it does, or why it cannot be loaded: that takes nobody's help away."""
+    order = inf
     try:
-        return _on_one_line(_load(module_name).SUMMARY)
+        command = _load(module_name)
+        declared = getattr(command, "ORDER", None)
+        order = declared if isinstance(declared, int) else inf
+        return order, _on_one_line(command.SUMMARY)
     except ImportError as error:
-        return _on_one_line(str(import_fault(error, "this command")))
+        return order, _on_one_line(str(import_fault(error, "this command")))
     except Exception as error:
-        return f"this command cannot be loaded: {_on_one_line(repr(error))}"
+        return order, f"this command cannot be loaded: {_on_one_line(repr(error))}"
 
 
 def _carry_out(prog: str, action: Callable[[], int], stdout: TextIO, stderr: TextIO) -> int:
@@ -218,7 +214,7 @@ def run_script(prog: str, module_name: str, argv: Sequence[str], stdout: TextIO,
 
 def validate_run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     """Run `branchdrive-validate` with the given arguments."""
-    return run_script("branchdrive-validate", _BUILT_IN["validate"], argv, stdout, stderr)
+    return run_script("branchdrive-validate", "branchdrive.cli.validate", argv, stdout, stderr)
 
 
 def _open_streams() -> tuple[TextIO, TextIO]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from branchdrive.pilot.report import PilotReport
 
 SUMMARY = "report on a pilot before thousands of groups are collected"
+ORDER = 90
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

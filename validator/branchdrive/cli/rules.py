@@ -8,6 +8,7 @@ from typing import TextIO
 from branchdrive.errors import UsageError
 
 SUMMARY = "list the rules, or explain one"
+ORDER = 110
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from branchdrive.writer.staging import StagedFacts
 
 SUMMARY = "list, close or abandon groups that a collection left open"
+ORDER = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

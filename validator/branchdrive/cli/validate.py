@@ -17,6 +17,7 @@ from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.media import MEDIA_MODES
 
 SUMMARY = "check a dataset against the specification"
+ORDER = 80
 
 
 def at_least(low: int) -> Callable[[str], int]:

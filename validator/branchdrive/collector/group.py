@@ -225,14 +225,9 @@ class _Group:
         return frozenset() if branch_tick is None else frozenset(branch_tick + offset for offset in WINDOW_OFFSETS)
 
     def _write(self, writer: RolloutWriter, role: str, run: Drive, nominal: Rollout | None) -> Rollout:
-        has_evidence = "evidence" in self.descriptor.tables
         town = self.collector.maps.get(run.scene.town)
-        recorded = record(run, has_evidence=has_evidence, town=town)
-        writer.append_ticks(**recorded.controls)
-        writer.append_observations(**recorded.observations)
-        if has_evidence:
-            writer.append_actors(**recorded.actors)
-            writer.append_evidence(**recorded.evidence)
+        recorded = record(run, has_evidence="evidence" in self.descriptor.tables, town=town)
+        recorded.append_to(writer)
         if nominal is not None:
             link = {**branch_columns(nominal), "nominal_rollout_id": nominal.rollout_id}
         else:

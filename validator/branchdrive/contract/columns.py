@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "LAYER_TABLES", "PATTERNS", "RECORDABLE", "STREAMS", "TABLES", "Availability", "Column", "Stream", "Table",
-    "declared_table", "table_schema", "tables_of",
+    "LAYER_TABLES", "PATTERNS", "RECORDABLE", "STREAMS", "TABLES", "TICK_TABLES", "Availability", "Column", "Stream",
+    "Table", "declared_table", "table_schema", "tables_of",
 ]  # fmt: skip
 
 
@@ -194,6 +194,11 @@ def _streams() -> Mapping[str, Stream]:
 
 TABLES: Mapping[str, Table] = tables_of(load_resource("columns.json")["tables"])
 """Every table of a shard by name."""
+
+TICK_TABLES: tuple[str, ...] = tuple(
+    table.name for table in TABLES.values() if "tick" in table.key and "camera" not in table.key
+)
+"""Names of the tables that record an attempt tick by tick; `frames`, the index of its images, is none of them."""
 
 LAYER_TABLES: Mapping[str, Table] = tables_of(
     {

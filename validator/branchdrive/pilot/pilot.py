@@ -21,6 +21,8 @@ from branchdrive.engine.shard import raw_rows_of
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.quality.collected import Collected
+from branchdrive.quality.qualification import first_attempts
 from branchdrive.raw.examination import Examination
 from branchdrive.raw.motion.response import responses
 from branchdrive.raw.shard import find_shards
@@ -83,6 +85,14 @@ class Pilot:
     def descriptor(self) -> Descriptor:
         """What the dataset says of itself; asked for only where there are parts."""
         return self.parts[0].view.descriptor
+
+    @property
+    def collected(self) -> Collected:
+        """What all shards hold; asked for only where there are parts."""
+        return Collected.merged(
+            Collected.of(part.view, part.examination, first_attempts(part.view, part.examination))
+            for part in self.parts
+        )
 
     def responses(self) -> Responses:
         """What the interventions of all shards did."""

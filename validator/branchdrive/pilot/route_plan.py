@@ -19,12 +19,10 @@ import numpy as np
 
 from branchdrive.benchmark.guard.calibration import MIN_CLUSTERS, MIN_GROUPS
 from branchdrive.contract.text import NONE, counted, percent
-from branchdrive.driving.route_cluster import CLUSTER_RMS_M, resample_polyline
+from branchdrive.driving.route_cluster import CLUSTER_RMS_M
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
-from branchdrive.quality.partition import PARTITIONS, cluster_of_groups, partition_sizes
-from branchdrive.quality.qualification import first_attempts
-from branchdrive.raw.motion.route_state import routes
+from branchdrive.quality.partition import PARTITIONS, partition_sizes
 from branchdrive.statistics.split import SHARES, Calibration, assign_split
 from branchdrive.text.table import Column, Table
 
@@ -45,18 +43,19 @@ def route_plan(pilot: Pilot) -> Section:
     """Clusters of routes now and expected, and the partitions that they allow."""
     if not pilot.parts:
         return Section("routes", _TITLE, not_examined=[pilot.unread])
-    clusters, scenarios, num_unusable = _clusters(pilot)
+    collected = pilot.collected
+    clusters, num_unusable = collected.cluster_of_groups, int((~collected.has_route).sum())
     if not clusters:
         return Section("routes", _TITLE, not_examined=["no group has a usable route (BD-VAL-001, BD-VAL-005)"])
     sizes = sorted(Counter(clusters.values()).values(), reverse=True)
     num_groups = _num_complete(pilot)
     expected = round(expected_clusters(sizes, max(num_groups, len(clusters))))
-    towns = sorted({str(town) for part in pilot.parts for town in part.view.rollouts["town"]})
+    scenario_types = set(collected.scenario_type[collected.has_route].tolist())
     is_open = sizes.count(1) > len(sizes) / 2
     facts = [
         f"{counted(len(clusters), 'group')} lie in {counted(len(sizes), 'route cluster')} (routes of one town less "
-        f"than {CLUSTER_RMS_M:g} m apart), of {counted(len(towns), 'town')} and "
-        f"{counted(len(set(scenarios.values())), 'scenario type')}; the largest holds {sizes[0]}.",
+        f"than {CLUSTER_RMS_M:g} m apart), of {counted(len(collected.attempts_by_town), 'town')} and "
+        f"{counted(len(scenario_types), 'scenario type')}; the largest holds {sizes[0]}.",
         f"{counted(num_groups, 'group')} that qualify would lie in about {counted(expected, 'route cluster')}"
         + (" or more, for most routes were seen once only." if is_open
            else ", if routes are drawn as they were in the pilot."),
@@ -114,24 +113,6 @@ def _num_complete(pilot: Pilot) -> int:
     complete = funnel.groups["integrity"] if funnel is not None else 0
     share = complete / pilot.num_groups if complete else 1.0
     return max(1, round(pilot.num_wanted * share))
-
-
-def _clusters(pilot: Pilot) -> tuple[dict[str, int], dict[str, str], int]:
-    """Cluster and scenario type of every group with a usable route, and the number of others."""
-    group_ids, towns, points, scenarios = [], [], [], {}
-    num_groups = 0
-    for part in pilot.parts:
-        view, usable = part.view, part.view.cached(routes).of_rollout >= 0
-        for i in first_attempts(view, part.examination).tolist():
-            num_groups += 1
-            if usable[i]:
-                group_id = str(view.rollouts["group_id"][i])
-                group_ids.append(group_id)
-                towns.append(str(view.rollouts["town"][i]))
-                points.append(resample_polyline(view.rollouts["route_x_m"][i], view.rollouts["route_y_m"][i]))
-                scenarios[group_id] = str(view.rollouts["scenario_type"][i])
-    found = cluster_of_groups(group_ids, towns, np.array(points)) if group_ids else {}
-    return found, scenarios, num_groups - len(group_ids)
 
 
 def _grown(sizes: Sequence[int], num_groups: int, num_clusters: int) -> list[int]:

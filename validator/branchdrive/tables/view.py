@@ -152,6 +152,18 @@ class TableView:
         codes = array.indices.cast(pa.int32()).fill_null(-1).to_numpy(zero_copy_only=False)
         return codes, array.dictionary.to_pylist()
 
+    def differs(self, column: str, rows: Index, others: Index) -> Mask:
+        """Where `rows` hold other bits than `others`, or are null where those are not; of no list column.
+
+        0 and -0 differ, a NaN and the same NaN do not.
+        """
+        if self.is_text(column):
+            codes, _ = self.categories(column)
+            return np.asarray(codes[rows] != codes[others])
+        values, valid = self[column], self.valid(column)
+        bits = values.view(np.dtype(f"u{values.itemsize}"))
+        return np.asarray((bits[rows] != bits[others]) | (valid[rows] != valid[others]))
+
     def equals(self, column: str, category: str) -> Mask:
         """Rows whose text is `word`."""
         codes, categories = self.categories(column)

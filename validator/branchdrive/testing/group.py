@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import TABLES, table_schema
+from branchdrive.contract.columns import TABLES, TICK_TABLES, table_schema
 from branchdrive.driving.risk import risk_evidence
 from branchdrive.tables.arrow import unsigned_zeros
 from branchdrive.testing.drive import (
@@ -231,7 +231,7 @@ def make_group(
     driven = drive(scene, planned, bank, num_ticks, seed=index)
     ticks = np.arange(0, num_ticks, STRIDE)
     route = route_polyline(scene.route)
-    streams: dict[str, list[dict[str, Any]]] = {name: [] for name in ("controls", "observations", "actors", "evidence")}
+    streams: dict[str, list[dict[str, Any]]] = {name: [] for name in TICK_TABLES}
     for i in range(len(planned)):
         actors = _actor_columns(scene, ticks, scene.moved_m.get(i, 0.0))
         observations = _observation_columns(scene.route, driven, i, ticks)

@@ -19,9 +19,10 @@ from branchdrive_reference.benchmark.command.option import (
 )
 from branchdrive_reference.benchmark.command.train import add_training, sentence
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "train, lock, predict and evaluate: from a release to all tables and figures"
+ORDER = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

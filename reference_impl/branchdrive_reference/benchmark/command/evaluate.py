@@ -26,9 +26,10 @@ if TYPE_CHECKING:
 
     from branchdrive_reference.benchmark.evaluation import Evaluation
 
-__all__ = ["SUMMARY", "add_arguments", "add_format", "format_evaluation", "render_results", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "add_format", "format_evaluation", "render_results", "run"]
 
 SUMMARY = "evaluate predictions on the test partition: tables, figures, and what guards promise"
+ORDER = 170
 
 
 def _name(text: str) -> str:

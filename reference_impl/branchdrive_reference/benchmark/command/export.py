@@ -11,9 +11,10 @@ from branchdrive.contract.text import counted, printable
 from branchdrive.errors import UsageError
 from branchdrive_reference.benchmark.command.option import add_release, need_models
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "write the selector of the benchmark as an ONNX model that needs nothing else"
+ORDER = 180
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

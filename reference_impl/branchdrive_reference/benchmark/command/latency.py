@@ -10,9 +10,10 @@ from branchdrive.cli.progress import part_lines
 from branchdrive.cli.validate import at_least
 from branchdrive_reference.benchmark.command.option import add_release, at_work, bars, need_models
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "measure how long the locked models take to rank on this machine, and publish it in the release"
+ORDER = 190
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

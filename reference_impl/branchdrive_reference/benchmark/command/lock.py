@@ -7,9 +7,10 @@ from typing import TextIO
 
 from branchdrive_reference.benchmark.command.option import add_protocol, add_release, at_work, need_models
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "lock the trained models of the benchmark before outcomes of the test partition are looked at"
+ORDER = 150
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,9 +14,10 @@ from branchdrive_reference.benchmark.command.option import (
     need_models,
 )
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "predict with the locked models and publish lock, checkpoints and predictions in the release"
+ORDER = 160
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,9 +19,10 @@ from branchdrive_reference.benchmark.command.option import (
 if TYPE_CHECKING:
     from branchdrive_reference.benchmark.step import Trained
 
-__all__ = ["SUMMARY", "add_arguments", "add_training", "run", "sentence"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "add_training", "run", "sentence"]
 
 SUMMARY = "train the models of the benchmark; the same command goes on where it was interrupted"
+ORDER = 140
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -21,7 +21,6 @@ from branchdrive.engine.validate import validate
 from branchdrive.raw.shard_view import ShardView
 
 MIDDLE = BRANCH_TICK + 10
-STREAMS = ("controls", "observations", "actors", "evidence")
 
 
 def judge(draft: Draft, tmp_path: Path) -> dict[str, Tally]:

@@ -11,6 +11,7 @@ from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, STEER_LEFT
 
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.engine.validate import validate
 
 END = BRANCH_TICK + WINDOW_TICKS
@@ -97,7 +98,7 @@ def test_policy_kept_on_without_saying_who_drives(tmp_path: Path) -> None:
 
 def test_recording_that_ends_one_tick_too_early(tmp_path: Path) -> None:
     draft = new_draft()
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         draft.drop(table, rollout_id=BRAKE, tick=range(END, 201))
     draft.recount(BRAKE)
     assert failed(draft, tmp_path) == {"BD-CTL-012": 1, "BD-WIN-003": 1, "BD-WIN-004": 1}

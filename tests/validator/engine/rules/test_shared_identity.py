@@ -6,11 +6,13 @@ from pathlib import Path
 
 from tests.mutation import Draft, new_draft
 from tests.validator.engine.rules.case import BRAKE, RECOMMENDED
-from tests.validator.engine.rules.test_exclusion import STREAMS, failed, judge, misapply, report_of
+from tests.validator.engine.rules.test_exclusion import failed, judge, misapply, report_of
+
+from branchdrive.contract.columns import TICK_TABLES
 
 
 def _renamed(draft: Draft, old: str, new: str) -> None:
-    for table in ("rollouts", *STREAMS):
+    for table in ("rollouts", *TICK_TABLES):
         draft.set(table, "rollout_id", new, rollout_id=old)
 
 

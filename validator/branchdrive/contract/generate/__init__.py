@@ -2,8 +2,9 @@
 
 ``python -m branchdrive.contract.generate`` writes them, ``--check`` only names the stale ones. A
 generated region of a chapter lies between ``<!-- generated: NAME -->`` and ``<!-- end generated -->``;
-`REGIONS` has a function for every name. Clauses without a number get one, and the ledger of clauses is written; what
-is wrong with it is printed, and ends with 1. Source of all of it: the files of `schemas/v0.1/`.
+`REGIONS` has a function for every name. Clauses without a number get one, and the ledger of clauses is written, for
+readers and for machines; what is wrong with it is printed, and ends with 1. Source of all of it: the files of
+`schemas/v0.1/`, and of the ledger the tags of the chapters.
 """
 
 from __future__ import annotations
@@ -13,7 +14,14 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from branchdrive.contract.generate.clause import LEDGER, ledger_faults, ledger_text, number_clauses
+from branchdrive.contract.generate.clause import (
+    ENTRIES,
+    LEDGER,
+    entries_text,
+    ledger_faults,
+    ledger_text,
+    number_clauses,
+)
 from branchdrive.contract.generate.page import rule_pages
 from branchdrive.contract.generate.record import metric_schemas, protocol_text, record_schemas
 from branchdrive.contract.generate.region import REGIONS, render_regions
@@ -49,6 +57,7 @@ def generated_files(root: Path) -> dict[Path, str]:
     files[root / "spec" / LEDGER] = ledger_text(chapters)
     files |= rule_pages(root, chapters)
     schemas = root / "schemas" / f"v{SPEC_VERSION}"
+    files[schemas / ENTRIES] = entries_text(chapters)
     for name, schema in (record_schemas() | metric_schemas()).items():
         files[schemas / name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
     for protocol in sorted(schemas.glob("benchmark-protocol*.json")):

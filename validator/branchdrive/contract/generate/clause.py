@@ -1,16 +1,19 @@
 """The ledger of clauses: the number of every requirement of the chapters, and what judges it.
 
 A clause is a line of a chapter, outside of tables and generated regions, with MUST or SHOULD in capitals. Its tag
-ends with its number, ``[P/C 2-14]``: the chapter, and a count in the chapter that says nothing of the place. A new
-clause is written without a number and gets the next free one of its chapter; a line that lost its number, in a
-merge say, gets it back where the stored ledger shows the same or nearly the same words in the same section.
-`schemas/v0.1/clauses.json` says of every number what judges it; `spec/clauses.md` is written from both.
+has its number and what judges it, ``[P/C 2-14: BD-RSP-001; no rule: actors alone]``. The number is the chapter, and a
+count in the chapter that says nothing of the place. A new clause is written without a number, ``[C: BD-RSP-001]``, and
+gets the next free one of its chapter; a line that lost its number, in a merge say, gets it back where the stored
+ledger shows the same or nearly the same words in the same section.
+`schemas/v0.1/clauses.json` and `spec/clauses.md` are written from the chapters. A stored number that no chapter has
+any more stays in the file until the chapter says that it is withdrawn.
 
 Source: spec/README.md, spec/08-versioning.md#anchors.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -18,12 +21,18 @@ from difflib import SequenceMatcher
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.generate.region import code, grid
-from branchdrive.contract.resources import load_resource
+from branchdrive.contract.resources import SPEC_VERSION, load_resource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["LEDGER", "Clause", "clauses_of", "ledger_faults", "ledger_text", "number_clauses"]
+__all__ = [
+    "ENTRIES", "LEDGER", "Clause", "clauses_of", "entries_text", "judged", "ledger_faults", "ledger_text",
+    "number_clauses",
+]  # fmt: skip
+
+ENTRIES = "clauses.json"
+"""Name of the machine form of the ledger in `schemas/`."""
 
 LEDGER = "clauses.md"
 """Name of the ledger in `spec/`."""
@@ -40,10 +49,15 @@ KINDS: Mapping[str, str] = {
 
 _OUTSIDE = re.compile(r"<!-- generated: .*?<!-- end generated -->|^```.*?^```|^\|.*?$", re.DOTALL | re.MULTILINE)
 _PLACE = re.compile(
-    r'^<a id="(?P<anchor>[a-z0-9-]+)"></a>$|^(?P<text>.*?) \[(?P<origin>[PVIC/]+)(?: (?P<number>\d+-\d+))?\]$',
+    r'^<a id="(?P<anchor>[a-z0-9-]+)"></a>$'
+    r"|^(?P<text>.*?) \[(?P<origin>[PVIC/]+)(?: (?P<number>\d+-\d+))?(?:: (?P<judge>[^\]]+))?\]$",
     re.MULTILINE,
 )
 _DEMAND = re.compile(r"(?<!level )\b(MUST|SHOULD)\b")
+_WITHDRAWN = re.compile(r"- Withdrawn: (.+)\.")
+_NOTE = re.compile(r"(tests|people|not recorded|no rule): (.+)")
+_NEXT = re.compile(r"; (?=tests: |people: |not recorded: |no rule: )")
+_RULE = re.compile(r"BD-[A-Z]{3}-\d{3}")
 _ROW = re.compile(r'^\| <a id="c(\d+-\d+)"></a>\[.*?\]\((.*?)\) \| (.*?) \|', re.MULTILINE)
 _WORDS = 12
 _ALIKE = 0.6
@@ -57,13 +71,34 @@ class Clause:
         number: Chapter and count, or None where the line has none yet.
         anchor: Anchor of the section that holds it.
         words: Its first words, as the ledger shows them.
-        end: Where its line ends in the text of the chapter.
+        text: Its line without the tag.
+        judge: What its tag says of what judges it, empty where it says nothing.
+        open: Where its number ends in the text of the chapter, or would.
     """
 
     number: str | None
     anchor: str
     words: str
-    end: int
+    text: str
+    judge: str
+    open: int
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """What judges it, in the form of the machine-readable ledger; without what cannot be read."""
+        found: dict[str, Any] = {}
+        for part in _NEXT.split(self.judge):
+            note = _NOTE.fullmatch(part)
+            if note:
+                found[note[1]] = note[2].split(", ") if note[1] == "tests" else note[2]
+            elif all(map(_RULE.fullmatch, part.split(", "))):
+                found["rules"] = part.split(", ")
+        return found
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether every part of its tag is a list of rules, of tests, or a reason why no rule judges it."""
+        return bool(self.judge) and len(self.entry) == len(_NEXT.split(self.judge))
 
 
 def _first_words(text: str) -> str:
@@ -80,7 +115,37 @@ def clauses_of(chapter: str) -> Iterator[Clause]:
         if match["anchor"]:
             anchor = match["anchor"]
         elif _DEMAND.search(match["text"]):
-            yield Clause(match["number"], anchor, _first_words(match["text"]), match.end())
+            end = match.end("number" if match["number"] else "origin")
+            yield Clause(match["number"], anchor, _first_words(match["text"]), match["text"], match["judge"] or "", end)
+
+
+def _withdrawn(chapter: str) -> dict[str, str]:
+    """Reasons of the clauses that the text of a chapter calls withdrawn, by number."""
+    notes = ((match["number"], _WITHDRAWN.fullmatch(match["text"] or "")) for match in _PLACE.finditer(chapter))
+    return {number: note[1] for number, note in notes if number and note}
+
+
+def judged(chapters: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """What judges every clause, by number and in the order of numbers; stored clauses that no chapter has are kept."""
+    entries = dict(_stored())
+    for text in chapters.values():
+        entries |= {clause.number: clause.entry for clause in clauses_of(text) if clause.number}
+        entries |= {number: {"withdrawn": reason} for number, reason in _withdrawn(text).items()}
+    return {number: entries[number] for number in sorted(entries, key=lambda n: tuple(map(int, n.split("-"))))}
+
+
+def _stored() -> Mapping[str, dict[str, Any]]:
+    entries: Mapping[str, dict[str, Any]] = load_resource(ENTRIES)["clauses"]
+    return entries
+
+
+def entries_text(chapters: Mapping[str, str]) -> str:
+    """`clauses.json`: what judges every clause, one line for each."""
+    lines = ",\n".join(
+        f"    {json.dumps(number)}: {json.dumps(entry, ensure_ascii=False)}"
+        for number, entry in judged(chapters).items()
+    )
+    return f'{{\n  "version": "{SPEC_VERSION}",\n  "clauses": {{\n{lines}\n  }}\n}}\n'
 
 
 def number_clauses(chapters: Mapping[str, str], ledger: str) -> dict[str, str]:
@@ -93,7 +158,7 @@ def number_clauses(chapters: Mapping[str, str], ledger: str) -> dict[str, str]:
     stored = {number: (place, words) for number, place, words in _ROW.findall(ledger)}
     found = {name: list(clauses_of(text)) for name, text in chapters.items()}
     taken = {clause.number for clauses in found.values() for clause in clauses}
-    known = {*taken, *stored, *load_resource("clauses.json")["clauses"]} - {None}
+    known = {*taken, *stored, *_stored()} - {None}
     texts = {}
     for name, text in chapters.items():
         prefix = str(int(name[:2]))
@@ -108,8 +173,8 @@ def number_clauses(chapters: Mapping[str, str], ledger: str) -> dict[str, str]:
             if number is None or _alike(lost[number], clause.words) < _ALIKE:
                 number, free = f"{prefix}-{free}", free + 1
             taken.add(number)
-            parts += [text[begin : clause.end - 1], f" {number}"]
-            begin = clause.end - 1
+            parts += [text[begin : clause.open], f" {number}"]
+            begin = clause.open
         texts[name] = "".join([*parts, text[begin:]])
     return texts
 
@@ -119,25 +184,34 @@ def _alike(left: str, right: str) -> float:
 
 
 def ledger_faults(chapters: Mapping[str, str]) -> list[str]:
-    """What is wrong between the clauses of the chapters and `clauses.json`, one sentence for each fault."""
-    entries: Mapping[str, Mapping[str, Any]] = load_resource("clauses.json")["clauses"]
+    """What is wrong between the clauses of the chapters and the rules, one sentence for each fault."""
     rules = [declared["id"] for declared in load_resource("rules.json")["rules"]]
-    numbers = Counter(clause.number for text in chapters.values() for clause in clauses_of(text) if clause.number)
-    withdrawn = {number for number, entry in entries.items() if "withdrawn" in entry}
-    judging = {rule for entry in entries.values() for rule in entry.get("rules", ())}
-    foreign = [
-        number
-        for name, text in chapters.items()
-        for number in (clause.number for clause in clauses_of(text))
-        if number and number.split("-")[0] != str(int(name[:2]))
-    ]
+    clauses = [(str(int(name[:2])), clause) for name, text in chapters.items() for clause in clauses_of(text)]
+    clauses = [(chapter, clause) for chapter, clause in clauses if clause.number]
+    numbers = Counter(clause.number for _, clause in clauses)
+    withdrawn = {number for text in chapters.values() for number in _withdrawn(text)}
+    judging = {rule for _, clause in clauses for rule in clause.entry.get("rules", ())}
     return [
         *(f"clause {n} stands {count} times; give one of them no number" for n, count in numbers.items() if count > 1),
-        *(f"clause {n} is in another chapter; give it no number" for n in foreign),
-        *(f"clause {n} has no entry in clauses.json" for n in numbers if n not in entries),
+        *(
+            f"clause {clause.number} is in another chapter; give it no number"
+            for chapter, clause in clauses
+            if (clause.number or "").split("-")[0] != chapter
+        ),
+        *(
+            f"the tag of clause {clause.number} names no rule that judges it, no test, and no reason why none does"
+            if not clause.judge
+            else f"the tag of clause {clause.number} is to name rules, or tests, people, not recorded, no rule: what"
+            for _, clause in clauses
+            if not clause.is_readable
+        ),
         *(f"clause {n} is withdrawn and stands in a chapter" for n in numbers if n in withdrawn),
-        *(f"clauses.json has {n}, which no chapter has" for n in entries if n not in {*numbers, *withdrawn}),
-        *(f"clauses.json names {rule}, which is not in rules.json" for rule in sorted(judging.difference(rules))),
+        *(
+            f"clauses.json has {n}, which no chapter has; say in its chapter why it is withdrawn"
+            for n in _stored()
+            if n not in {*numbers, *withdrawn}
+        ),
+        *(f"a clause names {rule}, which is not in rules.json" for rule in sorted(judging.difference(rules))),
         *(f"{rule} judges no clause" for rule in rules if rule not in judging),
     ]
 
@@ -154,13 +228,12 @@ def _judgement(entry: Mapping[str, Any]) -> str:
 
 def ledger_text(chapters: Mapping[str, str]) -> str:
     """`spec/clauses.md`: how many clauses are judged in which way, and each of them with what judges it."""
-    entries: Mapping[str, Mapping[str, Any]] = load_resource("clauses.json")["clauses"]
-    kinds = Counter(next(kind for kind in KINDS if kind in entry) for entry in entries.values())
+    kinds = Counter(next((kind for kind in KINDS if kind in entry), "") for entry in judged(chapters).values())
     lines = [
         "# Ledger of clauses\n",
         "Every requirement of the chapters by its number, and what judges it; written by",
-        "`python -m branchdrive.contract.generate` from the chapters and from",
-        "[clauses.json](../schemas/v0.1/clauses.json), never edited by hand.",
+        "`python -m branchdrive.contract.generate` from the tags of the chapters, never edited by hand;",
+        "[clauses.json](../schemas/v0.1/clauses.json) has the same for machines.",
         "A clause that rules judge in part says what is left; it counts once, under `rules`.\n",
         grid(["judged", "meaning", "clauses"], [[kind, KINDS[kind], str(kinds[kind])] for kind in KINDS]),
     ]
@@ -170,7 +243,7 @@ def ledger_text(chapters: Mapping[str, str]) -> str:
             [
                 f'<a id="c{clause.number}"></a>[{clause.number}]({name}#{clause.anchor})',
                 clause.words,
-                _judgement(entries.get(clause.number or "", {})),
+                _judgement(clause.entry),
             ]
             for clause in clauses_of(text)
         ]

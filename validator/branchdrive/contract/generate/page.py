@@ -1,6 +1,6 @@
 """Pages of the rules in `docs/rules/`: what a rule demands and why, its clauses, an example, and what to do.
 
-Sources: the catalogue, the chapters with `clauses.json`, and two files beside the pages: `areas.json` says why an area
+Sources: the catalogue, the chapters, and two files beside the pages: `areas.json` says why an area
 has rules, and `examples.json` holds what the validator says of one defect of every rule.
 """
 
@@ -10,13 +10,12 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
-from branchdrive.contract.generate.clause import clauses_of
+from branchdrive.contract.generate.clause import clauses_of, judged
 from branchdrive.contract.generate.region import code, grid
-from branchdrive.contract.resources import load_resource
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
 __all__ = ["AREAS_FILE", "EXAMPLES_FILE", "rule_pages"]
@@ -59,18 +58,24 @@ def rule_pages(root: Path, chapters: Mapping[str, str]) -> dict[Path, str]:
     folder = root / "docs" / "rules"
     pages = {folder / "README.md": _index()}
     for info in CATALOGUE.values():
-        pages[folder / f"{info.id}.md"] = _page(info, areas.get(info.id[3:6], ""), clauses, examples.get(info.id))
+        pages[folder / f"{info.id}.md"] = _page(
+            info, areas.get(info.id[3:6], ""), clauses.get(info.id, []), examples.get(info.id)
+        )
     return pages
 
 
-def _clauses(chapters: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Place and text of every clause by number; links lead there from the pages."""
-    found = {}
-    for name, text in chapters.items():
-        for clause in clauses_of(text):
-            if clause.number:
-                line = text[: clause.end].rpartition("\n")[2].removeprefix("- ").rpartition(" [")[0]
-                found[clause.number] = (f"{name}#{clause.anchor}", _relinked(line, name))
+def _clauses(chapters: Mapping[str, str]) -> dict[str, list[str]]:
+    """Lines of a list for the clauses that every rule judges, in the order of their numbers; links lead to each."""
+    lines = {
+        clause.number: f"- [{clause.number}]({_SPEC}{name}#{clause.anchor}): "
+        + _relinked(clause.text.removeprefix("- "), name)
+        for name, text in chapters.items()
+        for clause in clauses_of(text)
+    }
+    found: dict[str, list[str]] = {}
+    for number, entry in judged(chapters).items():
+        for rule in entry.get("rules", ()):
+            found.setdefault(rule, []).append(lines.get(number, ""))
     return found
 
 
@@ -85,14 +90,15 @@ def _relinked(text: str, chapter: str) -> str:
     return _LINK.sub(link, text)
 
 
-def _page(info: RuleInfo, why: str, clauses: Mapping[str, tuple[str, str]], example: Mapping[str, Any] | None) -> str:
+def _page(info: RuleInfo, why: str, clauses: Sequence[str], example: Mapping[str, Any] | None) -> str:
     parts = [
         f"# {info.id}: {info.title}",
         "<!-- generated: rule -->",
         grid(["", ""], _facts(info)).rstrip(),
         *(["## Why", why] if why else []),
         "## Clauses",
-        *_judged(info, clauses),
+        f"Section [{info.clause.removeprefix('spec/')}](../../{info.clause}). It judges, alone or with other rules:",
+        "\n".join(clauses),
         *_example_parts(info, example),
         "## What to do",
         info.remedy,
@@ -127,15 +133,6 @@ def _facts(info: RuleInfo) -> Iterator[list[str]]:
         yield ["after", ", ".join(f"[{rule}]({rule}.md)" for rule in info.requires)]
     if info.consequences:
         yield ["breaks with it", ", ".join(f"[{rule}]({rule}.md)" for rule in info.consequences)]
-
-
-def _judged(info: RuleInfo, clauses: Mapping[str, tuple[str, str]]) -> Iterator[str]:
-    entries: Mapping[str, Mapping[str, Any]] = load_resource("clauses.json")["clauses"]
-    yield f"Section [{info.clause.removeprefix('spec/')}](../../{info.clause}). It judges, alone or with other rules:"
-    numbers = [number for number, entry in entries.items() if info.id in entry.get("rules", ())]
-    yield "\n".join(
-        f"- [{number}]({_SPEC}{clauses[number][0]}): {clauses[number][1]}" for number in numbers if number in clauses
-    )
 
 
 def _example_parts(info: RuleInfo, example: Mapping[str, Any] | None) -> Iterator[str]:

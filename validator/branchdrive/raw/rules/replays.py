@@ -136,7 +136,7 @@ def _history_difference(view: ShardView, attempt: int) -> Mismatch | None:
         if len(own) != len(expected):
             return Mismatch({"table": table}, f"{len(expected)} rows before the branch", f"{len(own)} rows")
         columns = [column.name for column in TABLES[table].columns if column.name != "rollout_id"]
-        differs = {name: _bits_differ(stream, name, own, expected) for name in columns}
+        differs = {name: stream.differs(name, own, expected) for name in columns}
         anywhere = np.logical_or.reduce(list(differs.values()))
         if anywhere.any():
             place = int(np.argmax(anywhere))
@@ -158,16 +158,6 @@ def _rows_until(stream: StreamView, attempt: int, last_tick: int) -> NDArray[np.
 
 def _sortable(stream: StreamView, column: str) -> NDArray[np.generic]:
     return stream.categories(column)[0] if stream.is_text(column) else stream[column]
-
-
-def _bits_differ(stream: StreamView, column: str, own: NDArray[np.intp], expected: NDArray[np.intp]) -> Mask:
-    """Where the rows `own` hold other bits than the rows `expected`, or are null where those are not."""
-    if stream.is_text(column):
-        codes, _ = stream.categories(column)
-        return np.asarray(codes[own] != codes[expected])
-    values, valid = stream[column], stream.valid(column)
-    bits = values.view(np.dtype(f"u{values.itemsize}"))
-    return np.asarray((bits[own] != bits[expected]) | (valid[own] != valid[expected]))
 
 
 @rule("BD-RPN-003")

@@ -21,6 +21,7 @@ from tests.validator.engine.rules.case import (
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.contract.policy import ActuatorRule, Policy
 
 ACTUATORS = ("steer", "throttle", "brake")
@@ -320,7 +321,7 @@ def stored_throttle_of_the_expert(d: Draft) -> None:
 @mutant("BD-CTL-010", at=_place("g0.brake_0.50.a1", 160))
 def window_beyond_the_end_of_the_nominal(d: Draft) -> None:
     _drive_bank(d, _small_bank(duration_ticks=70))
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         d.drop(table, rollout_id=NOMINAL, tick=range(160, 201))
     d.recount(NOMINAL)
 

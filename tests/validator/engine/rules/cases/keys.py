@@ -21,6 +21,8 @@ from tests.validator.engine.rules.case import (
 )
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.contract.columns import TICK_TABLES
+
 OTHER_NOMINAL = "g1.nominal.a1"
 
 
@@ -47,13 +49,13 @@ def _renamed(tables: Tables, suffix: str) -> Tables:
 
 @mutant("BD-KEY-001", at={"table": "rollouts", "rollout_id": REPLAY})
 def identity_used_in_two_shards(d: Draft) -> None:
-    for table in ("rollouts", "controls", "observations", "actors", "evidence"):
+    for table in ("rollouts", *TICK_TABLES):
         d.set(table, "rollout_id", REPLAY, rollout_id="g2.nominal_replay.a1")
 
 
 @mutant("BD-KEY-001", at={"table": "rollouts", "rollout_id": BRAKE})
 def identity_of_a_candidate_used_in_two_shards(d: Draft) -> None:
-    for table in ("rollouts", "controls", "observations", "actors", "evidence"):
+    for table in ("rollouts", *TICK_TABLES):
         d.set(table, "rollout_id", BRAKE, rollout_id="g2.brake_0.50.a1")
 
 
@@ -97,7 +99,7 @@ def group_repeated_in_another_shard(d: Draft) -> None:
 @boundary("BD-KEY-003", "BD-KEY-004")
 def groups_interleaved_in_one_shard(d: Draft) -> None:
     d.map_table("rollouts", lambda rows: rows.take(pc.sort_indices(rows["action_key"])), folder=SHARD_0)
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         d.map_table(table, lambda rows: rows.take(pc.sort_indices(rows["tick"])), folder=SHARD_0)
 
 
@@ -199,7 +201,7 @@ def observations_miscounted(d: Draft) -> None:
 
 @boundary("BD-KEY-007", "BD-TIC-001", "BD-TIC-002", "BD-WIN-003")
 def recording_that_ends_with_the_window(d: Draft) -> None:
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         d.drop(table, rollout_id=BRAKE, tick=range(BRANCH_TICK + 51, 201))
     d.recount(BRAKE)
 

@@ -6,6 +6,7 @@ from tests.synthetic_release import LOST, SEED
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import POPULATION, VARIANTS, ReleaseDraft
 
+from branchdrive.contract.columns import TICK_TABLES
 from branchdrive.quality.variants import Variant
 from branchdrive.release.stage import BuildOptions
 
@@ -88,7 +89,7 @@ def attempt_of_another_group(d: ReleaseDraft) -> None:
 
 @boundary("BD-QUA-001", "BD-QUA-003", "BD-QUA-006", "BD-QUA-007", "BD-CAN-010")
 def attempt_that_was_cut_short(d: ReleaseDraft) -> None:
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         d.drop(table, rollout_id="g8.brake_0.50.a1", tick=range(107, 201))
     d.recount("g8.brake_0.50.a1")
     d.rebuild()

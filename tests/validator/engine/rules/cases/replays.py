@@ -11,7 +11,7 @@ from tests.synthetic import BRANCH_TICK, make_group
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
-_STREAMS = ("controls", "observations", "actors", "evidence")
+from branchdrive.contract.columns import TICK_TABLES
 
 
 def declare(d: Draft, kind: str, **more: float) -> None:
@@ -19,7 +19,7 @@ def declare(d: Draft, kind: str, **more: float) -> None:
 
 
 def _copy(d: Draft, replay: str, nominal: str) -> None:
-    for table in _STREAMS:
+    for table in TICK_TABLES:
         d.drop(table, rollout_id=replay)
         d.duplicate(table, {"rollout_id": replay}, rollout_id=nominal)
 
@@ -33,7 +33,7 @@ def repeat_exactly(d: Draft, *noisy: str) -> None:
     for replay in noisy:
         folder = d.folder_of(replay)
         d.drop_attempt(replay)
-        for table in ("rollouts", *_STREAMS):
+        for table in ("rollouts", *TICK_TABLES):
             d.append(table, before.take(table, rollout_id=replay), folder=folder)
 
 

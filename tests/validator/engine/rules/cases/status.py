@@ -12,13 +12,15 @@ from tests.validator.engine.rules.case import (
 from tests.validator.engine.rules.cases.ticks import BRANCH_COLUMNS
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.contract.columns import TICK_TABLES
+
 # BD-STA-001
 
 
 @mutant("BD-STA-001", at={"rollout_id": "g0.brake_0.50.a2", "column": "status"}, lost=0)
 def retry_that_ended_early(d: Draft) -> None:
     d.copy_attempt(BRAKE, "g0.brake_0.50.a2", attempt=2, status="partial", status_reason="the ego was stuck")
-    for table in ("controls", "observations", "actors", "evidence"):
+    for table in TICK_TABLES:
         d.drop(table, rollout_id="g0.brake_0.50.a2", tick=range(BRANCH_TICK + 7, 201))
     d.recount("g0.brake_0.50.a2")
 
