@@ -46,6 +46,9 @@ _UNITS = {
 }
 """Units of each quantity, and how far logarithms of ratios that are one may differ: turns change inside of a step."""
 
+_OF_COMMANDS = ("steering", "drive")
+"""Quantities of which the sign alone is known."""
+
 
 def is_near(ratio: float, value: float, tolerance: float) -> bool:
     """Whether two ratios of one sign have logarithms that differ by less than a tolerance."""
@@ -60,6 +63,6 @@ def wrong_unit(quantity: str, ratio: float) -> WrongUnit | None:
         ratio: Recorded values by those of the poses.
     """
     tolerance, units = _UNITS.get(quantity, (0.0, ()))
-    if units and ratio < 0:
+    if (units or quantity in _OF_COMMANDS) and ratio < 0:
         return _CONTRARY
     return next((unit for unit in units if is_near(ratio, unit.ratio, tolerance)), None)

@@ -137,7 +137,11 @@ def attempts_have_sign_unit_and_clock(view: ShardView, subjects: Mask) -> Iterat
     subjects = subjects & knows_contacts(view)
     values = view.cached(calibration_between_contacts)
     judged = {name: quantity.of_one for name, quantity in QUANTITIES.items() if quantity.of_one and name in values}
-    wrong = {name: (values[name] < least) | (values[name] > most) for name, (least, most) in judged.items()}
+    # From the branch on there are few observations, over which a turn may begin or end: there only the sign tells.
+    wrong = {
+        name: (values[name] < np.array([[least], [-least]])) | (values[name] > most)
+        for name, (least, most) in judged.items()
+    }
     compared = np.logical_or.reduce([np.isfinite(values[name]).any(axis=0) for name in judged])
     bad = np.logical_or.reduce([is_wrong.any(axis=0) for is_wrong in wrong.values()])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import (
     BOTH,
     BRAKE,
@@ -35,6 +36,13 @@ def attempt_that_accelerates_for_nobody(d: Draft) -> None:
 @boundary("BD-MOT-006", base="bare")
 def accelerations_of_a_third_of_the_speeds(d: Draft) -> None:
     d.set("observations", ("accel_longitudinal_mps2", "accel_lateral_mps2"), lambda a: a / 3, rollout_id=BRAKE)
+
+
+@boundary("BD-MOT-006", base="bare")
+def yaw_rates_that_lag_behind_a_turn_from_the_branch_on(d: Draft) -> None:
+    """A few observations in which turns begin and end make small values, and no contrary sign."""
+    after = range(BRANCH_TICK, BRANCH_TICK + 45, 5)
+    d.set("observations", "yaw_rate_radps", lambda rate: 0.1 * rate, rollout_id=ON_A_BEND, tick=after)
 
 
 # BD-MOT
