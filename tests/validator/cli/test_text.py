@@ -121,7 +121,8 @@ content  CONTENT
 
 Violations
   BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows
-      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.nominal.a1 tick=15
+      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.accelerate_0.30.a1
+      tick=15
         expected -200 .. 200 m/s; found 1000.0
       remedy: Correct units, frame or wrapping; ranges are in schemas/v0.1/columns.json.
 

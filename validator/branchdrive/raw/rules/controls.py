@@ -62,7 +62,7 @@ def nothing_active_before_branch(view: ShardView, subjects: Mask) -> Iterator[Ch
     """No active tick ``t < t_b``."""
     subjects = subjects & view.role("intervention") & view.branched
     controls = view.controls
-    is_early = controls.tick < view.branch_tick[controls.rollout]
+    is_early = controls.tick < np.append(view.branch_tick, 0)[controls.rollout]
     yield _at_rows(
         view, subjects, is_early, is_early & controls["active"],
         lambda row: f"inactive before branch tick {view.branch_tick[controls.rollout[row]]}", lambda _: "active",
