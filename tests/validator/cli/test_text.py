@@ -128,7 +128,7 @@ Violations
 
 Why attempts and groups do not qualify
   BD-CTL-009  Applied control equals the online expert while inactive: 30 violations in 45 rollouts
-      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30  (2 places), and 13 more attempts of the group
+      group_id=g0 rollout_id=g0.accelerate_0.50.a1 table=controls tick=30  (2 places), and 13 more attempts of the group
         COMMANDS
       group_id=g1 rollout_id=g1.nominal.a1 table=controls tick=30  (2 places), and 15 more attempts of the group
         COMMANDS
