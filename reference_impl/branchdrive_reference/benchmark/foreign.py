@@ -32,8 +32,8 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError, DecodeError, UsageError
+from branchdrive.formats.named_file import read_named_file
 from branchdrive.formats.parquet import decode_table
-from branchdrive.formats.untrusted import read_named_file
 from branchdrive.tables.frame import Values
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from branchdrive.engine.layers import view_of
 from branchdrive.engine.reading import read_dataset
 from branchdrive.engine.spool import Spool
 from branchdrive.files.survey import take_survey
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import parts_of
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.runtime.executor import in_process
@@ -19,7 +20,7 @@ from branchdrive.runtime.executor import in_process
 
 def release_view(root: Path) -> ReleaseView:
     """View of the release at `root`, with its raw layer and all its rows."""
-    survey, selected = take_survey(root), frozenset(CATALOGUE)
+    survey, selected = take_survey(Folder(root)), frozenset(CATALOGUE)
     with Spool.temporary() as spool:
         task = layer_files_task(survey, spool)
         assert task is not None

@@ -58,9 +58,7 @@ def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | No
     if spool is None or survey.excess or survey.descriptor is None or not survey.descriptor.derived_layers:
         return None
     names = tuple(entry.path for entry in survey.files)
-    return LayerFilesTask(
-        survey.root, survey.release_files, names, survey.descriptor, survey.is_hashed, spool, survey.links
-    )
+    return LayerFilesTask(survey.folder, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)
 
 
 def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:

@@ -7,11 +7,9 @@ what it says. Source: spec/07-rules.md#trust.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,9 +29,9 @@ from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.formats.folder import Folder, size_of
 from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.table_file import join_parts
-from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.schema import CHECKED_METADATA, COLUMNS_KEY, metadata_mismatches, type_mismatches
@@ -66,22 +64,20 @@ class LayerFilesTask:
     """What a worker needs to read the derived layers.
 
     Attributes:
-        root: The dataset folder.
+        dataset: The dataset.
         files: Files of the claimed layers, with card and licence beside them.
         names: Every regular file with a safe path below the root.
         descriptor: The dataset's descriptor.
         is_hashed: Whether to digest the files.
         spool: Where tables and documents go.
-        links: Folders that links may lead into.
     """
 
-    root: Path
+    dataset: Folder
     files: tuple[str, ...]
     names: tuple[str, ...]
     descriptor: Descriptor
     is_hashed: bool
     spool: Spool
-    links: Links = None
 
 
 @dataclass
@@ -179,8 +175,8 @@ def _read(task: LayerFilesTask, path: str, limit: int, result: LayerFiles) -> by
     if path not in task.files:
         return None
     try:
-        with open_file(task.root, path, task.links) as stream:
-            content = stream.read(min(os.fstat(stream.fileno()).st_size, limit) + 1)
+        with task.dataset.open(path) as stream:
+            content = stream.read(min(size_of(stream), limit) + 1)
     except (DatasetError, OSError) as error:
         result.unreadable[path] = str(error)
         return None
@@ -198,8 +194,8 @@ def _read_free(task: LayerFilesTask, path: str, files: _Files, result: LayerFile
         return
     digest = hashlib.sha256()
     try:
-        with open_file(task.root, path, task.links) as stream:
-            size = os.fstat(stream.fileno()).st_size
+        with task.dataset.open(path) as stream:
+            size = size_of(stream)
             if size > limits.max_media_bytes:
                 result.unreadable[path] = f"has {size} bytes; the limit is {limits.max_media_bytes}"
                 return

@@ -64,9 +64,7 @@ def read_dataset(
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
         shards.append(
-            ShardTask(
-                survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links, media
-            )
+            ShardTask(survey.folder, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, media)
         )
     reading = Reading([], None, [])
     if progress:
@@ -126,7 +124,7 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
     """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
     result = _unjudged(task)
     for path in task.files:
-        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed, links=task.links)
+        part = ShardTask(task.dataset, task.folder, (path,), None, frozenset(), task.is_hashed)
         for _, outcome in executor(_read, [part]):
             if isinstance(outcome, Failed):
                 errors.append(f"{path}: {outcome.message}")

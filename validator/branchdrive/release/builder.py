@@ -29,6 +29,7 @@ from branchdrive.contract.layout import (
 )
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
@@ -150,7 +151,7 @@ def _check_own_folder(source: Path, target: Path) -> None:
     if names and DESCRIPTOR_FILE not in names:
         raise UsageError(f"{target} holds other files, such as {min(names)!r}; give a release a folder of its own")
     if names:
-        theirs, ours = (read_descriptor(folder).dataset_id for folder in (target, source))
+        theirs, ours = (read_descriptor(Folder(folder)).dataset_id for folder in (target, source))
         if theirs != ours:
             raise UsageError(f"{target} holds a release of {theirs!r}, not of {ours!r}; choose another folder")
 

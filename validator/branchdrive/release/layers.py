@@ -15,10 +15,10 @@ from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE, MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
-from branchdrive.formats.manifest import parse_manifest
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import read_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of, read_layer_table
-from branchdrive.formats.untrusted import read_file
 from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, Values, sort_rows
@@ -107,14 +107,14 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
         try:
             for name in layer.tables:
                 for path in table_paths(name):
-                    read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
-                read.frames[name] = from_arrow(read_layer_table(root, name), name)
+                    read.contents[path] = Folder(root).read(path, spec_limits().max_table_bytes)
+                read.frames[name] = from_arrow(read_layer_table(Folder(root), name), name)
             for document in layer.documents.values():
                 path = f"{layer.name}/{document.name}"
                 if not document.optional or (root / path).is_file():
                     _load_document(read, root, path, document.schema)
             for path in (path for path in listed if layer.admits_free(path)):
-                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
+                read.contents[path] = Folder(root).read(path, spec_limits().max_table_bytes)
             _check_digests(read, root, listed)
         except DatasetError:
             for path in LEDGERS:
@@ -133,7 +133,7 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
 def _listed_digests(root: Path) -> dict[str, str]:
     """SHA-256 of files by path, as the manifest has them; none without a manifest."""
     try:
-        manifest, _ = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+        manifest, _ = read_manifest(Folder(root))
     except DatasetError:
         return {}
     return dict(manifest.files)
@@ -178,7 +178,7 @@ def _document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
     Raises:
         DatasetError: It cannot be read, or breaks its schema.
     """
-    content = read_file(root, path, spec_limits().max_document_bytes)
+    content = Folder(root).read(path, spec_limits().max_document_bytes)
     try:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:

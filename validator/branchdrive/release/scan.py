@@ -11,7 +11,6 @@ from pathlib import Path
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import MANIFEST_FILE, layer_of
-from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.reading import Progress, read_dataset
 from branchdrive.engine.shard import ShardResult, spooled_name
@@ -19,8 +18,8 @@ from branchdrive.engine.spool import Spool, SpooledFrames
 from branchdrive.engine.validate import judge_files
 from branchdrive.errors import DatasetError
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
-from branchdrive.formats.manifest import parse_manifest
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import read_manifest
 from branchdrive.raw.content import raw_content
 from branchdrive.runtime.executor import Executor
 from branchdrive.tables.frame import Frame
@@ -57,7 +56,7 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         DatasetError: There is no finished raw layer, it is damaged, or it breaks the format.
         UsageError: There is no dataset at all.
     """
-    survey = take_survey(root)
+    survey = take_survey(Folder(root))
     descriptor = _finished(survey)
     with Spool.temporary() as spool:
         reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
@@ -100,7 +99,7 @@ def check_unchanged(scan: RawScan) -> None:
     """
     listed: dict[str, str] = {}
     if (scan.root / MANIFEST_FILE).exists():
-        manifest, _ = parse_manifest(read_file(scan.root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+        manifest, _ = read_manifest(Folder(scan.root))
         listed = _raw_files(manifest.files)
     if listed != scan.files:
         raise DatasetError(f"{scan.root}: its raw layer was changed while it was built from; build again afterwards")

@@ -14,6 +14,7 @@ from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.contract.limits import spec_limits
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, build_manifest
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
@@ -150,7 +151,7 @@ def shard_removed(d: Draft) -> None:
 @mutant("BD-LAY-003", at={"file": SHARD_1})
 def folder_listed_as_a_file(d: Draft) -> None:
     def list_it(root: Path) -> None:
-        files = {**build_manifest(root).files, SHARD_1: OTHER_DIGEST}
+        files = {**build_manifest(Folder(root)).files, SHARD_1: OTHER_DIGEST}
         (root / MANIFEST_FILE).write_bytes(Manifest.of(files).render())
 
     d.after_seal(list_it)
@@ -160,7 +161,7 @@ def folder_listed_as_a_file(d: Draft) -> None:
 
 
 def _forget(root: Path, path: str) -> None:
-    files = dict(build_manifest(root).files)
+    files = dict(build_manifest(Folder(root)).files)
     del files[path]
     (root / MANIFEST_FILE).write_bytes(Manifest.of(files).render())
 

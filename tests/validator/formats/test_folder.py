@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import list_names, open_file, read_file, read_named_file
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.named_file import read_named_file
 
 
 @pytest.fixture
@@ -23,12 +24,12 @@ def root(tmp_path: Path) -> Path:
 
 
 def test_a_plain_file_is_read(root: Path) -> None:
-    assert read_file(root, "raw/plain", 7) == b"content"
+    assert Folder(root).read("raw/plain", 7) == b"content"
 
 
 def test_a_root_that_is_a_link_is_followed(root: Path, tmp_path: Path) -> None:
     (tmp_path / "alias").symlink_to(root)
-    assert read_file(tmp_path / "alias", "raw/plain", 7) == b"content"
+    assert Folder(tmp_path / "alias").read("raw/plain", 7) == b"content"
 
 
 @pytest.mark.parametrize(
@@ -45,19 +46,19 @@ def test_a_root_that_is_a_link_is_followed(root: Path, tmp_path: Path) -> None:
 )
 def test_nothing_else_is_opened(root: Path, path: str, message: str) -> None:
     with pytest.raises(DatasetError, match=message):
-        open_file(root, path)
+        Folder(root).open(path)
 
 
 def test_a_file_over_the_limit_is_not_read(root: Path) -> None:
     with pytest.raises(DatasetError, match="more than 6 bytes"):
-        read_file(root, "raw/plain", 6)
+        Folder(root).read("raw/plain", 6)
 
 
 def test_folders_are_listed_without_following_links(root: Path) -> None:
-    assert list_names(root, "raw") == ["fifo", "link", "plain", "up"]
-    assert list_names(root, "none") == []
+    assert Folder(root).names("raw") == ["fifo", "link", "plain", "up"]
+    assert Folder(root).names("none") == []
     with pytest.raises(DatasetError, match="without following links"):
-        list_names(root, "raw/up")
+        Folder(root).names("raw/up")
 
 
 def test_a_file_that_the_user_names_may_lie_anywhere(root: Path) -> None:
