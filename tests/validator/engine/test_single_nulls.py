@@ -15,8 +15,7 @@ from tests.sampling import THOROUGH
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.engine.derived import layer_files_task
-from branchdrive.engine.layer_files import LayerFiles, read_layers
+from branchdrive.engine.layer_files import LayerFiles, layer_files_task, read_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
 from branchdrive.files.survey import take_survey

@@ -29,6 +29,7 @@ from branchdrive.engine.layers import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.files.survey import Survey
 from branchdrive.formats.folder import Folder, size_of
 from branchdrive.formats.parquet import decode_table
 from branchdrive.formats.table_file import join_parts
@@ -40,7 +41,7 @@ from branchdrive.tables.view import TableView
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["STRUCTURE_RULES", "LayerFiles", "LayerFilesTask", "read_layers"]
+__all__ = ["STRUCTURE_RULES", "LayerFiles", "LayerFilesTask", "layer_files_task", "needs_raw", "read_layers"]
 
 STRUCTURE_RULES = tuple(rule_id for rule_id in rules_of("layers") if CATALOGUE[rule_id].kind == "structure")
 """Rules on the form of derived layers; they say which tables the others can trust, so they always run."""
@@ -78,6 +79,21 @@ class LayerFilesTask:
     descriptor: Descriptor
     is_hashed: bool
     spool: Spool
+
+
+def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
+    """The task that reads the derived layers; ``None`` without a spool, or where there are none that may be read."""
+    if spool is None or survey.excess or survey.descriptor is None or not survey.descriptor.derived_layers:
+        return None
+    names = tuple(entry.path for entry in survey.files)
+    return LayerFilesTask(survey.folder, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)
+
+
+def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:
+    """Whether selected rules on the derived layers take rows of the raw one."""
+    claimed = survey.descriptor.derived_layers if survey.descriptor else ()
+    wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
+    return any(info.needs_raw and info.layer in claimed for info in wanted)
 
 
 @dataclass

@@ -21,7 +21,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
-from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
+from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
 from branchdrive.engine.reading import Progress, read_dataset
@@ -111,22 +111,11 @@ def validate(
     source = _raw_survey(survey, raw)
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
-        layers = layer_files_task(survey, spool)
-        reading = read_dataset(
-            source,
-            selected,
-            executor,
-            progress,
-            spool=spool if needs_raw(survey, selected) else None,
-            layers=layers,
-            media=media,
-        )
-        read = source.with_shards(tuple(reading.shards))
-        derived = judge_derived(layers, reading, read, selected, executor)
+        reading = read_dataset(source, selected, executor, progress, spool=spool, release=survey, media=media)
+        derived = judge_derived(reading, selected, executor)
     results, errors = reading.shards, reading.errors
-    whole = (read if source is survey else replace(survey, shards=read.shards)).with_digests(
-        derived.digests, derived.unreadable
-    )
+    read = reading.source if source is survey else survey
+    whole = read.with_layers(reading.source.shards, derived.digests, derived.unreadable)
     tallies = _merge(whole, source.descriptor, results, selected, derived.tallies)
     outcomes = apply_waivers(tallies, waivers, today or date.today())
     funnel = Funnel()
@@ -167,12 +156,12 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     if raw is None:
         return survey
     if survey.has_raw:
-        raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
+        raise UsageError(f"{str(survey.folder)!r} holds its raw layer itself; leave out --raw")
     source = take_survey(replace(survey.folder, root=Path(raw)), hash_files=survey.is_hashed)
     if source.excess:
-        raise UsageError(f"{str(source.root)!r} exceeds the limits on files, and was not read; validate it by itself")
+        raise UsageError(f"{str(source.folder)!r} exceeds the limits on files, and was not read; validate it by itself")
     if not source.shard_folders:
-        raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
+        raise UsageError(f"{str(source.folder)!r} holds no raw layer; name the dataset that the release was built from")
     return source
 
 
@@ -250,8 +239,8 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
     if raw is not None:
         content[RAW_DIR] = raw
     return DatasetFacts(
-        path=printable(str(survey.root)),
-        raw_path=None if source is survey or source.root == survey.root else printable(str(source.root)),
+        path=printable(str(survey.folder)),
+        raw_path=None if source.folder == survey.folder else printable(str(source.folder)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,

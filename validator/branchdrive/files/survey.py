@@ -12,7 +12,6 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -88,11 +87,6 @@ class Survey:
     unreadable: dict[str, str] = field(default_factory=dict)
     shards: tuple[ShardFacts, ...] = ()
 
-    @property
-    def root(self) -> Path:
-        """Where the dataset is."""
-        return self.folder.root
-
     @cached_property
     def files(self) -> tuple[Entry, ...]:
         """Regular files with safe paths: all that is ever opened."""
@@ -155,16 +149,19 @@ class Survey:
         """Whether anything that has part in the identity was read."""
         return bool(self.shards) or bool(self.release_files)
 
-    def with_digests(self, digests: Mapping[str, str], unreadable: Mapping[str, str]) -> Survey:
-        """This survey with digests of further files."""
-        return replace(self, digests={**self.digests, **digests}, unreadable={**self.unreadable, **unreadable})
-
     def with_shards(self, shards: tuple[ShardFacts, ...]) -> Survey:
         """This survey with the shards' results and digests merged in."""
         digests, unreadable = dict(self.digests), dict(self.unreadable)
         for shard in shards:
             digests.update(shard.digests)
             unreadable.update(shard.unreadable)
+        return replace(self, shards=shards, digests=digests, unreadable=unreadable)
+
+    def with_layers(
+        self, shards: tuple[ShardFacts, ...], digests: Mapping[str, str], unreadable: Mapping[str, str]
+    ) -> Survey:
+        """This survey with the results of its shards, or of those it was built from, and digests of derived layers."""
+        digests, unreadable = {**self.digests, **digests}, {**self.unreadable, **unreadable}
         return replace(self, shards=shards, digests=digests, unreadable=unreadable)
 
 

@@ -63,11 +63,10 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         results = reading.shards
         names = [spooled_name(shard.folder) for shard in results]
         rows = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
-    survey = survey.with_shards(tuple(results))
     for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
         raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
-    for problem in (*_damage(survey), *_breaches(survey, results)):
+    for problem in (*_damage(reading.source), *_breaches(reading.source, results)):
         raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and correct the raw layer first")
     lacking = next((shard.no_frames for shard in results if not shard.frames), None)
     if lacking is not None:
@@ -75,19 +74,19 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     digest = raw_content(results)
     if digest is None:
         raise DatasetError(f"{root}: its attempts have no identity; run `branchdrive-validate`")
-    return RawScan(root, descriptor, digest, _raw_files(survey.digests), rows)
+    return RawScan(root, descriptor, digest, _raw_files(reading.source.digests), rows)
 
 
 def _finished(survey: Survey) -> Descriptor:
     """Descriptor of a dataset whose collection is finished."""
     if survey.descriptor is None:
-        raise DatasetError(f"{survey.root}: its descriptor cannot be used; run `branchdrive-validate`")
+        raise DatasetError(f"{survey.folder}: its descriptor cannot be used; run `branchdrive-validate`")
     if survey.excess:
-        raise DatasetError(f"{survey.root}: {NOT_READ}; run `branchdrive-validate`")
+        raise DatasetError(f"{survey.folder}: {NOT_READ}; run `branchdrive-validate`")
     if not survey.shard_folders:
-        raise DatasetError(f"{survey.root}: holds no raw layer; build from the dataset that does")
+        raise DatasetError(f"{survey.folder}: holds no raw layer; build from the dataset that does")
     if survey.manifest is None:
-        raise DatasetError(f"{survey.root}: has no {MANIFEST_FILE}: finish the collection before a release is built")
+        raise DatasetError(f"{survey.folder}: has no {MANIFEST_FILE}: finish the collection before a release is built")
     return survey.descriptor
 
 
