@@ -123,15 +123,15 @@ def test_no_second_writer_opens_while_the_manifest_is_written(tmp_path: Path, mo
         except UsageError as error:
             refusals.append(error)
 
-    def write_at_the_seam(root: Path, manifest: Manifest) -> None:
-        assert (root / STAGING_DIR / "writer.lock").exists()
+    def write_at_the_seam(dataset: Folder, manifest: Manifest) -> None:
+        assert (dataset.root / STAGING_DIR / "writer.lock").exists()
         with pytest.raises(UsageError, match="another `DatasetWriter` has"):
-            open_writer(root)
+            open_writer(dataset.root)
         late.append(threading.Thread(target=write_late_group))
         late[0].start()
         late[0].join(0.1)
         assert late[0].is_alive()
-        write_manifest(Folder(root), manifest)
+        write_manifest(dataset, manifest)
 
     monkeypatch.setattr(writer_module, "write_manifest", write_at_the_seam)
     with open_writer(tmp_path) as writer:
