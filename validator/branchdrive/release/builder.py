@@ -113,7 +113,7 @@ def build_release(
         scan = scan or scanned()
         if "model" in stages:
             check_encoding(scan)
-        layers = load_layers(target, scan.descriptor.action_bank.keys)
+        layers = load_layers(Folder(target), scan.descriptor.action_bank.keys)
         _check_source(scan, layers, stages, target)
         if drop_leakage:
             layers.drop(LEAKAGE_FILE)
@@ -222,7 +222,7 @@ class _Job:
         ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
             for path in LEDGERS:
-                theirs = load_ledger(self.scan.root, path)
+                theirs = load_ledger(Folder(self.scan.root), path)
                 ledger = merged(ledger, theirs, beside=layers.documents.get(BENCHMARK_LEDGER_FILE))
         build_quality(self.scan, layers, self.options, ledger)
         if layers.changed_since(before):
