@@ -45,10 +45,6 @@ class TablesAlike:
             if (table := _read(self._base / path)) is not None and _form(table.schema) == _form(schema)
         }
 
-    def table(self, path: str) -> pa.Table:
-        """One of them."""
-        return read_table((self._base / path).read_bytes())
-
 
 def _read(path: Path) -> pa.Table | None:
     try:
