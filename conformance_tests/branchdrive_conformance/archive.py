@@ -1,13 +1,15 @@
-"""The archive of all cases: how `make cases` writes it, and how the runner reads it."""
+"""Archives: one with all cases, and in it one with the files of all base datasets, which have much in common."""
 
 from __future__ import annotations
 
 import gzip
 import io
+import lzma
 import tarfile
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
@@ -16,7 +18,10 @@ from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.text import quote
 from branchdrive.errors import UsageError
 
-__all__ = ["pack", "unpacked"]
+__all__ = ["BASES_FILE", "base_files", "pack", "pack_bases", "unpacked"]
+
+BASES_FILE = "bases/files.tar.xz"
+"""The archive of the base datasets, in the folder of the cases."""
 
 
 def pack(folder: Path, target: Path) -> str:
@@ -28,17 +33,49 @@ def pack(folder: Path, target: Path) -> str:
         SHA-256 of the archive, hexadecimal.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    packed = io.BytesIO()
-    with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive:
-        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-            entry = tarfile.TarInfo(path.relative_to(folder.parent).as_posix())
-            content = path.read_bytes()
-            entry.size, entry.mode = len(content), 0o644
-            archive.addfile(entry, io.BytesIO(content))
-    target.write_bytes(gzip.compress(packed.getvalue(), mtime=0))
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    packed = _packed({path.relative_to(folder.parent).as_posix(): path.read_bytes() for path in files})
+    target.write_bytes(gzip.compress(packed, mtime=0))
     digest = sha256(target.read_bytes()).hexdigest()
     target.with_name(f"{target.name}.sha256").write_text(f"{digest}  {target.name}\n", encoding="utf-8")
     return digest
+
+
+def _packed(files: Mapping[str, bytes]) -> bytes:
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive:
+        for path, content in files.items():
+            entry = tarfile.TarInfo(path)
+            entry.size, entry.mode = len(content), 0o644
+            archive.addfile(entry, io.BytesIO(content))
+    return packed.getvalue()
+
+
+def pack_bases(files: Mapping[str, Mapping[str, bytes]]) -> bytes:
+    """The archive of the files that base datasets have of their own, by base and path."""
+    paths = {f"{base}/{path}": own[path] for base, own in files.items() for path in sorted(own)}
+    return lzma.compress(_packed(paths), preset=9 | lzma.PRESET_EXTREME)
+
+
+@cache
+def base_files(folder: Path) -> dict[str, dict[str, bytes]]:
+    """Files that base datasets have of their own, by base and path.
+
+    Raises:
+        UsageError: The folder holds no archive of them.
+    """
+    path, found = folder / BASES_FILE, dict[str, dict[str, bytes]]()
+    try:
+        with tarfile.open(path) as archive:
+            for entry in archive:
+                base, _, name = entry.name.partition("/")
+                content = archive.extractfile(entry) if entry.isreg() else None
+                if content is None or unsafe_reason(name) is not None:
+                    raise UsageError(f"{path} holds {quote(entry.name)}, no plain file of a base dataset")
+                found.setdefault(base, {})[name] = content.read()
+    except (OSError, EOFError, lzma.LZMAError, tarfile.TarError) as error:
+        raise UsageError(f"{path} is no archive of base datasets: {error}") from error
+    return found
 
 
 @contextmanager

@@ -6,18 +6,21 @@ Source: conformance_tests/README.md; the form is `case.schema.json`.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import UsageError
+from branchdrive.runtime.environment import folder_command
 
 __all__ = [
     "MAX_LOCATIONS", "Case", "Expectation", "Outcome", "base_expectation", "case_text", "cases_dir", "load_case",
-    "load_cases",
+    "load_cases", "stated_rules",
 ]  # fmt: skip
 
 MAX_LOCATIONS = 10
@@ -25,7 +28,13 @@ MAX_LOCATIONS = 10
 
 Kind = Literal["pass", "fail", "boundary"]
 
-_PACKAGE_DIR = Path(__file__).resolve().parent
+_CASES, _CASES_FOLDER = "branchdrive-conformance-cases", "conformance_tests"
+"""The distribution of the cases, and the folder that it is built from."""
+
+_CASES_PACKAGE = "branchdrive_conformance_cases"
+"""What it is imported as; it holds no modules."""
+
+_CHECKOUT_DIR = Path(__file__).resolve().parents[1] / "cases"
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,9 @@ class Outcome:
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Outcome:
         """An outcome as a case or a base states it; a status alone is a text."""
-        return cls(document) if isinstance(document, str) else cls(**document)
+        if isinstance(document, str):
+            return cls(document)
+        return cls(**{**document, "locations": tuple(document["locations"])})
 
     def to_json(self) -> str | dict[str, Any]:
         """As a case states it."""
@@ -109,14 +120,45 @@ class Case:
             base: What is expected of the base: rules with the same outcome are then left out, as in `cases`.
         """
         document = {field.name: getattr(self, field.name) for field in fields(self)}
-        rules = self.expected.rules
-        changed = {rule: outcome for rule, outcome in rules.items() if base is None or outcome != base.rules[rule]}
         document["expected"] = {
             "verdict": self.expected.verdict,
-            "rules": {rule: outcome.to_json() for rule, outcome in changed.items()},
+            "rules": stated_rules(self.expected.rules, None if base is None else base.rules),
             "free": sorted(self.expected.free),
         }
         return {key: value for key, value in document.items() if value not in (None, {})}
+
+
+def stated_rules(rules: Mapping[str, Outcome], base: Mapping[str, Outcome] | None) -> dict[str, Any]:
+    """Outcomes of rules as a file states them: those that differ from the base's.
+
+    An area stands for its rules that are not named, where many of them have one status.
+    """
+    if base is None:
+        return {rule: outcome.to_json() for rule, outcome in rules.items()}
+    stated: dict[str, Any] = {}
+    for area in dict.fromkeys(map(_area, rules)):
+        mine = {rule: outcome for rule, outcome in rules.items() if _area(rule) == area}
+        changed = {rule: outcome for rule, outcome in mine.items() if outcome != base[rule]}
+        statuses = Counter(outcome.status for outcome in changed.values() if outcome.status != "fail")
+        status, count = statuses.most_common(1)[0] if statuses else ("", 0)
+        others = {rule: outcome for rule, outcome in mine.items() if outcome.status != status}
+        if count > 1 + len(others.keys() - changed.keys()):
+            stated[area], changed = status, others
+        stated |= {rule: outcome.to_json() for rule, outcome in changed.items()}
+    return stated
+
+
+def _area(rule: str) -> str:
+    return rule.rpartition("-")[0]
+
+
+def _outcomes(stated: Mapping[str, Any], base: Mapping[str, Outcome]) -> dict[str, Outcome]:
+    """Outcomes of all rules, from what a file states and what is expected of its base."""
+    found = dict(base)
+    for rule in found:
+        if (outcome := stated.get(rule, stated.get(_area(rule)))) is not None:
+            found[rule] = Outcome.of(outcome)
+    return found
 
 
 def case_text(document: Mapping[str, Any]) -> str:
@@ -143,15 +185,20 @@ def _object(members: Mapping[str, str], indent: str) -> str:
 
 
 def cases_dir() -> Path:
-    """Folder of the cases of this version: of an installed wheel or of a checkout.
+    """Folder of the cases of this version: of a checkout, or of their own distribution.
 
     Raises:
-        UsageError: The installation has none.
+        UsageError: Neither is there.
     """
-    for folder in (_PACKAGE_DIR / "_cases", _PACKAGE_DIR.parent / "cases"):
+    installed = find_spec(_CASES_PACKAGE)
+    places = [_CHECKOUT_DIR, *map(Path, installed.submodule_search_locations or () if installed else ())]
+    for folder in places:
         if (folder / f"v{SPEC_VERSION}" / "bases").is_dir():
             return folder / f"v{SPEC_VERSION}"
-    raise UsageError(f"no conformance cases for version {SPEC_VERSION} beside {_PACKAGE_DIR}; name their folder")
+    raise UsageError(
+        f"no conformance cases of version {SPEC_VERSION} are installed: {folder_command(_CASES, _CASES_FOLDER)},"
+        " or name a folder or an archive of them with --cases"
+    )
 
 
 @cache
@@ -162,7 +209,10 @@ def base_expectation(folder: Path, base: str) -> Expectation:
         UsageError: There is no such base, or it is damaged.
     """
     document = _read(folder / "bases" / f"{base}.json")
-    return Expectation(document["verdict"], {rule: Outcome.of(found) for rule, found in document["rules"].items()})
+    stated = document["rules"]
+    if document["parent"] is None:
+        return Expectation(document["verdict"], {rule: Outcome.of(found) for rule, found in stated.items()})
+    return Expectation(document["verdict"], _outcomes(stated, base_expectation(folder, document["parent"]).rules))
 
 
 def _read(path: Path) -> Any:
@@ -182,8 +232,7 @@ def load_case(folder: Path, path: Path) -> Case:
     try:
         base = base_expectation(folder, document["base"])
         stated = document["expected"]
-        rules = {**base.rules, **{rule: Outcome.of(found) for rule, found in stated["rules"].items()}}
-        expected = Expectation(stated["verdict"], rules, frozenset(stated["free"]))
+        expected = Expectation(stated["verdict"], _outcomes(stated["rules"], base.rules), frozenset(stated["free"]))
         texts = {key: tuple(document[key]) for key in ("rules", "clauses")}
         return Case(**{**document, **texts, "expected": expected})
     except (KeyError, TypeError) as error:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 from branchdrive.errors import UsageError
+from branchdrive_conformance.archive import base_files
 from branchdrive_conformance.case import Case, case_text
 from branchdrive_conformance.recipe import apply_recipe
 
@@ -17,43 +15,36 @@ __all__ = ["CASE_FILE", "DATASET_DIR", "RAW_DIR", "WAIVERS_FILE", "lay_out_base"
 CASE_FILE, DATASET_DIR, RAW_DIR, WAIVERS_FILE = "case.json", "dataset", "dataset-raw", "waivers.json"
 
 
-def lay_out_base(folder: Path, base: str, root: Path, *, is_linked: bool = False) -> None:
+def lay_out_base(folder: Path, base: str, root: Path) -> None:
     """Write the base dataset into the new folder `root`.
 
-    A base is a folder of files; one with a `parent` stands for the files of that base, without those that it deletes,
-    and its own in their place.
+    One with a `parent` stands for the files of that base, without those that it deletes, and its own in their place.
 
     Args:
         folder: Folder of the cases.
         base: Name of the base.
         root: The new folder.
-        is_linked: Link to stored files instead of copying them: quick, for those who only replace files.
 
     Raises:
         UsageError: There is no such base.
     """
+    for path, content in _files_of(folder, base).items():
+        target = root / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+
+
+def _files_of(folder: Path, base: str) -> dict[str, bytes]:
     description = folder / "bases" / f"{base}.json"
     if not description.is_file():
         raise UsageError(f"{folder} has no base dataset {base!r}")
     document = json.loads(description.read_bytes())
-    if document["parent"] is not None:
-        lay_out_base(folder, document["parent"], root, is_linked=is_linked)
-    for path in document["delete"]:
-        (root / path).unlink()
-    copy: Callable[..., object] = os.link if is_linked else shutil.copyfile
-    source = folder / "bases" / base
-    for path in sorted(source.rglob("*")):
-        if path.is_file():
-            target = root / path.relative_to(source)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.unlink(missing_ok=True)
-            copy(path, target)
-    for place in sorted(root.rglob("*"), reverse=True):
-        if place.is_dir() and not any(place.iterdir()):
-            place.rmdir()
+    inherited = _files_of(folder, document["parent"]) if document["parent"] is not None else {}
+    kept = {path: content for path, content in inherited.items() if path not in document["delete"]}
+    return {**kept, **base_files(folder).get(base, {})}
 
 
-def materialize(folder: Path, case: Case, target: Path, *, is_linked: bool = False) -> None:
+def materialize(folder: Path, case: Case, target: Path) -> None:
     """Write a case into the new folder `target`.
 
     It holds ``dataset``, ``case.json`` with all that is expected, and ``dataset-raw`` or ``waivers.json`` where the
@@ -67,7 +58,7 @@ def materialize(folder: Path, case: Case, target: Path, *, is_linked: bool = Fal
     if case.raw is not None:
         parts[RAW_DIR] = ("release-raw", case.raw)
     for name, (base, recipe) in parts.items():
-        lay_out_base(folder, base, target / name, is_linked=is_linked)
+        lay_out_base(folder, base, target / name)
         try:
             apply_recipe(recipe, target / name)
         except (ValueError, KeyError, OSError) as error:

@@ -177,7 +177,7 @@ def _answers(folder: Path, batch: Sequence[Case], command: Command) -> list[tupl
     with tempfile.TemporaryDirectory(prefix="branchdrive-conformance-") as scratch:
         folders = [Path(scratch) / f"{index:03d}" for index in range(len(batch))]
         for case, target in zip(batch, folders, strict=True):
-            materialize(folder, case, target, is_linked=True)
+            materialize(folder, case, target)
         reports = _reports(command, folders)
     return [(case, _answer(report)) for case, report in zip(batch, reports, strict=True)]
 

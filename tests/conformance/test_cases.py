@@ -15,6 +15,10 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive_conformance.case import Case, cases_dir, load_cases
 from branchdrive_conformance.score import Answer, score
 
+MAX_CASE_BYTES = 20_000
+MAX_BYTES = 7_200_000
+"""Of all cases with their base datasets."""
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -30,6 +34,19 @@ def test_cases_conform_to_their_schema() -> None:
         document = json.loads(path.read_bytes())
         assert [error.message for error in validator.iter_errors(document)] == [], path
         assert path == cases_dir() / f"{document['name']}.json"
+
+
+def test_a_long_case_has_a_reason() -> None:
+    """Most of what a case writes out is what it is about."""
+    reasons = json.loads((Path(__file__).parent / "long_cases.json").read_bytes())
+    paths = cases_dir().glob("BD-*/*.json")
+    long = {f"{path.parent.name}/{path.stem}" for path in paths if path.stat().st_size > MAX_CASE_BYTES}
+    assert long == set(reasons)
+    assert all(len(reason.split()) >= 5 for reason in reasons.values())
+
+
+def test_cases_and_bases_are_small() -> None:
+    assert sum(path.stat().st_size for path in cases_dir().rglob("*") if path.is_file()) <= MAX_BYTES
 
 
 def test_links_lead_to_the_same_place_wherever_a_case_is_written(cases: list[Case]) -> None:

@@ -15,9 +15,13 @@ from hypothesis import strategies as st
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.parquet import encode_table
+from branchdrive_conformance.archive import base_files
 from branchdrive_conformance.case import cases_dir
-from branchdrive_conformance.difference import equal_tables, recipe_between, tree
-from branchdrive_conformance.recipe import apply_recipe, read_table
+from branchdrive_conformance.difference import recipe_between, tree
+from branchdrive_conformance.recipe import apply_recipe
+from branchdrive_conformance.splice import parts_between, spliced
+from branchdrive_conformance.table_difference import equal_tables
+from branchdrive_conformance.table_operation import encoded, read_table
 
 FILE = "raw/shard-00000/controls.parquet"
 BASE = pa.table(
@@ -129,9 +133,10 @@ def _another(cell: Any, kind: pa.DataType) -> Any:
 def test_one_changed_cell_of_any_table_is_one_operation(tmp_path: Path) -> None:
     """And so a case says what it is about."""
     tables = {
-        path.stem.partition("-")[0]: table.slice(0, 5)
-        for path in sorted((cases_dir() / "bases").rglob("*.parquet"))
-        if len(table := read_table(path.read_bytes()))
+        Path(path).stem.partition("-")[0]: table.slice(0, 5)
+        for files in base_files(cases_dir()).values()
+        for path, content in sorted(files.items())
+        if path.endswith(".parquet") and len(table := read_table(content))
     }
     base, changed = tmp_path / "base", tmp_path / "changed"
     for folder in (base, changed):
@@ -150,3 +155,90 @@ def test_one_changed_cell_of_any_table_is_one_operation(tmp_path: Path) -> None:
         (base / name).unlink()
         (changed / name).unlink()
     assert {*TABLES} <= {*tables}
+
+
+def operations(tmp_path: Path, before: dict[str, bytes], after: dict[str, bytes]) -> list[dict[str, Any]]:
+    """The recipe between two datasets, which is seen to lead from one to the other."""
+    base, changed = tmp_path / "base", tmp_path / "changed"
+    for root, files in ((base, before), (changed, after)):
+        for path, content in files.items():
+            (root / path).parent.mkdir(parents=True, exist_ok=True)
+            (root / path).write_bytes(content)
+    recipe = [dict(operation) for operation in recipe_between(base, changed)]
+    apply_recipe(recipe, base)
+    assert tree(base) == tree(changed)
+    for path, content in after.items():
+        made = (base / path).read_bytes()
+        assert made == content or equal_tables(read_table(made), read_table(content)), path
+    return recipe
+
+
+def _history(groups: list[int]) -> bytes:
+    """State histories of groups, four rows each."""
+    rows = [(f"g{group}", offset, group + offset / 10) for group in groups for offset in range(4)]
+    names, offsets, speeds = zip(*rows, strict=True)
+    return encode_table(pa.table({"group_id": names, "offset": offsets, "speed_mps": speeds}))
+
+
+def test_a_group_that_moves_to_another_partition_is_one_operation_a_table(tmp_path: Path) -> None:
+    train, val = "model/state-train.parquet", "model/state-val.parquet"
+    before = {train: _history([*range(0, 40, 2)]), val: _history([*range(1, 40, 2)])}
+    after = {train: _history(sorted([*range(0, 40, 2), 7])), val: _history([n for n in range(1, 40, 2) if n != 7])}
+    assert operations(tmp_path, before, after) == [
+        {"op": "rows", "file": train, "keep": [[0, 16], [12, 16, val], [16, 80]]},
+        {"op": "rows", "file": val, "keep": [[0, 12], [16, 80]]},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changed", "ranges"), [([*range(60)][::-1], [[59, -1]]), ([*range(30, 60), *range(30)], [[30, 60], [0, 30]])]
+)
+def test_rows_in_another_order_are_one_operation(changed: list[int], ranges: list[list[int]], tmp_path: Path) -> None:
+    table = pa.table({"rollout_id": ["r"] * 60, "tick": range(60), "x": np.sin(np.arange(60))})
+    made = operations(tmp_path, {FILE: encode_table(table)}, {FILE: encode_table(table.take(changed))})
+    assert made == [{"op": "rows", "file": FILE, "keep": ranges}]
+
+
+@pytest.mark.parametrize(("column", "of"), [("x", {}), ("y", {"of": "y"})])
+def test_cells_of_other_rows_or_another_column_are_one_operation(
+    column: str, of: dict[str, str], tmp_path: Path
+) -> None:
+    x, y = np.sin(np.arange(90)), np.cos(np.arange(90))
+    new = x.copy()
+    new[41:80] = {"x": x, "y": y}[column][40:79]
+    tables = [pa.table({"tick": range(90), "x": values, "y": y}) for values in (x, new)]
+    before, after = ({FILE: encode_table(table)} for table in tables)
+    assert operations(tmp_path, before, after) == [
+        {"op": "set", "file": FILE, "column": "x", "rows": [[41, 80]], "from": [[40, 79]], **of}
+    ]
+
+
+def test_a_flipped_byte_is_one_splice(tmp_path: Path) -> None:
+    content = np.random.default_rng(1).bytes(5000)
+    flipped = content[:700] + bytes([content[700] ^ 255]) + content[701:]
+    (made,) = operations(tmp_path, {"media.bin": content}, {"media.bin": flipped})
+    assert (made["op"], len(made["parts"]), made["parts"][::2]) == ("splice", 3, [[0, 700], [701, 5000]])
+
+
+def test_a_file_under_a_second_name_is_one_copy(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 4
+    made = operations(tmp_path, {"media.bin": content}, {"media.bin": content, "again.bin": content})
+    assert made == [{"op": "copy", "path": "media.bin", "to": "again.bin"}]
+
+
+def test_a_table_that_is_written_otherwise_says_how(tmp_path: Path) -> None:
+    made = operations(tmp_path, {FILE: encode_table(BASE)}, {FILE: encoded(BASE, {"compression": "snappy"})})
+    assert made == [{"op": "written", "file": FILE, "settings": {"compression": "snappy"}}]
+
+
+def test_metadata_of_one_column_is_one_operation(tmp_path: Path) -> None:
+    field = BASE.schema.field("tick").with_metadata({"unit": "s"})
+    changed = BASE.cast(BASE.schema.set(1, field))
+    made = operations(tmp_path, {FILE: encode_table(BASE)}, {FILE: encode_table(changed)})
+    assert made == [{"op": "describe", "file": FILE, "columns": {"tick": {"unit": "s"}}}]
+
+
+@given(old=st.binary(max_size=400), cuts=st.lists(st.integers(0, 400), max_size=4), more=st.binary(max_size=40))
+def test_bytes_are_parts_of_other_bytes(old: bytes, cuts: list[int], more: bytes) -> None:
+    new = b"".join(old[cut : cut + 60] + more for cut in cuts)
+    assert spliced(old, parts_between(old, new)) == new

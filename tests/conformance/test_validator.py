@@ -43,7 +43,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Case, Report]
     cases += [load_case(cases_dir(), cases_dir() / f"{name}.json") for name in others]
     folder = tmp_path_factory.mktemp("cases")
     for case in cases:
-        materialize(cases_dir(), case, folder / case.name, is_linked=True)
+        materialize(cases_dir(), case, folder / case.name)
     return [(case, judge_case(folder / case.name).to_json()) for case in cases]
 
 

@@ -17,6 +17,9 @@ from tests.waiting import PATIENCE_S
 import branchdrive
 from branchdrive.contract.rule import CATALOGUE
 
+MAX_WHEEL_BYTES = 4_000_000
+CASES, CASES_NAME = ROOT / "conformance_tests" / "cases", "branchdrive-conformance-cases"
+
 HEAVY = ("torch", "pymunk", "cvxpy", "scipy", "cv2", "numba")
 
 PROBE = """
@@ -53,6 +56,24 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def cases_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel of the conformance cases."""
+    out = tmp_path_factory.mktemp("cases")
+    run(
+        sys.executable,
+        "-m",
+        "build",
+        "--no-isolation",
+        "--wheel",
+        "--outdir",
+        str(out),
+        str(ROOT / "conformance_tests"),
+    )
+    (built,) = out.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
 def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the wheel installed in it, dependencies left out."""
     target = tmp_path_factory.mktemp("site")
@@ -68,6 +89,37 @@ def probe(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     result: dict[str, Any] = json.loads(run(sys.executable, "-c", PROBE, env=environment, cwd=elsewhere))
     return result
+
+
+def test_wheel_is_small(wheel: Path) -> None:
+    assert wheel.stat().st_size <= MAX_WHEEL_BYTES
+    with ZipFile(wheel) as archive:
+        assert sum(entry.file_size for entry in archive.infolist()) <= 2 * MAX_WHEEL_BYTES
+        assert not [name for name in archive.namelist() if name.startswith("branchdrive_conformance/_cases/")]
+
+
+def test_cases_are_a_distribution_of_the_same_version(wheel: Path, cases_wheel: Path) -> None:
+    mine, theirs = (path.name.split("-") for path in (wheel, cases_wheel))
+    assert [*theirs] == ["branchdrive_conformance_cases", *mine[1:]]
+    with ZipFile(cases_wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+    cases = {path.relative_to(CASES).as_posix() for path in CASES.rglob("*") if path.is_file()}
+    assert names == {f"branchdrive_conformance_cases/{path}" for path in (*cases, "case.schema.json")}
+
+
+def test_kit_reads_the_installed_cases_and_says_how_to_get_them(site: Path, cases_wheel: Path, tmp_path: Path) -> None:
+    kit = (sys.executable, "-c", "from branchdrive_conformance.entry import main; raise SystemExit(main())")
+    call = (*kit, "materialize", "made", "--select", "BD-VAL-001")
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    without = subprocess.run(call, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=PATIENCE_S)
+    place = json.loads(next(site.glob("branchdrive-*.dist-info/direct_url.json")).read_text())["url"]
+    beside = place.replace("/branchdrive-", "/branchdrive_conformance_cases-")
+    assert (without.returncode, without.stdout) == (2, "")
+    assert f"no conformance cases of version 0.1 are installed: pip install '{CASES_NAME} @ {beside}'" in without.stderr
+    with ZipFile(cases_wheel) as archive:
+        archive.extractall(tmp_path / "cases")
+    environment["PYTHONPATH"] += f"{os.pathsep}{tmp_path / 'cases'}"
+    assert "cases written to made" in run(*call, env=environment, cwd=tmp_path)
 
 
 def test_wheel_holds_every_schema(wheel: Path) -> None:

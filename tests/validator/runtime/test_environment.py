@@ -101,6 +101,28 @@ def test_extras_come_from_where_the_distribution_came(monkeypatch: pytest.Monkey
     environment._origin.cache_clear()
 
 
+def test_another_distribution_comes_from_where_this_one_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = {
+        None: "pip install branchdrive-more",
+        '{"url": "file:///a%20b/checkout", "dir_info": {"editable": true}}': "pip install '/a b/checkout/parts'",
+        '{"url": "file:///x/branchdrive-0.1.0-py3-none-any.whl", "archive_info": {}}': (
+            "pip install 'branchdrive-more @ file:///x/branchdrive_more-0.1.0-py3-none-any.whl'"
+        ),
+        '{"url": "https://x.example/branchdrive-0.1.0.tar.gz", "archive_info": {}}': (
+            "pip install 'branchdrive-more @ https://x.example/branchdrive-0.1.0.tar.gz#subdirectory=parts'"
+        ),
+        '{"url": "https://x.example/r.git", "vcs_info": {"vcs": "git", "commit_id": "abc"}}': (
+            "pip install 'branchdrive-more @ git+https://x.example/r.git@abc#subdirectory=parts'"
+        ),
+    }
+    for recorded, command in commands.items():
+        made = SimpleNamespace(read_text=lambda name, recorded=recorded: recorded)
+        monkeypatch.setattr(environment, "distribution", lambda name, made=made: made)
+        environment._origin.cache_clear()
+        assert environment.folder_command("branchdrive-more", "parts") == command
+    environment._origin.cache_clear()
+
+
 def test_modules_are_known_by_their_distribution() -> None:
     """Of every library that is installed here, a module is found under the name that messages look for."""
     names: dict[str, set[str]] = {}

@@ -25,8 +25,8 @@ from urllib.parse import unquote, urlsplit
 from branchdrive.errors import PlatformError
 
 __all__ = [
-    "MODULES", "Requirement", "check_environment", "check_libraries", "extra", "import_fault", "install_command",
-    "leave_out_pandas", "requirements",
+    "MODULES", "Requirement", "check_environment", "check_libraries", "extra", "folder_command", "import_fault",
+    "install_command", "leave_out_pandas", "requirements",
 ]  # fmt: skip
 
 _DISTRIBUTION = "branchdrive"
@@ -201,6 +201,24 @@ def install_command(*extras: str) -> str:
     if url.startswith("file:") and not url.endswith((".whl", ".gz", ".zip")):
         return f"pip install {shlex.quote(unquote(urlsplit(url).path) + wanted)}"
     return f"pip install {shlex.quote(_DISTRIBUTION + wanted + (f' @ {url}' if url else ''))}"
+
+
+def folder_command(name: str, folder: str) -> str:
+    """The command that installs another distribution from where this one came from; a wheel's stands beside it.
+
+    Args:
+        name: The distribution.
+        folder: Where its `pyproject.toml` is in the source of this one.
+    """
+    url = _origin()
+    if url.endswith(".whl"):
+        place, _, wheel = url.rpartition("/")
+        url = f"{place}/{name.replace('-', '_')}-{wheel.partition('-')[2]}"
+    elif url.startswith("file:") and not url.endswith((".gz", ".zip")):
+        return f"pip install {shlex.quote(unquote(urlsplit(url).path) + f'/{folder}')}"
+    elif url:
+        url += f"#subdirectory={folder}"
+    return f"pip install {shlex.quote(name + (f' @ {url}' if url else ''))}"
 
 
 @cache

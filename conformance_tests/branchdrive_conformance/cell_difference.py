@@ -1,0 +1,195 @@
+"""The operations that change cells of a table, and ranges of rows."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+__all__ = ["cell_operations", "cell_values", "equal_columns", "extend", "length"]
+
+_MIN_ALIKE = 50
+"""Cells from which on a change that all of them share is looked for."""
+
+_MAX_TRIED = 3
+"""Rows with the same value, on either side, that a range of rows to copy may start from."""
+
+_MAX_RANGES = 200
+"""Ranges of rows to copy, with more of which nothing is shown."""
+
+_MAX_DISTINCT = 64
+"""Values up to which each may be an operation of its own."""
+
+
+def equal_columns(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
+    """Whether columns have the same cells."""
+    if one.equals(other):
+        return True
+    if pa.types.is_floating(one.type) and one.is_null() == other.is_null():
+        first, second = (column.to_numpy(zero_copy_only=False) for column in (one, other))
+        return bool(np.array_equal(first, second, equal_nan=True))
+    return repr(one.to_pylist()) == repr(other.to_pylist()) if not pa.types.is_floating(one.type) else False
+
+
+def length(operations: Sequence[Mapping[str, Any]]) -> int:
+    """Characters of operations as a case writes them."""
+    return len(json.dumps(operations))
+
+
+def _ranges(rows: Sequence[int]) -> list[list[int]]:
+    found: list[list[Any]] = []
+    for row in rows:
+        extend(found, row, [])
+    return found
+
+
+def extend(ranges: list[list[Any]], row: int, file: Sequence[str | None]) -> None:
+    """Add a row to ranges: to the last one, if it goes on there in its direction."""
+    if ranges and ranges[-1][2:] == [*file]:
+        start, stop = ranges[-1][:2]
+        step = 1 if stop > start else -1
+        if row == stop and (step > 0 or row >= 0):
+            ranges[-1][1] += step
+            return
+        if stop - start == 1 and row == start - 1:
+            ranges[-1][1] = row - 1
+            return
+    ranges.append([row, row + 1, *file])
+
+
+def cell_operations(table: pa.Table, after: pa.Table) -> Iterator[dict[str, Any]]:
+    """Operations that give the cells of one table those of another one with the same columns and rows."""
+    columns = _Columns(table)
+    for name in table.column_names:
+        old, new = table[name], after[name]
+        if equal_columns(old, new):
+            continue
+        kind, cells = new.type, new.to_pylist()
+        texts = list(map(repr, cells))
+        rows = [i for i, (one, other) in enumerate(zip(columns.texts(name), texts, strict=True)) if one != other]
+        start: dict[str, Any] = {"column": name, "rows": _ranges(rows)}
+        shared = _shared_change(old, new, rows)
+        if shared is not None:
+            yield {**start, **shared}
+            columns.change(name, texts)
+            continue
+        ways: list[list[dict[str, Any]]] = [[{**start, "op": "set", **cell_values([cells[i] for i in rows], kind)}]]
+        by_value: dict[str, list[int]] = {}
+        for row in rows:
+            by_value.setdefault(texts[row], []).append(row)
+        if 1 < len(by_value) <= _MAX_DISTINCT:
+            ways.append([
+                {"op": "set", "column": name, "rows": _ranges(mine), **cell_values([cells[mine[0]]], kind)}
+                for mine in by_value.values()
+            ])  # fmt: skip
+        if len(rows) > 1:
+            for other in sorted(table.column_names, key=lambda other: other != name):
+                is_alike = table.schema.field(other).type == kind
+                found = columns.taken(other, rows, [texts[i] for i in rows]) if is_alike else None
+                if found is not None:
+                    ways.append([{**start, "op": "set", "from": found, **({} if other == name else {"of": other})}])
+        yield from min(ways, key=length)
+        columns.change(name, texts)
+
+
+class _Columns:
+    """Cells of a table as text, by column; columns change as operations go on."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self._table = table
+        self._texts: dict[str, list[str]] = {}
+        self._places: dict[str, dict[str, list[int]]] = {}
+
+    def texts(self, name: str) -> list[str]:
+        """Texts of a column's cells."""
+        if name not in self._texts:
+            self._texts[name] = list(map(repr, self._table[name].to_pylist()))
+        return self._texts[name]
+
+    def change(self, name: str, texts: list[str]) -> None:
+        """Give a column other cells."""
+        self._texts[name] = texts
+        self._places.pop(name, None)
+
+    def _rows(self, name: str) -> dict[str, list[int]]:
+        if name not in self._places:
+            places: dict[str, list[int]] = {}
+            for row, text in enumerate(self.texts(name)):
+                places.setdefault(text, []).append(row)
+            self._places[name] = places
+        return self._places[name]
+
+    def taken(self, name: str, rows: Sequence[int], wanted: Sequence[str]) -> list[list[int]] | None:
+        """Ranges of a column's cells that are the wanted ones; at each place the longest, ``None`` where none are."""
+        texts = self.texts(name)
+        if not {wanted[0], wanted[len(wanted) // 2], wanted[-1]} <= set(texts):
+            return None
+        places = self._rows(name)
+        if any(text not in places for text in wanted):
+            return None
+        found: list[list[int]] = []
+        done = 0
+        while done < len(wanted):
+            at = places[wanted[done]]
+            near = bisect_left(at, rows[done])
+            best, most = -1, 0
+            for row in at[max(near - _MAX_TRIED, 0) : near + _MAX_TRIED]:
+                run = 0
+                while done + run < len(wanted) and row + run < len(texts) and texts[row + run] == wanted[done + run]:
+                    run += 1
+                if run > most:
+                    best, most = row, run
+            found.append([best, best + most])
+            done += most
+            if len(found) > _MAX_RANGES:
+                return None
+        return found
+
+
+def _shared_change(before: pa.ChunkedArray, after: pa.ChunkedArray, rows: Sequence[int]) -> dict[str, Any] | None:
+    """The number that all values in some rows were multiplied by, or that was added to them."""
+    kind = after.type
+    is_number = pa.types.is_floating(kind) or pa.types.is_integer(kind)
+    if len(rows) < _MIN_ALIKE or not is_number:
+        return None
+    cells = [column.take(pa.array(rows)) for column in (before, after)]
+    if any(column.null_count for column in cells):
+        return None
+    old, new = (column.to_numpy().astype(np.float64) for column in cells)
+    largest = int(np.argmax(np.abs(old)))
+    if not old[largest] or not np.isfinite(new).all():
+        return None
+    dtype = kind.to_pandas_dtype()
+    ratio, difference = new[largest] / old[largest], new[largest] - old[largest]
+    for name, change, number in (
+        ("scale", np.multiply, ratio), ("scale", np.multiply, round(ratio, 6)),
+        ("shift", np.add, difference), ("shift", np.add, round(difference, 6)),
+    ):  # fmt: skip
+        if number and np.array_equal(change(old, number).astype(dtype), new.astype(dtype)):
+            return {"op": name, "by": float(number)}
+    return None
+
+
+def cell_values(cells: list[Any], kind: pa.DataType) -> dict[str, Any]:
+    """Cells as a recipe writes them: one value for all, or one for each."""
+    written = [_to_cell(cell, kind) for cell in cells]
+    if written and all(cell == written[0] for cell in written):
+        return {"value": written[0]}
+    return {"values": written}
+
+
+def _to_cell(value: Any, kind: pa.DataType) -> Any:
+    """A cell as a recipe writes it; the shortest number that the column's type tells apart."""
+    if isinstance(value, list):
+        return [_to_cell(item, kind.value_type) for item in value]
+    if isinstance(value, bytes):
+        return value.hex()
+    if pa.types.is_floating(kind) and value is not None:
+        if not np.isfinite(value):
+            return "NaN" if np.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+        return float(str(np.float32(value))) if pa.types.is_float32(kind) else value
+    return value
