@@ -206,7 +206,7 @@ def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
     assert "Funnel: not judged" in text
     assert "skipped: digests were not computed - BD-LAY-002" in text
     assert "skipped: deselected - BD-DOC-004, BD-CTL-001, BD-CTL-002, BD-CTL-003, BD-CTL-004, BD-CTL-005 and" in text
-    assert "Verdict: partial - nothing wrong was found, but not everything was judged" in text
+    assert "Verdict: partial - what was judged conforms to the specification, but not everything was judged" in text
     assert "  16 rules deselected, of them 1 that decide\n  digests of files were not compared\n" in text
 
 

@@ -29,7 +29,7 @@ MEANING: Mapping[Verdict, str] = MappingProxyType(
     {
         "valid": "the dataset conforms to the specification",
         "valid-with-waivers": "it conforms except where a waiver accepts that it does not",
-        "partial": "nothing wrong was found, but not everything was judged",
+        "partial": "what was judged conforms to the specification, but not everything was judged",
         "invalid": "the dataset breaks the specification",
         "error": "the validator itself failed; this says nothing about the dataset",
     }
