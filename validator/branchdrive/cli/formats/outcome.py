@@ -5,6 +5,7 @@ Every form takes its colours from here, so that none shows green what is not `va
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Literal
@@ -100,18 +101,39 @@ def failures(report: Report) -> list[tuple[Level, Tally]]:
 
 
 def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
-    """Findings of a rule, those about attempts of one group together, in the order of the first of each."""
+    """Findings of a rule, those that say the same together, in the order of the first of each.
+
+    Attempts of one group are told once for each table and column, and groups that lack the same once. Each table and
+    column comes before the second place of one that was told.
+    """
     parts: dict[object, list[Finding]] = {}
     for place, finding in enumerate(findings):
         about = finding.location
-        of_group = "group_id" in about and "rollout_id" in about
-        parts.setdefault((about["group_id"], about.get("column")) if of_group else place, []).append(finding)
-    return [tuple(part) for part in parts.values()]
+        said: object = place
+        if "rollout_id" in about and finding.group_id is not None:
+            said = (finding.group_id, about.get("table"), about.get("column"))
+        elif "group_id" in about:
+            others = tuple(part for part in about.items() if part[0] != "group_id")
+            said = (others, finding.expected, finding.found)
+        parts.setdefault(said, []).append(finding)
+    told: Counter[object] = Counter()
+    rounds = []
+    for part in parts.values():
+        column = part[0].location.get("table"), part[0].location.get("column")
+        rounds.append(told[column])
+        told[column] += 1
+    order = sorted(range(len(rounds)), key=rounds.__getitem__)
+    every = [tuple(part) for part in parts.values()]
+    return [every[place] for place in order]
 
 
 def also_in(part: Sequence[Finding]) -> str:
-    """How many further attempts of its group the first finding of a part stands for, to be put behind its place."""
-    return f", and {counted(len(part) - 1, 'more attempt')} of the group" if len(part) > 1 else ""
+    """How many attempts of its group, or groups, the first finding stands for beside its own, to stand behind it."""
+    if len(part) < 2:
+        return ""
+    if "rollout_id" not in part[0].location:
+        return f", and {counted(len(part) - 1, 'more group')}"
+    return f", and {counted(len(part) - 1, 'more attempt')} of the group"
 
 
 def unjudged(report: Report) -> list[str]:
