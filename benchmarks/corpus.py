@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR, shard_name
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.parquet import encode_table
 
@@ -46,5 +47,5 @@ def repeat_dataset(source: Path, target: Path, *, num_groups: int, groups_per_sh
         for name, table in tables.items():
             copies = [_renamed(table, f"s{shard}c{copy}-") for copy in range(copies_per_shard)]
             (folder / name).write_bytes(encode_table(pa.concat_tables(copies)))
-    write_manifest(target, build_manifest(target))
+    write_manifest(Folder(target), build_manifest(Folder(target)))
     return num_shards * copies_per_shard * source_groups

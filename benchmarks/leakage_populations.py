@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from branchdrive.formats.folder import Folder
 from branchdrive.leakage.battery import ways
 from branchdrive.leakage.classifier import Unavailable, sequence_classifier
 from branchdrive.leakage.gate import leakage_gate
@@ -96,7 +97,7 @@ def report(inputs: ReplayInputs, count: int) -> None:
 def main(root: Path, count: int) -> None:
     """Read the release and report."""
     scan = scan_raw(root, in_process)
-    layers = load_layers(root, scan.descriptor.action_bank.keys)
+    layers = load_layers(Folder(root), scan.descriptor.action_bank.keys)
     report(replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor), count)
 
 

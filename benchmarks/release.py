@@ -22,6 +22,7 @@ from benchmarks.validation import time_validation
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.errors import BranchDriveError
+from branchdrive.formats.folder import Folder
 from branchdrive.leakage.inputs import gate_features
 from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.replays import replay_inputs
@@ -78,7 +79,7 @@ def rows(folder: Path, bench: ReleaseBench) -> Iterator[Row]:
     root = folder / FOLDER
     yield from _collected(root, bench)
     yield from _built(root, bench)
-    layers = load_layers(root, ())
+    layers = load_layers(Folder(root), ())
     yield from _population(layers)
     yield from _validated(root, bench)
     yield from _leakage(root, layers, bench)

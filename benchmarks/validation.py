@@ -19,6 +19,7 @@ from branchdrive.engine.shard import ShardTask, audit_shard
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError
 from branchdrive.files.survey import take_survey
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.runtime.executor import isolated
 from branchdrive_reference.collect.campaign import collect
@@ -69,9 +70,11 @@ def _folders(root: Path) -> list[Path]:
 
 
 def _tasks(root: Path) -> list[ShardTask]:
-    survey = take_survey(root)
+    survey = take_survey(Folder(root))
     return [
-        ShardTask(root, folder, tuple(file.path for file in files), survey.descriptor, frozenset(CATALOGUE), True)
+        ShardTask(
+            survey.folder, folder, tuple(file.path for file in files), survey.descriptor, frozenset(CATALOGUE), True
+        )
         for folder, files in survey.shard_folders.items()
     ]
 

@@ -27,10 +27,10 @@ _known: dict[str, bytes] = {}
 def audit_once(task: ShardTask) -> ShardResult:
     """`audit_shard`, which shards of the same bytes go through once; files that cannot be read go through it anyway."""
     try:
-        files = {path: hashlib.sha256((task.root / path).read_bytes()).hexdigest() for path in task.files}
+        files = {path: hashlib.sha256((task.dataset.root / path).read_bytes()).hexdigest() for path in task.files}
     except OSError:
         return audit_shard(task)
-    if task.links is not None or any((task.root / path).is_symlink() for path in task.files):
+    if task.dataset.links is not None or any((task.dataset.root / path).is_symlink() for path in task.files):
         return audit_shard(task)
     claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
     options = sorted(task.selected), task.is_hashed, task.spool is None, task.media

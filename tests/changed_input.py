@@ -12,6 +12,7 @@ from tests.validator.contract.changing import changed, sample
 
 from branchdrive.cli.main import run
 from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 
 __all__ = ["changed_contents", "poor_end", "poor_ends"]
@@ -53,7 +54,7 @@ def poor_ends(root: Path, path: str, size: int, *commands: tuple[object, ...]) -
     for what, content in changed_contents(f"{commands[0][0]} {path}", original, size):
         (root / path).write_bytes(content)
         if path != MANIFEST_FILE:
-            write_manifest(root, build_manifest(root))
+            write_manifest(Folder(root), build_manifest(Folder(root)))
         found += [f"{path} {what}: {end}" for command in commands if (end := poor_end(*command))]
     (root / path).write_bytes(original)
     return found

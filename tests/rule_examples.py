@@ -25,7 +25,7 @@ __all__ = ["EXAMPLE_MUTANTS", "example", "without_numbers"]
 
 EXAMPLES_PATH = Path(__file__).parents[1] / EXAMPLES_FILE
 
-_DIGEST = re.compile(r"\b[0-9a-f]{12,}\b")
+_DIGEST = re.compile(r"(?<![.\w])[0-9a-f]{12,}\b")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 EXAMPLE_MUTANTS: Mapping[str, Mutant] = {mutant.rule: mutant for mutant in reversed(MUTANTS)}

@@ -46,6 +46,7 @@ import pyarrow.parquet as pq
 
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest
 from branchdrive.formats.parquet import encode_table
 
@@ -221,7 +222,7 @@ def edited_lines(lines: Sequence[str], edits: Sequence[Sequence[Any]]) -> list[s
 
 def sealed_digests(root: Path) -> dict[str, str]:
     """Digests of the manifest that the dataset at `root` would have if it were sealed now, by placeholder."""
-    manifest = build_manifest(root)
+    manifest = build_manifest(Folder(root))
     return {
         **{f"{{sha256 {path}}}": digest for path, digest in manifest.files.items()},
         **{f"{{layer {name}}}": digest for name, digest in manifest.layers.items()},
@@ -282,7 +283,7 @@ def _move(operation: Operation, root: Path) -> None:
 
 
 def _seal(_: Operation, root: Path) -> None:
-    _write(root / MANIFEST_FILE, build_manifest(root).render())
+    _write(root / MANIFEST_FILE, build_manifest(Folder(root)).render())
 
 
 def _manifest(operation: Operation, root: Path) -> None:

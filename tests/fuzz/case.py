@@ -28,6 +28,7 @@ from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError, UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.runtime.executor import Executor, in_process
 
@@ -241,11 +242,11 @@ def _sealed(root: Path) -> bool:
     if any(path.stat().st_size > _MAX_HASHED_BYTES for path in root.rglob("*") if path.is_file()):
         return False
     try:
-        manifest = build_manifest(root)
+        manifest = build_manifest(Folder(root))
     except (BranchDriveError, OSError):
         return False
     (root / MANIFEST_FILE).unlink(missing_ok=True)
-    write_manifest(root, manifest)
+    write_manifest(Folder(root), manifest)
     return True
 
 

@@ -20,7 +20,7 @@ from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import PROTOCOL_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.untrusted import read_named_file
+from branchdrive.formats.named_file import read_named_file
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.configuration import Configuration

@@ -161,7 +161,7 @@ def _description(release: Release, data: BenchmarkData, lock: Any | None) -> dic
         for model, file in ({} if lock is None else described_checkpoints(lock)).items()
     }
     parameters = {model: num_parameters(content, len(content)) for model, content in contents.items()}
-    return describe(from_arrow(read_layer_table(release.root, "contexts"), "contexts"), data, parameters)
+    return describe(from_arrow(read_layer_table(release.layer.folder, "contexts"), "contexts"), data, parameters)
 
 
 def _warnings(

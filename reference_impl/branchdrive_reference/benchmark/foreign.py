@@ -32,7 +32,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError, DecodeError, UsageError
-from branchdrive.formats.untrusted import read_named_file
+from branchdrive.formats.named_file import read_named_file
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.tables.frame import Values
 

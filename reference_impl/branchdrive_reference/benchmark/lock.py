@@ -23,7 +23,9 @@ __all__ = ["changed_checkpoints_of", "lock_facts", "read_lock"]
 def lock_facts(release: Release, protocol: BenchmarkProtocol) -> LockFacts:
     """What a lock of this release says of it."""
     listed = {path for path in release.manifest.files if path.split("/")[0] in LAYERS}
-    content = layers_content(release.root, listed & claimed_files(release.layer.descriptor.derived_layers, listed))
+    content = layers_content(
+        release.layer.folder, listed & claimed_files(release.layer.descriptor.derived_layers, listed)
+    )
     return LockFacts(
         protocol.digest,
         content_identity(content, content),

@@ -49,7 +49,7 @@ def noise_of(
     part = data.part("train")
     owner = _replays(release, {group: row for row, group in enumerate(part.groups)})
     values, available, group_of = [], [], list[int]()
-    for shard in find_shards(release.root):
+    for shard in find_shards(release.layer.folder):
         rollout_ids = shard.table("rollouts")["rollout_id"].to_pylist()
         rows = np.array([row for row, rollout in enumerate(rollout_ids) if rollout in owner], np.int64)
         if not len(rows):
@@ -88,4 +88,4 @@ def _replays(release: Release, groups: dict[str, int]) -> dict[str, int]:
 
 
 def _frame(release: Release, name: str) -> Frame:
-    return from_arrow(read_layer_table(release.root, name), name)
+    return from_arrow(read_layer_table(release.layer.folder, name), name)

@@ -24,9 +24,9 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import Manifest, read_manifest
 from branchdrive.formats.table_file import read_layer_table
-from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Values
@@ -64,7 +64,7 @@ class Release:
     @cached_property
     def clusters(self) -> dict[str, int]:
         """Route cluster of every group of the model layer."""
-        contexts = from_arrow(read_layer_table(self.root, "contexts"), "contexts")
+        contexts = from_arrow(read_layer_table(self.layer.folder, "contexts"), "contexts")
         return dict(zip(contexts["group_id"].tolist(), contexts["route_cluster"].tolist(), strict=True))
 
     def content(self, path: str) -> bytes:
@@ -73,7 +73,7 @@ class Release:
         Raises:
             DatasetError: It cannot be read.
         """
-        return read_file(self.root, path, spec_limits().max_table_bytes)
+        return self.layer.folder.read(path, spec_limits().max_table_bytes)
 
     def document(self, path: str) -> Any | None:
         """A JSON document; ``None`` if the release has none of that name.
@@ -83,7 +83,7 @@ class Release:
         """
         if path not in self.manifest.files:
             return None
-        return self.parsed(path, read_file(self.root, path, spec_limits().max_document_bytes), "restore the file")
+        return self.parsed(path, self.layer.folder.read(path, spec_limits().max_document_bytes), "restore the file")
 
     def parsed(self, path: str, content: bytes, advice: str) -> Any:
         """A JSON document of a layer from its bytes.
@@ -115,13 +115,13 @@ def open_release(root: str | Path) -> Release:
         DatasetError: There is no model layer or no manifest, or a file is not the one that the manifest lists.
     """
     path, layer = Path(root), open_model(root)
-    manifest, mismatches = parse_manifest(read_file(path, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+    manifest, mismatches = read_manifest(Folder(path))
     if mismatches or manifest != Manifest.of(manifest.files):
         raise DatasetError(f"{root}: {MANIFEST_FILE} contradicts itself; run `branchdrive build`")
     for name, digest in manifest.files.items():
         if layer_of(name) in _READ:
             try:
-                with open_file(path, name) as stream:
+                with Folder(path).open(name) as stream:
                     found = hashlib.file_digest(stream, "sha256").hexdigest()
             except DatasetError as error:
                 raise DatasetError(f"{error}; {_REMEDY}") from error
@@ -136,7 +136,7 @@ def benchmark_data(release: Release) -> BenchmarkData:
     Raises:
         DatasetError: A table cannot be read or packed.
     """
-    frames = {name: from_arrow(read_layer_table(release.root, name), name) for name in DATA_TABLES}
+    frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in DATA_TABLES}
     return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
 
 
@@ -148,7 +148,7 @@ def baseline_contexts(release: Release, protocol: BenchmarkProtocol, data: Bench
     """
 
     def frame_of(name: str) -> dict[str, Values]:
-        return from_arrow(read_layer_table(release.root, name), name)
+        return from_arrow(read_layer_table(release.layer.folder, name), name)
 
     return contexts_of(frame_of, data, protocol.baselines) if protocol.baselines else None
 
@@ -162,7 +162,7 @@ def published_predictions(release: Release, protocol: BenchmarkProtocol, data: B
     """
     if not release.has_benchmark:
         raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
-    frames = {name: from_arrow(read_layer_table(release.root, name), name) for name in TABLES}
+    frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in TABLES}
     for wrong in prediction_mismatches(frames, data, protocol):
         raise DatasetError(f"{release.root}: {mismatch_text(wrong)}; run `branchdrive predict` again")
     return PredictionSet.from_frames(frames, data)

@@ -9,6 +9,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.reader import open_dataset
 from branchdrive.release.publish import is_rendering
 from branchdrive_reference.rendering.plan import MediaPlan
@@ -36,7 +37,7 @@ def is_being_rendered(root: Path, descriptor: Descriptor, num_groups: int) -> bo
     """
     if not (root / DESCRIPTOR_FILE).exists():
         return False
-    found = read_descriptor(root)
+    found = read_descriptor(Folder(root))
     if not found.cameras and not is_rendering(root):
         return False
     streams = tuple(name for name in found.streams if not STREAMS[name].cameras)

@@ -50,7 +50,7 @@ class _FoldLayer(ModelLayer):
     """A model layer whose training partition lacks the groups of a fold."""
 
     def __init__(self, layer: ModelLayer, fold: Fold) -> None:
-        super().__init__(layer.root, layer.descriptor)
+        super().__init__(layer.folder, layer.descriptor)
         self._fold = frozenset(fold.groups)
 
     @cached_property

@@ -15,7 +15,6 @@ from torch import Tensor
 
 from branchdrive.benchmark.prediction.data import groups_digest
 from branchdrive.contract.limits import spec_limits
-from branchdrive.formats.untrusted import read_file
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration
 
@@ -84,5 +83,5 @@ def normalisation_digest(layer: ModelLayer) -> str:
     Raises:
         DatasetError: The file cannot be read.
     """
-    content = read_file(layer.root, NORMALISATION_FILE, spec_limits().max_document_bytes)
+    content = layer.folder.read(NORMALISATION_FILE, spec_limits().max_document_bytes)
     return hashlib.sha256(content).hexdigest()

@@ -18,7 +18,7 @@ from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import replace_file
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.folder import Folder
 from branchdrive.runtime.environment import install_command
 
 try:
@@ -67,7 +67,7 @@ def read_tensors(path: Path) -> TensorFile:
     Raises:
         DatasetError: There is no such file, it is too large, no file of this kind, or it was damaged.
     """
-    content = read_file(path.parent, path.name, MAX_BYTES)
+    content = Folder(path.parent).read(path.name, MAX_BYTES)
     try:
         about = _about(content)
         loaded = safetensors.torch.load(content)  # in an order of its own, another one in every process

@@ -26,17 +26,17 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, replace_file, sync_dir
+from branchdrive.formats.durable import delete, durable_stream, make_dir, move, partial_path, replace_file
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import (
     Manifest,
     build_manifest,
     check_against_manifest,
-    parse_manifest,
+    read_manifest,
     write_manifest,
 )
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.untrusted import open_file, read_file
 from branchdrive.raw.media.folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
@@ -112,7 +112,7 @@ def render_dataset(
 def _manifest(root: Path) -> Manifest:
     if not (root / MANIFEST_FILE).is_file():
         raise UsageError(f"{str(root)!r} holds no finished dataset: there is no {MANIFEST_FILE!r}")
-    return parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+    return read_manifest(Folder(root))[0]
 
 
 class _Rendering:
@@ -120,12 +120,13 @@ class _Rendering:
 
     def __init__(self, root: Path, plan: MediaPlan, jobs: int, watch: Callable[[int, int], None]) -> None:
         self._root, self._plan, self._jobs, self._watch = root, plan, jobs, watch
+        self._dataset = Folder(root)
         self._num_found = self._num_groups = 0
 
     def run(self) -> RenderReport:
         if not (self._root / DESCRIPTOR_FILE).is_file():
             raise UsageError(f"{str(self._root)!r} holds no dataset: there is no {DESCRIPTOR_FILE!r}")
-        descriptor = read_descriptor(self._root)
+        descriptor = read_descriptor(self._dataset)
         check_renderable(descriptor)
         self._refuse_another_plan()
         with staging(self._root, create=False, folder=RENDER_DIR) as work:
@@ -137,7 +138,7 @@ class _Rendering:
                 self._prepare(area, descriptor)
             self._install(area)
             delete(area)
-        if is_installing and not self._is_done(read_descriptor(self._root)):
+        if is_installing and not self._is_done(read_descriptor(self._dataset)):
             raise UsageError(
                 f"{str(self._root)!r}: an interrupted run was installing other media than these; they are complete "
                 "now, and stay as they are"
@@ -150,7 +151,7 @@ class _Rendering:
         is_begun = (self._root / area / _PLAN_FILE).exists() and any((self._root / area).rglob("*.parquet"))
         if not is_begun or not (self._root / MANIFEST_FILE).exists():
             return
-        found = read_file(self._root, (area / _PLAN_FILE).as_posix(), spec_limits().max_document_bytes)
+        found = self._dataset.read((area / _PLAN_FILE).as_posix(), spec_limits().max_document_bytes)
         if not found.startswith(self._plan.document()):
             there, wanted = plan_text(found), plan_text(self._plan.document())
             raise UsageError(
@@ -168,7 +169,7 @@ class _Rendering:
             return False
         if self._plan.offsets is not None:
             return True
-        return all(_num_filmed(shard) >= _num_observations(shard, self._plan) for shard in find_shards(self._root))
+        return all(_num_filmed(shard) >= _num_observations(shard, self._plan) for shard in find_shards(self._dataset))
 
     def _prepare(self, area: Path, descriptor: Descriptor) -> None:
         """Render what is missing; the area then holds everything that is to be installed."""
@@ -180,17 +181,17 @@ class _Rendering:
                 f"{str(self._root)!r} has the layers {', '.join(derived)}, which were built without media; pass "
                 "`--output DIR` for a copy of its raw layer with media"
             )
-        check_against_manifest(self._root)
+        check_against_manifest(self._dataset)
         content = self._plan.document() + manifest.identity.encode()
         if area.exists() and (not (area / _PLAN_FILE).exists() or (area / _PLAN_FILE).read_bytes() != content):
             delete(area)
         self._check_room(area)
         make_dir(area)
         replace_file(area / _PLAN_FILE, content)
-        for shard in find_shards(self._root):
+        for shard in find_shards(self._dataset):
             make_dir(area / shard_name(shard.index))
         self._render(area)
-        for shard in find_shards(self._root):
+        for shard in find_shards(self._dataset):
             self._join(area, shard)
         replace_file(area / DESCRIPTOR_FILE, render_descriptor(claimed))
         replace_file(area / _READY_FILE, manifest.identity.encode())
@@ -201,7 +202,7 @@ class _Rendering:
         While an archive is made of its pieces, both are on the disk.
         """
         one = _observation_bytes(self._plan)
-        sizes = {shard: _num_observations(shard, self._plan) * one for shard in find_shards(self._root)}
+        sizes = {shard: _num_observations(shard, self._plan) * one for shard in find_shards(self._dataset)}
         largest = max((size for shard, size in sizes.items() if not _index_path(area, shard).exists()), default=0.0)
         if largest > spec_limits().max_media_bytes:
             raise ContractError(
@@ -225,7 +226,7 @@ class _Rendering:
             if not _index_path(area, shard).exists()
         ]
         missing = [task for task in tasks if not piece_paths(task.folder, task.number)[1].exists()]
-        self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._root))
+        self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._dataset))
         self._num_found = self._num_groups - len(missing)
         self._watch(self._num_found, self._num_groups)
         for done, _ in enumerate(render_groups(self._root, self._plan, missing, jobs=self._jobs), start=1):
@@ -247,26 +248,25 @@ class _Rendering:
         """Put everything in its place; after an interruption at any point it can be done again."""
         identity = (area / _READY_FILE).read_text()
         if (self._root / MANIFEST_FILE).is_file():
-            check_against_manifest(self._root)  # the last moment at which a refusal leaves the dataset as it is
-            (self._root / MANIFEST_FILE).unlink()
-            sync_dir(self._root)
-        for shard in find_shards(self._root):
+            check_against_manifest(self._dataset)  # the last moment at which a refusal leaves the dataset as it is
+            self._dataset.remove(MANIFEST_FILE)
+        for shard in find_shards(self._dataset):
             for name in (MEDIA_FILE, TABLES[FRAMES].file_name):
                 source = area / shard_name(shard.index) / name
                 if source.exists():
                     move(source, shard.folder / name)
         if (area / DESCRIPTOR_FILE).exists():
             move(area / DESCRIPTOR_FILE, self._root / DESCRIPTOR_FILE)
-        manifest = build_manifest(self._root)
+        manifest = build_manifest(self._dataset)
         if manifest.identity != identity:
             raise DatasetError(
                 f"{self._root}: files of the raw layer differ from what the manifest said when rendering began; "
                 "restore them, and render again"
             )
-        write_manifest(self._root, manifest)
+        write_manifest(self._dataset, manifest)
 
     def _report(self) -> RenderReport:
-        shards = find_shards(self._root)
+        shards = find_shards(self._dataset)
         num_images = sum(shard.table(FRAMES).num_rows for shard in shards)
         archives = [shard.folder / MEDIA_FILE for shard in shards]
         num_bytes = sum(path.stat().st_size for path in archives if path.exists())
@@ -307,31 +307,31 @@ def _observation_bytes(plan: MediaPlan) -> float:
 def _copy(root: Path, output: Path) -> None:
     """A dataset in `output` that is the raw layer of the one at `root`, unless it is there already."""
     manifest = _manifest(root)
-    descriptor = read_descriptor(root)
+    descriptor = read_descriptor(Folder(root))
     check_renderable(descriptor)
     names = {path.name for path in output.iterdir() if not path.name.startswith(".")} if output.exists() else set()
     if names and DESCRIPTOR_FILE not in names:
         raise UsageError(f"{str(output)!r} is not empty and holds no dataset; choose another folder")
-    if names and read_descriptor(output).dataset_id != descriptor.dataset_id:
+    if names and read_descriptor(Folder(output)).dataset_id != descriptor.dataset_id:
         raise UsageError(f"{str(output)!r} holds another dataset; choose another folder")
     raw = {path: digest for path, digest in manifest.files.items() if layer_of(path) == RAW_DIR}
     is_finished = (output / MANIFEST_FILE).is_file()
     if is_finished or (output / STAGING_DIR).exists():
-        found = _manifest(output) if is_finished else build_manifest(output)
+        found = _manifest(output) if is_finished else build_manifest(Folder(output))
         if {path: digest for path, digest in found.files.items() if layer_of(path) == RAW_DIR} != raw:
             raise UsageError(f"{str(output)!r} has another raw layer than {str(root)!r}; choose another folder")
         return
     output.mkdir(parents=True, exist_ok=True)
     document = {**descriptor.model_dump(mode="json"), "layers": ["raw"]}
-    replace_file(output / DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
+    Folder(output).replace(DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
     copied = raw | {path: digest for path, digest in manifest.files.items() if path == LICENCE_FILE}
     for path in copied:
         _copy_file(root, output, path)
-    found = build_manifest(output)
+    found = build_manifest(Folder(output))
     differing = sorted(path for path, digest in copied.items() if found.files[path] != digest)
     if differing:
         raise DatasetError(f"{root}: {differing[:5]} differ from {MANIFEST_FILE}; restore the files first")
-    write_manifest(output, found)
+    write_manifest(Folder(output), found)
 
 
 def _copy_file(root: Path, output: Path, path: str) -> None:
@@ -343,6 +343,6 @@ def _copy_file(root: Path, output: Path, path: str) -> None:
     target = output / path
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = partial_path(target)
-    with open_file(root, path) as source, durable_stream(partial) as stream:
+    with Folder(root).open(path) as source, durable_stream(partial) as stream:
         shutil.copyfileobj(source, stream)
     move(partial, target)

@@ -15,6 +15,7 @@ from tests.validator.benchmark.samples import paper_protocol
 
 from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.driving.target import TARGETS
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.model.arrays import pack_arrays
 from branchdrive.model.features import target_mask
@@ -44,7 +45,7 @@ def make_release(root: Path, seed: int = 0) -> Path:
         frames["scalars"][target_mask(target.name)] = np.ones(values.shape, bool)
     arrays = pack_arrays(frames, sorted(ASSIGNMENT), CANDIDATES)
     write_release(root, frames, normalisation=normalisation_document(arrays, ASSIGNMENT))
-    write_manifest(root, build_manifest(root))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
     return root
 
 
@@ -96,5 +97,6 @@ def contents(root: Path) -> dict[str, bytes]:
 def is_clean(root: Path) -> bool:
     """Whether the release is whole: no working area, and every file as the manifest has it."""
     return (
-        not (root / STAGING_DIR).exists() and build_manifest(root).render() == (root / "MANIFEST.sha256").read_bytes()
+        not (root / STAGING_DIR).exists()
+        and build_manifest(Folder(root)).render() == (root / "MANIFEST.sha256").read_bytes()
     )

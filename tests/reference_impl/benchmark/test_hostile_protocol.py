@@ -14,6 +14,7 @@ from tests.reference_impl.benchmark.small_release import contents, invoke, proto
 from branchdrive import DatasetError, UsageError
 from branchdrive.benchmark.tables import render_tables
 from branchdrive.contract.document import dump_json
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.benchmark.command.evaluate import render_results
 
@@ -56,7 +57,7 @@ def publish(release: Path, document: dict[str, Any]) -> None:
     """Let the protocol be the one that the release brings."""
     (release / "benchmark").mkdir()
     (release / "benchmark" / "protocol.json").write_bytes(dump_json(document))
-    write_manifest(release, build_manifest(release))
+    write_manifest(Folder(release), build_manifest(Folder(release)))
 
 
 @pytest.mark.parametrize(("document", "words"), ALL.values(), ids=list(ALL))
@@ -99,7 +100,7 @@ def test_a_checkpoint_in_a_folder_of_its_own_is_not_taken_along(benchmarked: Pat
     folder = benchmarked / "benchmark" / "checkpoints" / "deep"
     folder.mkdir()
     (folder / "M1-seed11.safetensors").write_bytes(b"theirs")
-    write_manifest(benchmarked, build_manifest(benchmarked))
+    write_manifest(Folder(benchmarked), build_manifest(Folder(benchmarked)))
     before = contents(benchmarked)
     invoke("train", benchmarked)
     assert contents(benchmarked) == before

@@ -11,6 +11,7 @@ from tests.reference_impl.benchmark.small_release import contents, invoke, make_
 from branchdrive import DatasetError, UsageError
 from branchdrive.benchmark.tables import result_sections
 from branchdrive.contract.identity import content_identity
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.layers.content import layers_content
 from branchdrive.text.table import Table
@@ -20,13 +21,15 @@ SUFFIXES = (".json", ".parquet")
 
 
 def _finish(root: Path) -> None:
-    write_manifest(root, build_manifest(root))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
 
 
 def test_it_names_the_release_without_its_raw_layer(done: Path) -> None:
     lock = json.loads((done / "benchmark" / "lock.json").read_bytes())
-    derived = {path for path in build_manifest(done).files if path.startswith(LAYERS) and path.endswith(SUFFIXES)}
-    content = layers_content(done, derived)
+    derived = {
+        path for path in build_manifest(Folder(done)).files if path.startswith(LAYERS) and path.endswith(SUFFIXES)
+    }
+    content = layers_content(Folder(done), derived)
     assert set(content) == {layer.rstrip("/") for layer in LAYERS if any(path.startswith(layer) for path in derived)}
     assert lock["release_identity"] == content_identity(content, content)
     assert [(one["model"], one["seed"]) for one in lock["checkpoints"]] == [

@@ -9,6 +9,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import invoke
 
 from branchdrive import BranchDriveError, UsageError, open_model
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, build_manifest
 from branchdrive_reference.benchmark.onnx_export import TOLERANCE, check_equal
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
@@ -32,7 +33,7 @@ def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], request
     model = onnx.load_from_string(content)
     about = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
     assert about["branchdrive.candidates"] == list(layer.candidate_order)
-    assert about["branchdrive.release"] == Manifest.of(build_manifest(done).files).identity
+    assert about["branchdrive.release"] == Manifest.of(build_manifest(Folder(done)).files).identity
     assert about["branchdrive.utility"]["reversed"] == ["mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps"]
     assert [one["seed"] for one in about["branchdrive.checkpoints"]] == [11, 23]
     assert model.opset_import[0].version >= 17

@@ -18,6 +18,7 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE
 from branchdrive.engine.validate import validate
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES
 from branchdrive.quality.variants import Variant
@@ -116,7 +117,7 @@ def test_every_further_release_counts_them_all(rebuilt: Path, evaluated: Path, p
     ledger = json.loads((root / LEDGER_FILE).read_bytes())
     ledger["entries"] = ledger["entries"][:-4]
     (root / LEDGER_FILE).write_bytes(dump_json(ledger))
-    write_manifest(root, build_manifest(root))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
     assert {"BD-BMK-002", "BD-BMK-012"} <= findings(root, "invalid")
 
 
@@ -130,12 +131,12 @@ def test_a_release_in_another_folder_takes_them_over(evaluated: Path, tmp_path: 
 def test_a_benchmark_that_lies_in_both_folders_is_counted_once(evaluated: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     shutil.copytree(evaluated, other, ignore=shutil.ignore_patterns("raw"))
-    descriptor = read_descriptor(other)
+    descriptor = read_descriptor(Folder(other))
     layers = [layer for layer in descriptor.layers if layer != "raw"]
     (other / "branchdrive.json").write_bytes(
         render_descriptor(descriptor.model_validate({**descriptor.model_dump(mode="json"), "layers": layers}))
     )
-    write_manifest(other, build_manifest(other))
+    write_manifest(Folder(other), build_manifest(Folder(other)))
     before = contents(other / "benchmark")
     build(evaluated, output=other)
     assert contents(other / "benchmark") == before

@@ -19,13 +19,14 @@ from tests.sampling import THOROUGH
 from branchdrive import DatasetError, UsageError
 from branchdrive.contract.document import dump_json, schema_mismatches
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive_reference.learning.training import EpochReport
 
 
 def test_one_command_makes_a_whole_layer(bare: Path, done: Path) -> None:
     assert is_clean(done)
-    assert read_descriptor(done).layers == (*read_descriptor(bare).layers, "benchmark")
+    assert read_descriptor(Folder(done)).layers == (*read_descriptor(Folder(bare)).layers, "benchmark")
     before, after = contents(bare), contents(done)
     changed = {path for path in before if before[path] != after[path]}
     assert changed == {"branchdrive.json", "MANIFEST.sha256"}
@@ -137,7 +138,7 @@ def test_a_ranking_lock_of_another_form_is_named(benchmarked: Path) -> None:
     document = json.loads(file.read_bytes())
     document["outcome_noise"] = {"tolerance": [0.1] * 6}
     file.write_bytes(dump_json(document))
-    write_manifest(benchmarked, build_manifest(benchmarked))
+    write_manifest(Folder(benchmarked), build_manifest(Folder(benchmarked)))
     with pytest.raises(DatasetError, match=r"'benchmark/ranking_lock.json' at /.*: expected .*; restore the file"):
         invoke("evaluate", benchmarked, "--no-figures")
 

@@ -23,6 +23,7 @@ from branchdrive import validate
 from branchdrive.benchmark.protocol.protocol import default_protocol, protocol_problem, visual_protocol
 from branchdrive.contract.document import dump_json
 from branchdrive.errors import UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses
 from branchdrive_reference.benchmark import latency
@@ -49,7 +50,7 @@ def looked_at(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A release with images whose structured models were evaluated first, and then all of them."""
     folder = tmp_path_factory.mktemp("visual")
     root = add_images(make_release(folder / "release"), ASSIGNMENT)
-    write_manifest(root, build_manifest(root))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
     structured = {**small_visual(), "name": "small-structured"}
     structured["models"] = structured["models"][:2]
     structured["guard"] = {name: value for name, value in structured["guard"].items() if name != "further_models"}
@@ -126,7 +127,7 @@ def test_another_protocol_does_not_carry_its_name() -> None:
 def opened(root: Path, **changes: Any) -> Release:
     about = json.loads((root / "branchdrive.json").read_bytes())
     (root / "branchdrive.json").write_bytes(dump_json({**about, **changes}))
-    write_manifest(root, build_manifest(root))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
     return open_release(root)
 
 

@@ -21,6 +21,7 @@ from branchdrive.cli.main import run
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import ContractError, DatasetError, PlatformError, UsageError
 from branchdrive.formats.durable import move
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.release.publish import is_rendering
 from branchdrive_reference.rendering.dataset import RenderReport, render_dataset
@@ -272,7 +273,7 @@ def test_no_link_of_the_source_is_followed(copy: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_an_output_with_another_raw_layer_is_refused(copy: Path, rendered: RenderReport, is_finished: bool) -> None:
     rewrite(copy / CONTROLS)
-    write_manifest(copy, build_manifest(copy))
+    write_manifest(Folder(copy), build_manifest(Folder(copy)))
     if not is_finished:
         (copy / "MANIFEST.sha256").unlink()
         (copy / ".staging").mkdir()

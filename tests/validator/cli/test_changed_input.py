@@ -13,6 +13,7 @@ from branchdrive import open_dataset
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.errors import BranchDriveError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 
 WAIVERS = {
@@ -40,7 +41,7 @@ def test_a_changed_dataset_is_opened_or_refused_in_words(valid_root: Path, tmp_p
         for what, content in changed_contents(path, original, 60):
             (root / path).write_bytes(content)
             if path != MANIFEST_FILE:
-                write_manifest(root, build_manifest(root))
+                write_manifest(Folder(root), build_manifest(Folder(root)))
             try:
                 open_dataset(root).rollouts()
             except BranchDriveError as error:

@@ -95,7 +95,11 @@ def test_cells_are_counted_with_the_largest_difference(base: Path, tmp_path: Pat
     other = write(tmp_path / "other", cells("observations", "x_m", {3: x[3] + 0.5, 4: x[4] - 0.25}))
     code, found = document(base, other)
     assert (code, found["data"], len(found["changed"])) == (1, "differ", 1)
-    first = {"location": {"rollout_id": "g0.accelerate_0.30.a1", "tick": 15}, "ours": repr(x[3]), "theirs": repr(x[3] + 0.5)}
+    first = {
+        "location": {"rollout_id": "g0.accelerate_0.30.a1", "tick": 15},
+        "ours": repr(x[3]),
+        "theirs": repr(x[3] + 0.5),
+    }
     assert found["tables"]["observations"]["columns"] == {
         "x_m": {"num_cells": 2, "largest": pytest.approx(0.5), "first": first}
     }

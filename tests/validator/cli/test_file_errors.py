@@ -14,8 +14,8 @@ from tests.file_size import at_most
 from branchdrive.cli import main as command_line
 from branchdrive.cli.main import run, validate_run
 from branchdrive.errors import PlatformError
-from branchdrive.formats import untrusted
 from branchdrive.formats.durable import replace_file
+from branchdrive.formats.folder import Folder
 from branchdrive.runtime.executor import in_process
 
 FAULTS = {
@@ -80,7 +80,7 @@ def test_a_machine_that_cannot_read_makes_no_finding(valid_root: Path, monkeypat
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="reads what Linux cannot read")
 def test_a_disk_that_fails_is_no_matter_of_the_file() -> None:
     with (
-        untrusted.open_file(Path("/proc/self"), "mem") as stream,
+        Folder(Path("/proc/self")).open("mem") as stream,
         pytest.raises(PlatformError, match=r"/proc/self/mem: Input/output error; its disk failed"),
     ):
         stream.read(1)

@@ -121,16 +121,15 @@ content  CONTENT
 
 Violations
   BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows
-      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.accelerate_0.30.a1
-      tick=15
+      file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.nominal.a1 tick=15
         expected -200 .. 200 m/s; found 1000.0
       remedy: Correct units, frame or wrapping; ranges are in schemas/v0.1/columns.json.
 
 Why attempts and groups do not qualify
   BD-CTL-009  Applied control equals the online expert while inactive: 30 violations in 45 rollouts
-      group_id=g0 rollout_id=g0.accelerate_0.50.a1 table=controls tick=30  (2 places), and 13 more attempts of the group
+      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30  (2 places), and 13 more attempts of the group
         COMMANDS
-      group_id=g1 rollout_id=g1.nominal.a1 table=controls tick=30  (2 places), and 15 more attempts of the group
+      group_id=g1 rollout_id=g1.accelerate_0.30.a1 table=controls tick=30  (2 places), and 15 more attempts of the group
         COMMANDS
       remedy: Leave the ego to the online expert outside the active window, and apply and record the very float32
       command of the expert, not a quantised one.

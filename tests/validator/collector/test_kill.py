@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tests.repo.checkout import ROOT
 
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import check_against_manifest
 
 KILLS = """
@@ -49,4 +50,4 @@ def test_killed_in_the_middle_it_resumes_to_the_same_content(tmp_path: Path) -> 
     assert 4 <= num_finished(killed) < 30
     resumed = subprocess.run(command(killed), check=True, capture_output=True, text=True)
     assert "0 found finished" in resumed.stdout
-    assert check_against_manifest(killed).identity == check_against_manifest(whole).identity
+    assert check_against_manifest(Folder(killed)).identity == check_against_manifest(Folder(whole)).identity

@@ -14,6 +14,7 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import ContractError, DatasetError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 
 CALLS: dict[str, tuple[Callable[[], Any], str, str, str]] = {
     "10 Hz": (lambda: Rates(tick_s=0.1), "/tick_s", "step the simulator at 20 Hz", "0.1"),
@@ -59,7 +60,7 @@ def test_every_problem_is_a_line_that_is_safe_to_print() -> None:
 def test_a_file_is_refused_in_plain_words(tmp_path: Path, change: dict[str, Any], problem: str) -> None:
     (tmp_path / DESCRIPTOR_FILE).write_bytes(dump_json({**synthetic_descriptor(), **change}))
     with pytest.raises(DatasetError) as raised:
-        read_descriptor(tmp_path)
+        read_descriptor(Folder(tmp_path))
     assert problem in str(raised.value)
     assert "pydantic" not in str(raised.value)
 

@@ -62,6 +62,11 @@ def cells(name: str, column: str, values: Mapping[int, Any]) -> Tables:
     return edited(name, lambda table: with_cells(table, column, values))
 
 
+def row_of(name: str, rollout_id: str, number: int) -> int:
+    """Row of an attempt in a table of the first shard, by its number among the attempt's."""
+    return int(synthetic.base_tables()[FOLDER][name]["rollout_id"].to_pylist().index(rollout_id)) + number
+
+
 @dataclass(frozen=True)
 class Departure:
     """The valid dataset with one thing changed, and what the validator must say."""
@@ -79,14 +84,15 @@ def _status(table: pa.Table) -> pa.Table:
 DEPARTURES = {
     "none": Departure(synthetic.base_tables, "valid", frozenset(), 3),
     "speed out of range": Departure(
-        lambda: cells("observations", "speed_mps", {3: 1000.0}), "invalid", frozenset({"BD-VAL-002"}), 2
+        lambda: cells("observations", "speed_mps", {row_of("observations", "g0.nominal.a1", 3): 1000.0}),
+        "invalid", frozenset({"BD-VAL-002"}), 2,
     ),
     "rows of nobody": Departure(
         lambda: edited("controls", lambda t: pa.concat_tables([t, with_column(t[:9], "rollout_id", ["nobody"] * 9)])),
         "invalid", frozenset({"BD-KEY-004"}), 3,
     ),
     "a row twice": Departure(
-        lambda: edited("controls", lambda t: pa.concat_tables([t, t[50:51]])),
+        lambda: edited("controls", lambda t: pa.concat_tables([t[:51], t[50:]])),
         "invalid", frozenset({"BD-KEY-007"}), 2,
     ),
     "another command applied": Departure(

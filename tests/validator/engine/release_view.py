@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.engine.derived import layer_files_task, layers_tasks
+from branchdrive.engine.derived import layers_tasks
 from branchdrive.engine.derived_rules import view_of
 from branchdrive.engine.reading import read_dataset
 from branchdrive.engine.spool import Spool
 from branchdrive.files.survey import take_survey
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import parts_of
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.runtime.executor import in_process
@@ -19,14 +20,11 @@ from branchdrive.runtime.executor import in_process
 
 def release_view(root: Path) -> ReleaseView:
     """View of the release at `root`, with its raw layer and all its rows."""
-    survey, selected = take_survey(root), frozenset(CATALOGUE)
+    survey, selected = take_survey(Folder(root)), frozenset(CATALOGUE)
     with Spool.temporary() as spool:
-        task = layer_files_task(survey, spool)
-        assert task is not None
-        reading = read_dataset(survey, selected, in_process, spool=spool, layers=task)
+        reading = read_dataset(survey, selected, in_process, spool=spool, release=survey)
         assert reading.layers is not None and not reading.errors
-        source = survey.with_shards(tuple(reading.shards))
-        view = view_of(next(layers_tasks(task, reading.layers, source, reading.shards, selected)))
+        view = view_of(next(layers_tasks(reading, reading.layers, selected)))
         assert view.raw.rows is not None
         raw = RawLayer(dict(view.raw.rows), digest=view.raw.digest, descriptor=view.raw.descriptor)
         tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}

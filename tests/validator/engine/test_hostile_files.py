@@ -313,6 +313,7 @@ def test_a_root_that_cannot_be_listed_is_wrong_usage(tmp_path: Path, unreadable:
 
 def test_a_root_that_vanishes_is_wrong_usage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write(tmp_path / "dataset")
+    (root / ".branchdriveignore").write_text("notes\n")
 
     def moved_away(*_: Any) -> tuple[tuple[str, ...], str]:
         root.rename(tmp_path / "elsewhere")

@@ -18,7 +18,7 @@ from branchdrive.contract.mismatch import Location
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.untrusted import open_file
+from branchdrive.formats.folder import Folder
 from branchdrive.model.reader import open_model
 from branchdrive.raw.reader import open_dataset
 
@@ -172,7 +172,7 @@ def test_bytes_of_files_with_several_paths_are_bounded(
     limits = replace(spec_limits(), max_repeated_bytes=2 * size)
     monkeypatch.setattr("branchdrive.files.survey.spec_limits", lambda: limits)
     opened: list[str] = []
-    monkeypatch.setattr("branchdrive.files.survey._digest", lambda root, path, links: opened.append(path) or "0" * 64)
+    monkeypatch.setattr(Folder, "digest", lambda folder, path: opened.append(path) or "0" * 64)
 
     for name in ("second", "third"):
         add(large, root / name)
@@ -211,7 +211,7 @@ def test_a_link_that_appears_after_it_was_resolved_is_not_followed(
 
     monkeypatch.setattr(os.path, "realpath", swapping)
     with pytest.raises(DatasetError, match="cannot be opened"):
-        open_file(root, "file", (blobs,))
+        Folder(root, (blobs,)).open("file")
 
 
 def test_folders_without_following_links_are_refused(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LEDGER_FILE
 from branchdrive.engine.report import Report
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 
 DOCUMENTS = (PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS, LEDGER_FILE)
@@ -54,7 +55,7 @@ def judged(root: Path, path: str, content: bytes) -> Report:
     before = (root / path).read_bytes()
     try:
         (root / path).write_bytes(content)
-        write_manifest(root, build_manifest(root))
+        write_manifest(Folder(root), build_manifest(Folder(root)))
         return judged_folder(root, select=RULES)
     finally:
         (root / path).write_bytes(before)

@@ -15,11 +15,11 @@ from tests.sampling import THOROUGH
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.engine.derived import layer_files_task
-from branchdrive.engine.derived_files import LayerFiles, read_layers
+from branchdrive.engine.derived_files import LayerFiles, layer_files_task, read_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
 from branchdrive.files.survey import take_survey
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
@@ -48,7 +48,7 @@ def test_a_null_in_a_raw_table_is_a_finding(share: int, tmp_path: Path) -> None:
     write_base("raw", root := tmp_path / "dataset")
     wrong = []
     for place in with_a_null(root, places(root)[::share]):
-        write_manifest(root, build_manifest(root))
+        write_manifest(Folder(root), build_manifest(Folder(root)))
         report = validate(root, media="index")
         is_named = any(finding.location.get("column") == place.column.name for finding in report.findings)
         is_allowed = place.column.available is not None and place.column.available.when == "optional"
@@ -60,7 +60,7 @@ def test_a_null_in_a_raw_table_is_a_finding(share: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("share", SHARES)
 def test_a_null_in_a_file_of_a_layer_is_a_finding(share: int, tmp_path: Path) -> None:
     root = BenchmarkDraft().write(tmp_path / "dataset")
-    survey = take_survey(root, hash_files=False)
+    survey = take_survey(Folder(root), hash_files=False)
     derived = [place for place in places(root) if place.path in TABLE_OF_PATH]
     wrong = []
     for place in with_a_null(root, derived[::share]):

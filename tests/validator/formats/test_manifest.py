@@ -13,6 +13,7 @@ from tests.each import each
 from branchdrive.contract.layout import MANIFEST_FILE, is_safe_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import (
     SAFE_PATH,
     WELL_FORMED,
@@ -151,18 +152,18 @@ def test_the_manifest_of_a_folder_lists_every_other_file(tmp_path: Path) -> None
     (tmp_path / ".staging/groups/x").write_bytes(b"x")
     (tmp_path / "raw/shard-00000/rollouts.parquet").write_bytes(b"r")
     (tmp_path / "branchdrive.json").write_bytes(b"d")
-    manifest = build_manifest(tmp_path)
+    manifest = build_manifest(Folder(tmp_path))
     assert dict(manifest.files) == {"branchdrive.json": sha256("d"), "raw/shard-00000/rollouts.parquet": sha256("r")}
-    write_manifest(tmp_path, manifest)
-    assert build_manifest(tmp_path) == manifest
+    write_manifest(Folder(tmp_path), manifest)
+    assert build_manifest(Folder(tmp_path)) == manifest
     assert (tmp_path / MANIFEST_FILE).read_bytes() == manifest.render()
 
 
 def test_a_text_of_somebody_is_no_card_before_there_is_a_release(tmp_path: Path) -> None:
     (tmp_path / "README.md").write_bytes(b"mine")
-    assert not build_manifest(tmp_path).files
+    assert not build_manifest(Folder(tmp_path)).files
     (tmp_path / "quality").mkdir()
-    assert dict(build_manifest(tmp_path).files) == {"README.md": sha256("mine")}
+    assert dict(build_manifest(Folder(tmp_path)).files) == {"README.md": sha256("mine")}
 
 
 @pytest.mark.parametrize("kind", ["link", "link to folder", "fifo", "unsafe name"])
@@ -177,4 +178,4 @@ def test_a_folder_with_other_than_plain_files_has_no_manifest(tmp_path: Path, ki
         case _:
             (tmp_path / "a\nb").write_bytes(b"")
     with pytest.raises(DatasetError):
-        build_manifest(tmp_path)
+        build_manifest(Folder(tmp_path))

@@ -72,3 +72,14 @@ def test_p_of_neighbours_is_that_of_orders_in_whole_numbers() -> None:
 def test_identities_that_run_by_partition_tell_it() -> None:
     assert neighbours_p(["train"] * 30 + ["val"] * 30) == 1 / 2_000
     assert neighbours_p(["train", "val"] * 30) > 0.5
+
+
+def test_a_target_that_a_speed_holds_follows_from_the_motion() -> None:
+    """In a world of linear dynamics the way under one command is an affine function of the speed at the branch."""
+    variables, targets, available = drawn()
+    targets[:, 2, 1] = 2.5 * variables[:, 4] + 30.0
+    variables[:, 3] = 1.0 - variables[:, 4]
+    held = {(leak.variable, leak.target) for leak in affine_targets(variables, targets, available)}
+    assert held == {(3, 1), (4, 1)}
+    assert affine_targets(variables, targets, available, speeds=[4]) == []
+    assert affine_targets(variables, targets, available, speeds=[0]) != []

@@ -49,9 +49,10 @@ def main(source: Path, out: Path, mistake: str, groups: str, dies: str) -> int:
         aside.rename(shard)
         num_before, last = num_before + 1, name
     shutil.copy(source / "branchdrive.json", out)
+    from branchdrive.formats.folder import Folder
     from branchdrive.formats.manifest import build_manifest
 
-    (out / "MANIFEST.sha256").write_bytes(build_manifest(out).render())
+    (out / "MANIFEST.sha256").write_bytes(build_manifest(Folder(out)).render())
     return 0
 
 

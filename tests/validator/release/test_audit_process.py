@@ -21,6 +21,7 @@ from tests.validator.runtime.tasks import sleep_and_tell
 from tests.waiting import wait_for
 
 from branchdrive.errors import ToolError
+from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.release import audit_process
@@ -76,7 +77,8 @@ def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTa
     """A task on the groups of the built release."""
     scan = scan_raw(built, in_process)
     bank = scan.descriptor.action_bank
-    inputs = replay_inputs(scan.rows["replays"], load_layers(built, bank.keys).frames["group_quality"], scan.descriptor)
+    quality = load_layers(Folder(built), bank.keys).frames["group_quality"]
+    inputs = replay_inputs(scan.rows["replays"], quality, scan.descriptor)
     return lambda classifier: AuditTask(inputs, 3, QUICK, classifier)
 
 

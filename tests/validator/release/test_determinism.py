@@ -19,6 +19,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layer import TABLE_OF_PATH, table_paths
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.release.builder import STAGES
 from branchdrive.runtime.executor import isolated
@@ -67,7 +68,7 @@ def shuffled(root: Path, folder: str, seed: int) -> dict[str, pa.Table]:
     for name in TABLES:
         path = f"{folder}/{name}.parquet"
         if (root / path).is_file():
-            rows = conform(read_table(root, path, name), name)
+            rows = conform(read_table(Folder(root), path, name), name)
             ids = rows["rollout_id"].to_numpy(zero_copy_only=False)
             known, label = np.unique(ids.astype(str), return_inverse=True)
             rank = np.random.default_rng(seed).permutation(len(known))
@@ -89,7 +90,7 @@ def test_neither_the_order_of_shards_nor_of_rows_decides_anything(raw: Path, bui
     assert {TABLE_OF_PATH[path] for path in differing} == {"records", "media_index"}
     for path in differing:
         name = TABLE_OF_PATH[path]
-        rows, wanted = (read_table(place, path, name).drop_columns("shard") for place in (root, built))
+        rows, wanted = (read_table(Folder(place), path, name).drop_columns("shard") for place in (root, built))
         assert rows.equals(wanted)
 
 

@@ -21,6 +21,7 @@ from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.errors import UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.leakage import audit
 from branchdrive.release import leakage as stored
 from branchdrive.release import publish as publication
@@ -45,8 +46,9 @@ def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
 
         return wrapper
 
-    for name in ("move", "replace_file", "write_file", "write_manifest", "delete"):
+    for name in ("move", "write_file", "delete"):
         monkeypatch.setattr(publication, name, counted(getattr(publication, name)))
+    monkeypatch.setattr(Folder, "replace", counted(Folder.replace))  # of descriptor and manifest
     return lambda: last[0]
 
 

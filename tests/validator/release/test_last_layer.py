@@ -13,6 +13,7 @@ from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, CARD_FILE, RESULTS_FILE
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import check_against_manifest
 from branchdrive.release.publish import benchmark_area, lock_area, publish_layer
 
@@ -21,11 +22,11 @@ FILES = {"benchmark/TABLES.md": b"tables\n", "benchmark/figures/one.svg": b"<svg
 
 def test_a_layer_is_added_replaced_and_dropped(release: Path) -> None:
     before = contents(release)
-    identity = check_against_manifest(release).identity
+    identity = check_against_manifest(Folder(release)).identity
     with lock_area(release):
         publish_layer(release, "benchmark", FILES)
-    assert check_against_manifest(release).identity == identity
-    assert read_descriptor(release).layers[-1] == "benchmark"
+    assert check_against_manifest(Folder(release)).identity == identity
+    assert read_descriptor(Folder(release)).layers[-1] == "benchmark"
     with lock_area(release):
         publish_layer(release, "benchmark", {"benchmark/TABLES.md": b"others\n"})
     assert sorted(path for path in contents(release) if path.startswith("benchmark/")) == ["benchmark/TABLES.md"]
@@ -47,7 +48,7 @@ def test_the_card_tells_what_selections_do_while_a_benchmark_says_so(release: Pa
     after = (release / CARD_FILE).read_text()
     assert "| oracle | 25.0% [10.0%, 50.0%] |" in after
     assert "although a candidate without one exists: the oracle in 25.0% of groups" in after
-    check_against_manifest(release)
+    check_against_manifest(Folder(release))
     with lock_area(release):
         publish_layer(release, "benchmark", {})
     assert (release / CARD_FILE).read_text() == before
@@ -86,18 +87,18 @@ def test_a_build_that_changes_nothing_keeps_it(benchmarked: Path) -> None:
     before = contents(benchmarked)
     build(benchmarked)
     assert contents(benchmarked) == before
-    check_against_manifest(benchmarked)
+    check_against_manifest(Folder(benchmarked))
 
 
 def test_a_build_of_another_release_drops_it(benchmarked: Path) -> None:
     build(benchmarked, seed=SEED + 1)
     assert not (benchmarked / "benchmark").exists()
-    assert "benchmark" not in read_descriptor(benchmarked).layers
-    check_against_manifest(benchmarked)
+    assert "benchmark" not in read_descriptor(Folder(benchmarked)).layers
+    check_against_manifest(Folder(benchmarked))
 
 
 def test_a_benchmark_of_damaged_files_is_dropped(benchmarked: Path) -> None:
     (benchmarked / "benchmark" / "TABLES.md").write_bytes(b"others\n")
     build(benchmarked)
     assert not (benchmarked / "benchmark").exists()
-    check_against_manifest(benchmarked)
+    check_against_manifest(Folder(benchmarked))

@@ -17,6 +17,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_
 from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.release import builder as builder
 from branchdrive.release.publish import RENDER_DIR, lock_area, staging
@@ -37,8 +38,8 @@ def dataset(tmp_path: Path) -> Path:
         for folder, shard in raw_tables().items()
     }
     write_dataset(root, tables, media_free_descriptor())
-    (root / DESCRIPTOR_FILE).write_bytes(render_descriptor(read_descriptor(root)))
-    write_manifest(root, build_manifest(root))
+    (root / DESCRIPTOR_FILE).write_bytes(render_descriptor(read_descriptor(Folder(root))))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
     return root
 
 
@@ -50,7 +51,7 @@ def collected(tmp_path: Path) -> Path:
 
 
 def test_a_build_is_refused_while_a_collection_is_open(collected: Path) -> None:
-    dataset, descriptor = collected, read_descriptor(collected)
+    dataset, descriptor = collected, read_descriptor(Folder(collected))
     with DatasetWriter(dataset, descriptor, groups_per_shard=2) as writer:
         held = contents(dataset)
         with pytest.raises(UsageError, match=AT_WORK):
@@ -65,7 +66,7 @@ def test_a_build_is_refused_while_a_collection_is_open(collected: Path) -> None:
 
 
 def test_a_collection_that_stopped_stays_unfinished(collected: Path) -> None:
-    dataset, descriptor = collected, read_descriptor(collected)
+    dataset, descriptor = collected, read_descriptor(Folder(collected))
     with DatasetWriter(dataset, descriptor, groups_per_shard=2) as writer:
         writer.begin_group("new")
     begun = contents(dataset)
@@ -82,9 +83,9 @@ def test_no_collection_begins_while_a_build_is_at_work(dataset: Path, monkeypatc
 
     def begin() -> None:
         with pytest.raises(UsageError, match="another `DatasetWriter` has the dataset open"):
-            DatasetWriter(dataset, read_descriptor(dataset)).begin_group("new")
+            DatasetWriter(dataset, read_descriptor(Folder(dataset))).begin_group("new")
         with pytest.raises(UsageError, match="open the dataset with `DatasetWriter` before writing groups"):
-            GroupWriter(dataset, read_descriptor(dataset), "new", 99)
+            GroupWriter(dataset, read_descriptor(Folder(dataset)), "new", 99)
 
     def scan(*arguments: Any) -> RawScan:
         begin()
@@ -113,7 +114,7 @@ def test_nothing_is_published_over_a_raw_layer_that_changed_meanwhile(dataset: P
             else:
                 path = dataset / "raw/shard-00000/controls.parquet"
                 path.write_bytes((dataset / "raw/shard-00001/controls.parquet").read_bytes())
-                write_manifest(dataset, build_manifest(dataset))
+                write_manifest(Folder(dataset), build_manifest(Folder(dataset)))
 
     descriptor_bytes = (dataset / DESCRIPTOR_FILE).read_bytes()
     with pytest.raises(DatasetError, match="its raw layer was changed while it was built from"):

@@ -129,12 +129,10 @@ def test_an_interrupt_is_not_swallowed() -> None:
         list(in_process(interrupt, [1]))
 
 
-def test_processes_that_cannot_start_are_no_fault_of_the_data(
-    valid_root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_that_cannot_start_are_no_fault_of_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("branchdrive.runtime.executor._prepare_process", die_on_three)
     monkeypatch.setattr("branchdrive.runtime.executor.spec_limits", lambda: _Deadly())
-    report = validate(valid_root, executor=isolated(1))
+    report = validate(write(tmp_path / "dataset"), executor=isolated(1))
     assert (report.verdict, report.exit_code) == ("error", 4)
     assert "worker processes die before they take up work" in report.errors[0]
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from tests.validator.writer.invented import ATTEMPTS, CAMERAS, make_descriptor, write_group, write_rollout
 
 from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, parse_manifest
 from branchdrive.raw.media.camera_frames import CameraFrame
 from branchdrive.raw.reader import open_dataset
@@ -59,7 +60,7 @@ def check_visible(root: Path) -> None:
                 list(map(CameraFrame.read, rollout.frames(camera.name)))
     if (root / MANIFEST_FILE).exists():
         manifest, problems = parse_manifest((root / MANIFEST_FILE).read_bytes())
-        if problems or manifest != build_manifest(root):
+        if problems or manifest != build_manifest(Folder(root)):
             raise RuntimeError(f"visible manifest is not that of the files: {problems}")
 
 

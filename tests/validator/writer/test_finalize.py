@@ -14,6 +14,7 @@ from tests.validator.writer.invented import make_descriptor, write_dataset, writ
 
 from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, build_manifest, write_manifest
 from branchdrive.writer import writer as writer_module
 from branchdrive.writer.group_writer import GroupWriter
@@ -48,8 +49,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def misstate_the_identity(root: Path) -> None:
-    stated = build_manifest(root)
-    write_manifest(root, replace(stated, identity="0" * 64))
+    stated = build_manifest(Folder(root))
+    write_manifest(Folder(root), replace(stated, identity="0" * 64))
 
 
 def flip_a_byte(path: Path) -> None:
@@ -122,15 +123,15 @@ def test_no_second_writer_opens_while_the_manifest_is_written(tmp_path: Path, mo
         except UsageError as error:
             refusals.append(error)
 
-    def write_at_the_seam(root: Path, manifest: Manifest) -> None:
-        assert (root / STAGING_DIR / "writer.lock").exists()
+    def write_at_the_seam(dataset: Folder, manifest: Manifest) -> None:
+        assert (dataset.root / STAGING_DIR / "writer.lock").exists()
         with pytest.raises(UsageError, match="another `DatasetWriter` has"):
-            open_writer(root)
+            open_writer(dataset.root)
         late.append(threading.Thread(target=write_late_group))
         late[0].start()
         late[0].join(0.1)
         assert late[0].is_alive()
-        write_manifest(root, manifest)
+        write_manifest(dataset, manifest)
 
     monkeypatch.setattr(writer_module, "write_manifest", write_at_the_seam)
     with open_writer(tmp_path) as writer:
@@ -142,7 +143,7 @@ def test_no_second_writer_opens_while_the_manifest_is_written(tmp_path: Path, mo
         f"{tmp_path}: open the dataset with `DatasetWriter` before writing groups"
     ]
     assert not (tmp_path / STAGING_DIR).exists()
-    assert build_manifest(tmp_path).identity == identity
+    assert build_manifest(Folder(tmp_path)).identity == identity
 
 
 def test_a_manifest_that_cannot_be_written_costs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,7 +165,7 @@ def test_closing_never_removes_staged_groups(tmp_path: Path) -> None:
     with open_writer(tmp_path) as writer:
         with writer.begin_group("g0") as group:
             write_group(group)
-        write_manifest(tmp_path, build_manifest(tmp_path))
+        write_manifest(Folder(tmp_path), build_manifest(Folder(tmp_path)))
     (tmp_path / MANIFEST_FILE).unlink()
     with open_writer(tmp_path) as writer:
         assert writer.is_closed("g0")

@@ -9,6 +9,7 @@ from tests.validator.writer.invented import make_descriptor, write_dataset, writ
 
 from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.raw.reader import open_dataset
 from branchdrive.writer.writer import DatasetWriter
@@ -134,6 +135,6 @@ def test_shards_of_another_program_are_not_continued(tmp_path: Path) -> None:
     write_dataset(tmp_path, 1)
     path = tmp_path / "raw/shard-00000/rollouts.parquet"
     pq.write_table(pq.read_table(path).replace_schema_metadata(None), path)
-    write_manifest(tmp_path, build_manifest(tmp_path))
+    write_manifest(Folder(tmp_path), build_manifest(Folder(tmp_path)))
     with pytest.raises(DatasetError, match="another program"):
         open_writer(tmp_path)

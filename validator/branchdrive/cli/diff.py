@@ -39,9 +39,12 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: One of the datasets cannot be read.
     """
     from branchdrive.diff.compare import compare_datasets
-    from branchdrive.formats.untrusted import linked_folders
+    from branchdrive.formats.folder import Folder
 
-    found = compare_datasets(args.first, args.second, linked_folders(args.follow_links, args.allow))
+    first, second = (
+        Folder.at(root, follow_links=args.follow_links, allow=args.allow) for root in (args.first, args.second)
+    )
+    found = compare_datasets(first, second)
     if args.format == "json":
         stdout.write(json.dumps(_document(found), indent=2, sort_keys=True, allow_nan=False) + "\n")
     else:

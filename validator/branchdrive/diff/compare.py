@@ -6,20 +6,19 @@ Source: spec/03-layout.md#content.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
 from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR
-from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.layout import IDENTITY_LAYERS, RAW_DIR
+from branchdrive.diff.difference import DatasetDifference, TableDifference
 from branchdrive.errors import DatasetError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
-from branchdrive.formats.manifest import Manifest, parse_manifest
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import Manifest, read_manifest
 from branchdrive.formats.table_file import conform, read_table
-from branchdrive.formats.untrusted import Links, read_file
 from branchdrive.layers.content import file_content, read_document
 from branchdrive.raw.content import attempt_content, table_content
 from branchdrive.raw.shard import Shard, find_shards
@@ -31,33 +30,27 @@ from branchdrive.tables.frame import align
 if TYPE_CHECKING:
     import pyarrow as pa
 
-from branchdrive.diff.difference import DatasetDifference, TableDifference
-
 __all__ = ["compare_datasets"]
 
 
-def compare_datasets(first: Path, second: Path, links: Links = None) -> DatasetDifference:
+def compare_datasets(first: Folder, second: Folder) -> DatasetDifference:
     """Compare two datasets by what they say; neither is judged.
 
     Raises:
         DatasetError: One is no dataset, or a file of it cannot be read or has other columns than declared.
     """
-    ours, theirs = (read_descriptor(root, links) for root in (first, second))
+    ours, theirs = (read_descriptor(dataset) for dataset in (first, second))
     result = DatasetDifference()
     plain = [{**descriptor.model_dump(mode="json"), "layers": []} for descriptor in (ours, theirs)]
     result.descriptor = differing_values(*plain)
-    result.files = _files(_manifest(first, links), _manifest(second, links))
+    result.files = _files(read_manifest(first)[0], read_manifest(second)[0])
     claimed = [{*descriptor.layers} & {*IDENTITY_LAYERS} for descriptor in (ours, theirs)]
     result.layers = [name for name in IDENTITY_LAYERS if name in claimed[0] ^ claimed[1]]
     both = claimed[0] & claimed[1]
     if RAW_DIR in both:
-        _compare_raw(result, _RawSide(first, ours, links), _RawSide(second, theirs, links))
-    _compare_layers(result, (first, second), both, links)
+        _compare_raw(result, _RawSide(first, ours), _RawSide(second, theirs))
+    _compare_layers(result, (first, second), both)
     return result
-
-
-def _manifest(root: Path, links: Links) -> Manifest:
-    return parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes, links))[0]
 
 
 def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
@@ -69,13 +62,13 @@ def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
 class _RawSide:
     """The raw layer of one dataset: which shard an attempt lies in, what every table says of it, and the maps."""
 
-    def __init__(self, root: Path, descriptor: Descriptor, links: Links) -> None:
+    def __init__(self, dataset: Folder, descriptor: Descriptor) -> None:
         self.shard_of: dict[str, Shard] = {}
         self.content: dict[str, dict[str, bytes]] = {}
         self.shard_of_town: dict[str, Shard] = {}
         self.maps: dict[str, str] = {}
         self.tables = [name for name in descriptor.tables if name != "frames"]
-        for shard in find_shards(root, links):
+        for shard in find_shards(dataset):
             view = ShardView({name: shard.decode(name) for name in self.tables}, descriptor)
             if attempt_content(view) is None:
                 raise DatasetError(f"{shard.folder}: identifiers repeat or lead nowhere; run `branchdrive-validate`")
@@ -140,22 +133,20 @@ def _add(found: TableDifference, ours: pa.Table, theirs: pa.Table) -> None:
     found.add(ours.take(pairs.expected), theirs.take(pairs.found), ["rollout_id", *key])
 
 
-def _compare_layers(
-    result: DatasetDifference, roots: tuple[Path, Path], claimed: Collection[str], links: Links
-) -> None:
-    listed = [{path for path in _manifest(root, links).files if "/" in path} for root in roots]
+def _compare_layers(result: DatasetDifference, datasets: tuple[Folder, Folder], claimed: Collection[str]) -> None:
+    listed = [{path for path in read_manifest(dataset)[0].files if "/" in path} for dataset in datasets]
     ours, theirs = (
-        file_content(root, claimed_files(claimed, there), links) for root, there in zip(roots, listed, strict=True)
+        file_content(dataset, claimed_files(claimed, there)) for dataset, there in zip(datasets, listed, strict=True)
     )
     for path in sorted(ours.keys() | theirs.keys()):
         if ours.get(path) == theirs.get(path):
             continue
         if path in TABLE_OF_PATH:
             name = TABLE_OF_PATH[path]
-            mine, others = (conform(read_table(root, path, name, links), name) for root in roots)
+            mine, others = (conform(read_table(dataset, path, name), name) for dataset in datasets)
             _add_rows(result.tables.setdefault(path, TableDifference()), name, mine, others)
         elif path in ours and path in theirs:
-            result.documents[path] = differing_values(*(read_document(root, path, links) for root in roots))
+            result.documents[path] = differing_values(*(read_document(dataset, path) for dataset in datasets))
         else:
             result.documents[path] = [f"only in the {'first' if path in ours else 'second'}"]
 

@@ -9,20 +9,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
-from branchdrive.engine.derived_files import STRUCTURE_RULES, LayerFiles, LayerFilesTask
+from branchdrive.engine.derived_files import STRUCTURE_RULES, LayerFiles
 from branchdrive.engine.derived_rules import POPULATION_RULE, LayersResult, LayersTask, RawRows, judge_part
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.reading import Reading
 from branchdrive.engine.shard import ShardResult, spooled_name
-from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
-from branchdrive.files.survey import Survey
 from branchdrive.raw.content import raw_content
 from branchdrive.runtime.executor import Executor, Failed
 
-__all__ = ["MAX_GROUPS_AT_ONCE", "Derived", "judge_derived", "layer_files_task", "layers_tasks", "needs_raw"]
+__all__ = ["MAX_GROUPS_AT_ONCE", "Derived", "judge_derived", "layers_tasks"]
 
 _DECODING = "BD-LYR-002"
 """The rule that tables of derived layers decode within the limits."""
@@ -53,43 +52,22 @@ class Derived:
     content: dict[str, str] = field(default_factory=dict)
 
 
-def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
-    """The task that reads the derived layers; ``None`` without a spool, or where there are none that may be read."""
-    if spool is None or survey.excess or survey.descriptor is None or not survey.descriptor.derived_layers:
-        return None
-    names = tuple(entry.path for entry in survey.files)
-    return LayerFilesTask(
-        survey.root, survey.release_files, names, survey.descriptor, survey.is_hashed, spool, survey.links
-    )
-
-
-def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:
-    """Whether selected rules on the derived layers take rows of the raw one."""
-    claimed = survey.descriptor.derived_layers if survey.descriptor else ()
-    wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
-    return any(info.needs_raw and info.layer in claimed for info in wanted)
-
-
-def judge_derived(
-    task: LayerFilesTask | None, reading: Reading, source: Survey, selected: frozenset[str], executor: Executor
-) -> Derived:
+def judge_derived(reading: Reading, selected: frozenset[str], executor: Executor) -> Derived:
     """Judge the selected rules on the derived layers.
 
     Args:
-        task: What read them; ``None`` where there are none.
         reading: What was read; failures of the tool are added to it.
-        source: The dataset with the raw layer, with the shards' digests.
         selected: Rules to run.
         executor: How tasks are run.
     """
-    if task is None:
+    if reading.task is None:
         return Derived()
     files = reading.layers
     rules = [rule_id for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
     if files is None:
         return Derived(_unjudged(rules, is_killed=not reading.errors))
     tallies, population = dict(files.tallies), None
-    for _, outcome in executor(judge_part, list(layers_tasks(task, files, source, reading.shards, selected))):
+    for _, outcome in executor(judge_part, list(layers_tasks(reading, files, selected))):
         if isinstance(outcome, LayersResult):
             for rule_id, tally in outcome.tallies.items():
                 if rule_id in tallies:
@@ -120,9 +98,7 @@ def _unjudged(rules: Sequence[str], *, is_killed: bool) -> dict[str, Tally]:
     return unjudged
 
 
-def layers_tasks(
-    task: LayerFilesTask, files: LayerFiles, source: Survey, shards: Sequence[ShardResult], selected: frozenset[str]
-) -> Iterator[LayersTask]:
+def layers_tasks(reading: Reading, files: LayerFiles, selected: frozenset[str]) -> Iterator[LayersTask]:
     """Tasks on the whole, the longest first, and then one for each shard and one for the rows of no shard.
 
     A raw layer of a few groups is one task: what starting more of them takes would be most of their time.
@@ -130,7 +106,10 @@ def layers_tasks(
     wanted = selected | {POPULATION_RULE}
     whole = [r for r in rules_of("layers", "layer_rows") if r in wanted and r not in STRUCTURE_RULES]
     rows = [rule_id for rule_id in whole if CATALOGUE[rule_id].scope == "layer_rows"]
-    raw = _raw_rows(source, shards)
+    shards, task = reading.shards, reading.task
+    if task is None:
+        return
+    raw = _raw_rows(reading.source.descriptor, shards)
     every = LayersTask(
         rules=(),
         part="all",
@@ -164,14 +143,14 @@ def layers_tasks(
     yield replace(every, rules=tuple(rows), part="no_shard", identities=of_all_shards)
 
 
-def _raw_rows(source: Survey, shards: Sequence[ShardResult]) -> RawRows:
+def _raw_rows(descriptor: Descriptor | None, shards: Sequence[ShardResult]) -> RawRows:
     if not shards:
         return RawRows(reason="the raw layer is not available; give its dataset with --raw")
     digest = raw_content(shards)
     reason = next((shard.no_frames for shard in shards if not shard.frames), "")
-    if not reason and source.descriptor is None:
+    if not reason and descriptor is None:
         reason = "the descriptor beside the raw layer is unusable"
     if reason:
-        return RawRows(reason=reason, digest=digest, descriptor=source.descriptor)
+        return RawRows(reason=reason, digest=digest, descriptor=descriptor)
     names = tuple(spooled_name(shard.folder) for shard in shards)
-    return RawRows(names, shards[0].frames, digest=digest, descriptor=source.descriptor)
+    return RawRows(names, shards[0].frames, digest=digest, descriptor=descriptor)

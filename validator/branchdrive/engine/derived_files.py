@@ -7,11 +7,9 @@ what it says. Source: spec/07-rules.md#trust.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,8 +29,9 @@ from branchdrive.engine.derived_rules import judge_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
+from branchdrive.files.survey import Survey
+from branchdrive.formats.folder import Folder, size_of
 from branchdrive.formats.table_file import join_parts
-from branchdrive.formats.untrusted import Links, open_file
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.content import table_digest
@@ -42,7 +41,7 @@ from branchdrive.tables.view import TableView
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["STRUCTURE_RULES", "LayerFiles", "LayerFilesTask", "read_layers"]
+__all__ = ["STRUCTURE_RULES", "LayerFiles", "LayerFilesTask", "layer_files_task", "needs_raw", "read_layers"]
 
 STRUCTURE_RULES = tuple(rule_id for rule_id in rules_of("layers") if CATALOGUE[rule_id].kind == "structure")
 """Rules on the form of derived layers; they say which tables the others can trust, so they always run."""
@@ -66,22 +65,35 @@ class LayerFilesTask:
     """What a worker needs to read the derived layers.
 
     Attributes:
-        root: The dataset folder.
+        dataset: The dataset.
         files: Files of the claimed layers, with card and licence beside them.
         names: Every regular file with a safe path below the root.
         descriptor: The dataset's descriptor.
         is_hashed: Whether to digest the files.
         spool: Where tables and documents go.
-        links: Folders that links may lead into.
     """
 
-    root: Path
+    dataset: Folder
     files: tuple[str, ...]
     names: tuple[str, ...]
     descriptor: Descriptor
     is_hashed: bool
     spool: Spool
-    links: Links = None
+
+
+def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
+    """The task that reads the derived layers; ``None`` without a spool, or where there are none that may be read."""
+    if spool is None or survey.excess or survey.descriptor is None or not survey.descriptor.derived_layers:
+        return None
+    names = tuple(entry.path for entry in survey.files)
+    return LayerFilesTask(survey.folder, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)
+
+
+def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:
+    """Whether selected rules on the derived layers take rows of the raw one."""
+    claimed = survey.descriptor.derived_layers if survey.descriptor else ()
+    wanted = [CATALOGUE[rule_id] for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
+    return any(info.needs_raw and info.layer in claimed for info in wanted)
 
 
 @dataclass
@@ -179,8 +191,8 @@ def _read(task: LayerFilesTask, path: str, limit: int, result: LayerFiles) -> by
     if path not in task.files:
         return None
     try:
-        with open_file(task.root, path, task.links) as stream:
-            content = stream.read(min(os.fstat(stream.fileno()).st_size, limit) + 1)
+        with task.dataset.open(path) as stream:
+            content = stream.read(min(size_of(stream), limit) + 1)
     except (DatasetError, OSError) as error:
         result.unreadable[path] = str(error)
         return None
@@ -198,8 +210,8 @@ def _read_free(task: LayerFilesTask, path: str, files: _Files, result: LayerFile
         return
     digest = hashlib.sha256()
     try:
-        with open_file(task.root, path, task.links) as stream:
-            size = os.fstat(stream.fileno()).st_size
+        with task.dataset.open(path) as stream:
+            size = size_of(stream)
             if size > limits.max_media_bytes:
                 result.unreadable[path] = f"has {size} bytes; the limit is {limits.max_media_bytes}"
                 return

@@ -8,10 +8,10 @@ Source: spec/07-rules.md#trust.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from branchdrive.contract.media import MediaMode
-from branchdrive.engine.derived_files import LayerFiles, LayerFilesTask, read_layers
+from branchdrive.engine.derived_files import LayerFiles, LayerFilesTask, layer_files_task, needs_raw, read_layers
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.files.shard_facts import repeated_rollouts, split_groups
@@ -29,14 +29,18 @@ class Reading:
     """What was read of a dataset.
 
     Attributes:
+        source: The dataset with the shards, and what they say.
+        task: What reads the derived layers; ``None`` where there are none, or nobody asks for them.
         shards: Results of all shards, in order of their folders.
         layers: The derived layers; ``None`` where there are none, or reading them killed or failed its process.
         errors: Failures of the tool.
     """
 
-    shards: list[ShardResult]
-    layers: LayerFiles | None
-    errors: list[str]
+    source: Survey
+    task: LayerFilesTask | None
+    shards: list[ShardResult] = field(default_factory=list)
+    layers: LayerFiles | None = None
+    errors: list[str] = field(default_factory=list)
 
 
 def read_dataset(
@@ -46,7 +50,7 @@ def read_dataset(
     progress: Progress | None = None,
     *,
     spool: Spool | None = None,
-    layers: LayerFilesTask | None = None,
+    release: Survey | None = None,
     media: MediaMode = "full",
 ) -> Reading:
     """Read and judge all shards, and read the derived layers beside them.
@@ -56,24 +60,24 @@ def read_dataset(
         selected: Rules to run on rows.
         executor: How shards are run.
         progress: Called after every shard.
-        spool: Where shards put rows for the derived layers; ``None`` where nobody needs them.
-        layers: The derived layers, of this dataset or of another.
+        spool: Where layers are put, and rows of shards for them; ``None`` where nobody needs them.
+        release: The dataset with the derived layers, this one or another; shards put rows where its rules take them.
         media: How many images are decoded.
     """
+    reading = Reading(survey, None if release is None else layer_files_task(release, spool))
+    rows = spool if release is None or needs_raw(release, selected) else None
     shards: list[ShardTask] = []
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
         shards.append(
-            ShardTask(
-                survey.root, folder, paths, survey.descriptor, selected, survey.is_hashed, spool, survey.links, media
-            )
+            ShardTask(survey.folder, folder, paths, survey.descriptor, selected, survey.is_hashed, rows, media)
         )
-    reading = Reading([], None, [])
     if progress:
         progress(0, len(shards))
-    results = _run([*([] if layers is None else [layers]), *shards], executor, reading, progress)
+    results = _run([*([] if reading.task is None else [reading.task]), *shards], executor, reading, progress)
     results |= _run(_with_repeats(shards, list(results.values())), executor, reading)
     reading.shards = [results[task.folder] for task in shards]
+    reading.source = survey.with_shards(tuple(reading.shards))
     return reading
 
 
@@ -126,7 +130,7 @@ def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> Shar
     """Find out whether a shard's bytes or a rule killed the worker: decode the files one by one, without rules."""
     result = _unjudged(task)
     for path in task.files:
-        part = ShardTask(task.root, task.folder, (path,), None, frozenset(), task.is_hashed, links=task.links)
+        part = ShardTask(task.dataset, task.folder, (path,), None, frozenset(), task.is_hashed)
         for _, outcome in executor(_read, [part]):
             if isinstance(outcome, Failed):
                 errors.append(f"{path}: {outcome.message}")

@@ -12,9 +12,7 @@ Source: spec/07-rules.md#trust, spec/10-layers.md#derivation.
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +29,7 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.formats.folder import Folder, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.images import media_columns
@@ -88,27 +86,25 @@ class ShardTask:
     """What a worker needs to audit one shard.
 
     Attributes:
-        root: The dataset folder.
+        dataset: The dataset.
         folder: The shard's folder, relative to the root.
         files: Its regular files, relative to the root.
         descriptor: ``None`` where the dataset's descriptor is unusable: then rows cannot be judged.
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
         spool: Where rows for the derived layers go; ``None`` where they need none.
-        links: Folders that links may lead into.
         media: How many images are decoded.
         repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
         split_groups: Its groups that lie in other shards too, once that is known.
     """
 
-    root: Path
+    dataset: Folder
     folder: str
     files: tuple[str, ...]
     descriptor: Descriptor | None
     selected: frozenset[str]
     is_hashed: bool
     spool: Spool | None = None
-    links: Links = None
     media: MediaMode = "full"
     repeated_rollouts: frozenset[str] = frozenset()
     split_groups: frozenset[str] = frozenset()
@@ -179,7 +175,7 @@ def _read_media(
     if frames is not None and result.type_mismatches[f"{task.folder}/{TABLES['frames'].file_name}"]:
         frames = None
     reading = read_media(
-        task.root,
+        task.dataset,
         task.folder,
         task.files,
         frames,
@@ -188,7 +184,6 @@ def _read_media(
         mode=task.media,
         is_hashed=task.is_hashed,
         looks=_looks(view),
-        links=task.links,
     )
     result.digests |= reading.digests
     result.unreadable |= reading.unreadable
@@ -216,8 +211,8 @@ def _looks(view: ShardView | None) -> dict[str, Look]:
 def _read_table(task: ShardTask, path: str, name: str, result: ShardResult) -> pa.Table | None:
     max_bytes = spec_limits().max_table_bytes
     try:
-        with open_file(task.root, path, task.links) as stream:
-            content = stream.read(min(os.fstat(stream.fileno()).st_size, max_bytes) + 1)
+        with task.dataset.open(path) as stream:
+            content = stream.read(min(size_of(stream), max_bytes) + 1)
     except (DatasetError, OSError) as error:
         result.undecodable[path] = str(error)
         return None

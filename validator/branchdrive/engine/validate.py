@@ -21,7 +21,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
-from branchdrive.engine.derived import judge_derived, layer_files_task, needs_raw
+from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
 from branchdrive.engine.reading import Progress, read_dataset
@@ -34,8 +34,8 @@ from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
-from branchdrive.formats.untrusted import Links, linked_folders
 from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.runtime.executor import Executor, in_process
@@ -106,27 +106,17 @@ def validate(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
     # Without the rule on digests, the rule on decoding checks a damaged table.
-    links = linked_folders(follow_links, allow)
-    survey = take_survey(Path(root), hash_files=hash_files and "BD-LAY-002" in selected, links=links)
+    folder = Folder.at(root, follow_links=follow_links, allow=allow)
+    survey = take_survey(folder, hash_files=hash_files and "BD-LAY-002" in selected)
     source = _raw_survey(survey, raw)
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
-        layers = layer_files_task(survey, spool)
-        reading = read_dataset(
-            source,
-            selected,
-            executor,
-            progress,
-            spool=spool if needs_raw(survey, selected) else None,
-            layers=layers,
-            media=media,
-        )
-        results, errors = reading.shards, reading.errors
-        source = source.with_shards(tuple(results))
-        survey = source if source.root == survey.root else replace(survey, shards=source.shards)
-        derived = judge_derived(layers, reading, source, selected, executor)
-    survey = survey.with_digests(derived.digests, derived.unreadable)
-    tallies = _merge(survey, source.descriptor, results, selected, derived.tallies)
+        reading = read_dataset(source, selected, executor, progress, spool=spool, release=survey, media=media)
+        derived = judge_derived(reading, selected, executor)
+    results, errors = reading.shards, reading.errors
+    read = reading.source if source is survey else survey
+    whole = read.with_layers(reading.source.shards, derived.digests, derived.unreadable)
+    tallies = _merge(whole, source.descriptor, results, selected, derived.tallies)
     outcomes = apply_waivers(tallies, waivers, today or date.today())
     funnel = Funnel()
     for result in results:
@@ -137,14 +127,14 @@ def validate(
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
     return Report(
         decide(tallies.values(), errors),
-        _facts(survey, source, derived.content),
+        _facts(whole, source, derived.content),
         RunOptions(
             tuple(select) if select is not None else None,
             tuple(ignore),
             hash_files,
             require_groups,
             strict,
-            _shown(links),
+            _shown(folder.links),
             media,
         ),
         tuple(tallies.values()),
@@ -157,7 +147,7 @@ def validate(
     )
 
 
-def _shown(links: Links) -> tuple[str, ...] | None:
+def _shown(links: tuple[Path, ...] | None) -> tuple[str, ...] | None:
     return None if links is None else tuple(printable(str(folder)) for folder in links)
 
 
@@ -166,12 +156,12 @@ def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
     if raw is None:
         return survey
     if survey.has_raw:
-        raise UsageError(f"{str(survey.root)!r} holds its raw layer itself; leave out --raw")
-    source = take_survey(Path(raw), hash_files=survey.is_hashed, links=survey.links)
+        raise UsageError(f"{str(survey.folder)!r} holds its raw layer itself; leave out --raw")
+    source = take_survey(replace(survey.folder, root=Path(raw)), hash_files=survey.is_hashed)
     if source.excess:
-        raise UsageError(f"{str(source.root)!r} exceeds the limits on files, and was not read; validate it by itself")
+        raise UsageError(f"{str(source.folder)!r} exceeds the limits on files, and was not read; validate it by itself")
     if not source.shard_folders:
-        raise UsageError(f"{str(source.root)!r} holds no raw layer; name the dataset that the release was built from")
+        raise UsageError(f"{str(source.folder)!r} holds no raw layer; name the dataset that the release was built from")
     return source
 
 
@@ -249,8 +239,8 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
     if raw is not None:
         content[RAW_DIR] = raw
     return DatasetFacts(
-        path=printable(str(survey.root)),
-        raw_path=None if source is survey or source.root == survey.root else printable(str(source.root)),
+        path=printable(str(survey.folder)),
+        raw_path=None if source.folder == survey.folder else printable(str(source.folder)),
         dataset_id=descriptor.dataset_id if descriptor else None,
         dataset_version=descriptor.dataset_version if descriptor else None,
         identity=Manifest.of(survey.digests).identity if survey.is_hashed and survey.is_read else None,

@@ -23,7 +23,7 @@ from branchdrive.contract.text import nearest
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.untrusted import read_named_file
+from branchdrive.formats.named_file import read_named_file
 
 __all__ = ["Waiver", "WaiverOutcome", "apply_waivers", "load_waivers"]
 

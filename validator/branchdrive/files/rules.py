@@ -29,7 +29,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import NOT_READ, Survey
-from branchdrive.files.walk import Entry
+from branchdrive.formats.folder import Entry
 from branchdrive.formats.manifest import SAFE_PATH, Manifest
 
 TABLE_FILES = {table.file_name for table in TABLES.values()}

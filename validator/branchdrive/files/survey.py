@@ -9,11 +9,9 @@ Source: spec/03-layout.md, spec/09-security.md.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -37,9 +35,9 @@ from branchdrive.contract.refusal import mismatches_of
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.files.walk import Entry, walk
+from branchdrive.files.walk import walk
+from branchdrive.formats.folder import Entry, Folder
 from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
-from branchdrive.formats.untrusted import Links, open_file, read_file
 
 __all__ = ["NOT_READ", "Survey", "take_survey"]
 
@@ -52,9 +50,8 @@ class Survey:
     """Everything known about a dataset as files and documents.
 
     Attributes:
-        root: The dataset folder.
-        links: Folders that links may lead into.
-        entries: Every name below the root that is no companion, sorted by path; cut off where there are too many.
+        folder: The dataset.
+        entries: Every name in it that is no companion, sorted by path; cut off where there are too many.
         excess: How the files together exceed the limits; then none but the documents in the root is opened.
         num_beside: Names that are companions of the dataset; what lies in them was not looked at.
         has_ignore_file: Whether there is an ignore file.
@@ -72,8 +69,7 @@ class Survey:
         shards: Results of the shards, by folder.
     """
 
-    root: Path
-    links: Links = None
+    folder: Folder
     entries: tuple[Entry, ...] = ()
     excess: tuple[Mismatch, ...] = ()
     num_beside: int = 0
@@ -153,10 +149,6 @@ class Survey:
         """Whether anything that has part in the identity was read."""
         return bool(self.shards) or bool(self.release_files)
 
-    def with_digests(self, digests: Mapping[str, str], unreadable: Mapping[str, str]) -> Survey:
-        """This survey with digests of further files."""
-        return replace(self, digests={**self.digests, **digests}, unreadable={**self.unreadable, **unreadable})
-
     def with_shards(self, shards: tuple[ShardFacts, ...]) -> Survey:
         """This survey with the shards' results and digests merged in."""
         digests, unreadable = dict(self.digests), dict(self.unreadable)
@@ -165,10 +157,12 @@ class Survey:
             unreadable.update(shard.unreadable)
         return replace(self, shards=shards, digests=digests, unreadable=unreadable)
 
-
-def _digest(root: Path, path: str, links: Links) -> str:
-    with open_file(root, path, links) as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    def with_layers(
+        self, shards: tuple[ShardFacts, ...], digests: Mapping[str, str], unreadable: Mapping[str, str]
+    ) -> Survey:
+        """This survey with the results of its shards, or of those it was built from, and digests of derived layers."""
+        digests, unreadable = {**self.digests, **digests}, {**self.unreadable, **unreadable}
+        return replace(self, shards=shards, digests=digests, unreadable=unreadable)
 
 
 def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
@@ -178,10 +172,10 @@ def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
         return None, mismatches_of(error)
 
 
-def _read_descriptor(root: Path, links: Links, limits: Limits) -> Iterator[tuple[str, Any]]:
+def _read_descriptor(folder: Folder, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Fields of a `Survey` that describe the descriptor, as far as reading gets."""
     try:
-        content = read_file(root, DESCRIPTOR_FILE, limits.max_document_bytes, links)
+        content = folder.read(DESCRIPTOR_FILE, limits.max_document_bytes)
         yield "digests", {DESCRIPTOR_FILE: hashlib.sha256(content).hexdigest()}
         document = parse_json(content, limits)
     except (DatasetError, OSError, ValueError, RecursionError) as error:
@@ -198,12 +192,12 @@ def _read_descriptor(root: Path, links: Links, limits: Limits) -> Iterator[tuple
         yield "conflicts", conflicts
 
 
-def _read_manifest(root: Path, links: Links, limits: Limits) -> Iterator[tuple[str, Any]]:
+def _read_manifest(folder: Folder, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Fields of a `Survey` that describe the manifest."""
-    if not os.path.lexists(root / MANIFEST_FILE):
+    if folder.status(MANIFEST_FILE) is None:
         return
     try:
-        content = read_file(root, MANIFEST_FILE, limits.max_manifest_bytes, links)
+        content = folder.read(MANIFEST_FILE, limits.max_manifest_bytes)
     except (DatasetError, OSError) as error:
         yield "manifest_mismatches", (malformed(0, str(error)),)
         return
@@ -212,41 +206,39 @@ def _read_manifest(root: Path, links: Links, limits: Limits) -> Iterator[tuple[s
     yield "manifest_mismatches", tuple(mismatches)
 
 
-def _read_patterns(root: Path, links: Links, limits: Limits) -> tuple[tuple[str, ...], str | None]:
+def _read_patterns(folder: Folder, limits: Limits) -> tuple[tuple[str, ...], str | None]:
     """Patterns of the ignore file, and what is wrong with it."""
     try:
-        return ignored_names(read_file(root, IGNORE_FILE, limits.max_ignore_bytes, links)), None
+        return ignored_names(folder.read(IGNORE_FILE, limits.max_ignore_bytes)), None
     except (DatasetError, OSError, ValueError) as error:
         return (), str(error)
 
 
-def take_survey(root: Path, *, hash_files: bool = True, links: Links = None, limits: Limits | None = None) -> Survey:
-    """Survey of the dataset at `root`, without its shards.
+def take_survey(folder: Folder, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
+    """Survey of the dataset in a folder, without its shards.
 
     Args:
-        root: The dataset folder.
+        folder: The dataset.
         hash_files: Whether to compute digests.
-        links: Folders that links may lead into.
         limits: Bounds; those of the specification by default.
 
     Raises:
-        UsageError: There is no dataset at `root`.
+        UsageError: There is no dataset in it.
     """
     limits = limits or spec_limits()
-    if not root.is_dir():
-        raise UsageError(f"{str(root)!r} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
-    if not any((root / name).exists() for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):
+    if not folder.root.is_dir():
+        raise UsageError(f"{str(folder)!r} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
+    if not any((folder.root / name).exists() for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):
         raise UsageError(
-            f"{str(root)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
+            f"{str(folder)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
         )
-    fields = {**dict(_read_manifest(root, links, limits)), **dict(_read_descriptor(root, links, limits))}
-    has_ignore_file = os.path.lexists(root / IGNORE_FILE)
-    patterns, ignore_error = _read_patterns(root, links, limits) if has_ignore_file else ((), None)
+    fields = {**dict(_read_manifest(folder, limits)), **dict(_read_descriptor(folder, limits))}
+    has_ignore_file = folder.status(IGNORE_FILE) is not None
+    patterns, ignore_error = _read_patterns(folder, limits) if has_ignore_file else ((), None)
     listed = fields["manifest"].files if "manifest" in fields else ()
-    tree = walk(root, links, Companions(listed, patterns), limits)
+    tree = walk(folder, Companions(listed, patterns), limits)
     survey = Survey(
-        root,
-        links,
+        folder,
         tree.entries,
         tree.excess(limits),
         tree.num_beside,
@@ -275,7 +267,7 @@ def _hash_outside(survey: Survey) -> Survey:
             continue
         try:
             if entry.identity not in read:
-                read[entry.identity] = _digest(survey.root, entry.path, survey.links)
+                read[entry.identity] = survey.folder.digest(entry.path)
             digests[entry.path] = read[entry.identity]
         except (DatasetError, OSError) as error:
             unreadable[entry.path] = str(error)

@@ -8,45 +8,17 @@ Source: spec/03-layout.md, spec/09-security.md#paths.
 
 from __future__ import annotations
 
-import os
-import stat
 from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from itertools import islice
-from pathlib import Path
-from typing import Literal, TypeAlias
 
 from branchdrive.contract.companion import Companions
 from branchdrive.contract.limits import Limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.errors import UsageError
-from branchdrive.formats.file_error import is_machine_fault, machine_faults
-from branchdrive.formats.untrusted import Links, linked_status, open_folder
+from branchdrive.formats.folder import Entry, Folder, Identity
 
-__all__ = ["Entry", "Tree", "walk"]
-
-_Identity: TypeAlias = tuple[int, int]
-"""Device and inode: equal for all names of one file or folder."""
-
-_NOTHING: _Identity = (0, 0)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One name below the root; a link that is followed is what it leads to.
-
-    Attributes:
-        path: Relative to the root.
-        kind: A stray link may not be followed; a folder that is known is reached by another path too.
-        size: Bytes of a file; 0 of anything else.
-        identity: Device and inode of a file or folder.
-    """
-
-    path: str
-    kind: Literal["file", "folder", "known_folder", "link", "stray_link", "special", "unreadable"]
-    size: int = 0
-    identity: _Identity = _NOTHING
+__all__ = ["Tree", "walk"]
 
 
 @dataclass(frozen=True)
@@ -77,8 +49,8 @@ class Tree:
         return tuple(found)
 
 
-def walk(root: Path, links: Links, companions: Companions, limits: Limits) -> Tree:
-    """Names below `root`; no folder is left out but those that are companions, too deep, or entered before.
+def walk(dataset: Folder, companions: Companions, limits: Limits) -> Tree:
+    """Names in a dataset; no folder is left out but those that are companions, too deep, or entered before.
 
     Raises:
         UsageError: The root went away.
@@ -86,7 +58,7 @@ def walk(root: Path, links: Links, companions: Companions, limits: Limits) -> Tr
     entries: list[Entry] = []
     num_beside, max_names = 0, 2 * limits.max_files
     plain, linked = [Entry("", "folder")], deque[Entry]()
-    entered: set[_Identity] = set()
+    entered: set[Identity] = set()
     known: set[str] = set()
     while (plain or linked) and len(entries) <= max_names:
         is_linked = not plain
@@ -95,71 +67,30 @@ def walk(root: Path, links: Links, companions: Companions, limits: Limits) -> Tr
             known.add(folder.path)
             continue
         try:
-            identity, found = _listed(root, folder.path, links, max_names)
+            opened, found = dataset.entries(folder.path, max_names + 1)
         except OSError as error:
             if folder.path:
                 entries.append(Entry(folder.path, "unreadable"))
                 continue
             if isinstance(error, FileNotFoundError):
                 raise UsageError(
-                    f"{str(root)!r} went away while it was read; give the folder where it is now"
+                    f"{str(dataset)!r} went away while it was read; give the folder where it is now"
                 ) from error
             raise
-        entered.add(identity)
-        for entry, is_link in found:
+        entered.add(opened.identity)
+        for entry in found:
             if entry.path in companions:
                 num_beside += 1
                 continue
             entries.append(entry)
             # One folder below the deepest allowed one, so that what lies too deep is seen.
             if entry.kind == "folder" and entry.path.count("/") <= limits.max_depth:
-                (linked if is_linked or is_link else plain).append(entry)
+                (linked if is_linked or entry.is_link else plain).append(entry)
             if len(entries) > max_names:
                 break
     entries = [replace(entry, kind="known_folder") if entry.path in known else entry for entry in entries]
     entries.sort(key=lambda entry: entry.path)
     return Tree(tuple(entries), len(entries) > max_names, num_beside, _repeated_bytes(entries))
-
-
-def _listed(root: Path, folder: str, links: Links, max_names: int) -> tuple[_Identity, list[tuple[Entry, bool]]]:
-    """Identity of a folder, and what it holds, sorted by name, with whether a link leads there."""
-    with (
-        machine_faults(root / folder),
-        open_folder(root, folder, links) as descriptor,
-        os.scandir(descriptor) as listing,
-    ):
-        names = sorted(islice(listing, max_names + 1), key=lambda entry: entry.name)
-        prefix = f"{folder}/" if folder else ""
-        return _identity(os.fstat(descriptor)), [_entry(root, prefix + name.name, name, links) for name in names]
-
-
-def _entry(root: Path, path: str, name: os.DirEntry[str], links: Links) -> tuple[Entry, bool]:
-    try:
-        status = name.stat(follow_symlinks=False)
-    except OSError as error:
-        if is_machine_fault(error):
-            raise
-        return Entry(path, "unreadable"), False
-    if not stat.S_ISLNK(status.st_mode):
-        return _of_status(path, status), False
-    if links is None:
-        return Entry(path, "link"), True
-    try:
-        return _of_status(path, linked_status(root, path, links)), True
-    except OSError as error:
-        if is_machine_fault(error):
-            raise
-        return Entry(path, "stray_link"), True
-
-
-def _of_status(path: str, status: os.stat_result) -> Entry:
-    if stat.S_ISREG(status.st_mode):
-        return Entry(path, "file", status.st_size, _identity(status))
-    return Entry(path, "folder", identity=_identity(status)) if stat.S_ISDIR(status.st_mode) else Entry(path, "special")
-
-
-def _identity(status: os.stat_result) -> _Identity:
-    return status.st_dev, status.st_ino
 
 
 def _repeated_bytes(entries: Collection[Entry]) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -13,7 +12,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.refusal import mismatches_of
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import Links, read_file
+from branchdrive.formats.folder import Folder
 
 __all__ = ["differing_fields", "differing_values", "read_descriptor", "render_descriptor"]
 
@@ -25,13 +24,13 @@ def render_descriptor(descriptor: Descriptor) -> bytes:
     return dump_json(descriptor.model_dump(mode="json"))
 
 
-def read_descriptor(root: Path, links: Links = None) -> Descriptor:
-    """The descriptor of the dataset at `root`.
+def read_descriptor(dataset: Folder) -> Descriptor:
+    """The descriptor of a dataset.
 
     Raises:
         DatasetError: There is none, or it does not conform to its schema.
     """
-    content = read_file(root, DESCRIPTOR_FILE, spec_limits().max_document_bytes, links)
+    content = dataset.read(DESCRIPTOR_FILE, spec_limits().max_document_bytes)
     try:
         return Descriptor.model_validate(parse_json(content))
     except ValidationError as error:
@@ -40,16 +39,16 @@ def read_descriptor(root: Path, links: Links = None) -> Descriptor:
         problem = f"{first.location['pointer']}: expected {first.expected}, found {first.found}{more}"
     except ValueError as error:
         problem = str(error)
-    raise DatasetError(f"{root}: {DESCRIPTOR_FILE!r} is not a descriptor: {problem}; run `branchdrive-validate`")
+    raise DatasetError(f"{dataset}: {DESCRIPTOR_FILE!r} is not a descriptor: {problem}; run `branchdrive-validate`")
 
 
-def differing_fields(root: Path, descriptor: Descriptor) -> list[str]:
-    """What tells the dataset at `root` from `descriptor`, one text for every field that differs.
+def differing_fields(dataset: Folder, descriptor: Descriptor) -> list[str]:
+    """What tells a dataset from `descriptor`, one text for every field that differs.
 
     Raises:
         DatasetError: The dataset's descriptor cannot be read.
     """
-    found = read_descriptor(root).model_dump(mode="json")
+    found = read_descriptor(dataset).model_dump(mode="json")
     texts = differing_values(found, descriptor.model_dump(mode="json"))
     return texts or [f"{DESCRIPTOR_FILE!r} is formatted otherwise"]
 

@@ -13,11 +13,9 @@ Source: spec/03-layout.md#manifest, #digests, #identity.
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
 from branchdrive.contract.layout import (
@@ -32,12 +30,12 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.errors import DatasetError
-from branchdrive.formats.durable import partial_path, replace_file
-from branchdrive.formats.untrusted import open_file, read_file
+from branchdrive.formats.durable import partial_path
+from branchdrive.formats.folder import Folder
 
 __all__ = [
     "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "malformed", "parse_manifest",
-    "write_manifest",
+    "read_manifest", "write_manifest",
 ]  # fmt: skip
 
 _QUALITY = "quality"
@@ -233,72 +231,75 @@ class _Reading:
             self.is_over = True
 
 
-def build_manifest(root: Path, listed: Collection[str] = ()) -> Manifest:
-    """Digest every file below `root`, except the manifest itself, a writer's working area and companions.
+def read_manifest(dataset: Folder) -> tuple[Manifest, list[Mismatch]]:
+    """The manifest of a dataset, and what is wrong with its text; see `parse_manifest`.
+
+    Raises:
+        DatasetError: There is none, or it cannot be read.
+    """
+    return parse_manifest(dataset.read(MANIFEST_FILE, spec_limits().max_manifest_bytes))
+
+
+def build_manifest(dataset: Folder, listed: Collection[str] = ()) -> Manifest:
+    """Digest every file of a dataset, except the manifest itself, a writer's working area and companions.
 
     Where there is a quality layer, `README.md` is the card of the release and no companion.
 
     Args:
-        root: The dataset folder.
+        dataset: Its folder.
         listed: Paths of files that are part of the dataset, whatever they are called.
 
     Raises:
         DatasetError: The dataset holds a link, a special file or an unsafe path, or its ignore file is malformed.
     """
     patterns: tuple[str, ...] = ()
-    if os.path.lexists(root / IGNORE_FILE):
+    if dataset.status(IGNORE_FILE) is not None:
         try:
-            patterns = ignored_names(read_file(root, IGNORE_FILE, spec_limits().max_ignore_bytes))
+            patterns = ignored_names(dataset.read(IGNORE_FILE, spec_limits().max_ignore_bytes))
         except ValueError as error:
-            raise DatasetError(f"{root}: {IGNORE_FILE!r} {error}; correct it") from error
-    card = [CARD_FILE] if (root / _QUALITY).is_dir() else []
+            raise DatasetError(f"{dataset}: {IGNORE_FILE!r} {error}; correct it") from error
+    quality = dataset.status(_QUALITY)
+    card = [CARD_FILE] if quality is not None and quality.kind == "folder" else []
     companions = Companions((*listed, *card), patterns)
-    return Manifest.of({path: _file_digest(root, path) for path in _files_under(root, companions)})
+    return Manifest.of({path: dataset.digest(path) for path in _files_of(dataset, companions)})
 
 
-def check_against_manifest(root: Path) -> Manifest:
+def check_against_manifest(dataset: Folder) -> Manifest:
     """Manifest of a finished dataset whose files are exactly those that it lists.
 
     Raises:
         DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
     """
-    listed, mismatches = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
-    found = build_manifest(root, listed.files)
+    listed, mismatches = read_manifest(dataset)
+    found = build_manifest(dataset, listed.files)
     if mismatches or listed != found:
         paths = sorted(path for path, _ in set(listed.files.items()) ^ set(found.files.items()))
         what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
-        raise DatasetError(f"{root}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")
+        raise DatasetError(f"{dataset}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")
     return found
 
 
-def _files_under(root: Path, companions: Companions) -> Iterator[str]:
-    not_listed = {MANIFEST_FILE, partial_path(root / MANIFEST_FILE).name, STAGING_DIR}
+def _files_of(dataset: Folder, companions: Companions) -> Iterator[str]:
+    not_listed = {MANIFEST_FILE, partial_path(dataset.root / MANIFEST_FILE).name, STAGING_DIR}
     folders = [""]
     while folders:
         folder = folders.pop()
-        with os.scandir(root / folder) as entries:
-            for entry in entries:
-                if not folder and entry.name in not_listed:
-                    continue
-                path = f"{folder}/{entry.name}" if folder else entry.name
-                if path in companions:
-                    continue
-                reason = unsafe_reason(path)
-                if reason is not None:
-                    raise DatasetError(f"{root}: path {path!r} {reason}; rename it before the dataset is finished")
-                if entry.is_dir(follow_symlinks=False):
-                    folders.append(path)
-                elif entry.is_file(follow_symlinks=False):
-                    yield path
-                else:
-                    raise DatasetError(f"{root}: {path!r} is a link or a special file; put a regular file in its place")
+        for entry in dataset.entries(folder)[1]:
+            if entry.path in not_listed or entry.path in companions:
+                continue
+            reason = unsafe_reason(entry.path)
+            if reason is not None:
+                raise DatasetError(f"{dataset}: path {entry.path!r} {reason}; rename it before the dataset is finished")
+            if entry.kind == "folder":
+                folders.append(entry.path)
+            elif entry.kind == "file":
+                yield entry.path
+            else:
+                raise DatasetError(
+                    f"{dataset}: {entry.path!r} is a link or a special file; put a regular file in its place"
+                )
 
 
-def _file_digest(root: Path, path: str) -> str:
-    with open_file(root, path) as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def write_manifest(root: Path, manifest: Manifest) -> None:
-    """Write the manifest into `root`: durable, and never visible in parts."""
-    replace_file(root / MANIFEST_FILE, manifest.render())
+def write_manifest(dataset: Folder, manifest: Manifest) -> None:
+    """Write the manifest of a dataset: durable, and never visible in parts."""
+    dataset.replace(MANIFEST_FILE, manifest.render())

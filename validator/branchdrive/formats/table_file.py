@@ -6,14 +6,13 @@ Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES, table_schema
 from branchdrive.contract.layer import table_path, table_paths
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.untrusted import Links, read_file
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.untrusted_parquet import decode_table, written_out_bytes
 
 if TYPE_CHECKING:
@@ -22,9 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["conform", "join_parts", "parts_of", "read_layer_table", "read_table"]
 
 
-def read_layer_table(root: Path, name: str, links: Links = None) -> pa.Table:
-    """The table `name` of a derived layer below `root`, from all of its files; see `read_table`."""
-    return join_parts([read_table(root, path, name, links) for path in table_paths(name)])
+def read_layer_table(dataset: Folder, name: str) -> pa.Table:
+    """The table `name` of a derived layer, from all of its files; see `read_table`."""
+    return join_parts([read_table(dataset, path, name) for path in table_paths(name)])
 
 
 def join_parts(parts: Sequence[pa.Table]) -> pa.Table:
@@ -53,31 +52,31 @@ def parts_of(name: str, table: pa.Table) -> dict[str, pa.Table]:
     return {table_path(name, one): table.filter(pc.equal(table["partition"], one)) for one in partitions}
 
 
-def read_table(root: Path, path: str, name: str, links: Links = None) -> pa.Table:
-    """The table `name` in the file `path` below `root`, as stored: text as dictionaries, with the file's metadata.
+def read_table(dataset: Folder, path: str, name: str) -> pa.Table:
+    """The table `name` in the file `path` of a dataset, as stored: text as dictionaries, with the file's metadata.
 
     Raises:
         DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
             text would be larger than a decoded table may be, written out for every row.
     """
-    content = read_file(root, path, spec_limits().max_table_bytes, links)
+    content = dataset.read(path, spec_limits().max_table_bytes)
     try:
         table = decode_table(content, name)
     except DecodeError as error:
-        raise DatasetError(f"{root}: {path!r}: {error}") from error
+        raise DatasetError(f"{dataset}: {path!r}: {error}") from error
     schema = table_schema(name)
     found, declared = _types(table.schema), _types(schema)
     if found != declared:
         columns = sorted(column for column in found | declared if found.get(column) != declared.get(column))
         home = "columns.json" if name in TABLES else "layers.json"
-        raise DatasetError(f"{root}: {path!r}: columns {columns} are not as {home} declares")
+        raise DatasetError(f"{dataset}: {path!r}: columns {columns} are not as {home} declares")
     nulls = [field.name for field in schema if not field.nullable and table.column(field.name).null_count]
     if nulls:
-        raise DatasetError(f"{root}: {path!r}: columns {nulls} hold nulls and must not")
+        raise DatasetError(f"{dataset}: {path!r}: columns {nulls} hold nulls and must not")
     num_bytes, limit = written_out_bytes(table), spec_limits().max_table_decoded_bytes
     if num_bytes > limit:
         raise DatasetError(
-            f"{root}: {path!r}: its text is {num_bytes:,} bytes long, written out for every row, "
+            f"{dataset}: {path!r}: its text is {num_bytes:,} bytes long, written out for every row, "
             f"and may be {limit:,}; run `branchdrive-validate`"
         )
     return table

@@ -6,50 +6,49 @@ Source: spec/03-layout.md#content.
 from __future__ import annotations
 
 from collections.abc import Collection
-from pathlib import Path
 
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.identity import derived_content, document_digest
 from branchdrive.contract.layer import TABLE_OF_PATH
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import read_table
-from branchdrive.formats.untrusted import Links, read_file
 from branchdrive.tables.content import table_digest
 
 __all__ = ["file_content", "layers_content", "read_document"]
 
 
-def layers_content(root: Path, paths: Collection[str], links: Links = None) -> dict[str, str]:
+def layers_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
     """Digest of the content of each derived layer whose tables and documents are `paths`.
 
     Raises:
         DatasetError: A file is missing, cannot be read or does not have the declared columns.
     """
-    return derived_content(file_content(root, paths, links), paths)
+    return derived_content(file_content(dataset, paths), paths)
 
 
-def file_content(root: Path, paths: Collection[str], links: Links = None) -> dict[str, str]:
+def file_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
     """Digest of what each of these tables and documents says, by path.
 
     Raises:
         DatasetError: As `layers_content`.
     """
     return {
-        path: table_digest(TABLE_OF_PATH[path], read_table(root, path, TABLE_OF_PATH[path], links))
+        path: table_digest(TABLE_OF_PATH[path], read_table(dataset, path, TABLE_OF_PATH[path]))
         if path in TABLE_OF_PATH
-        else document_digest(read_document(root, path, links))
+        else document_digest(read_document(dataset, path))
         for path in sorted(paths)
     }
 
 
-def read_document(root: Path, path: str, links: Links = None) -> object:
+def read_document(dataset: Folder, path: str) -> object:
     """A JSON document, whether or not it conforms to its schema.
 
     Raises:
         DatasetError: It cannot be read, or is no JSON within the limits.
     """
     try:
-        return parse_json(read_file(root, path, spec_limits().max_document_bytes, links))
+        return parse_json(dataset.read(path, spec_limits().max_document_bytes))
     except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{root}: {path!r}: {error}; run `branchdrive-validate`") from error
+        raise DatasetError(f"{dataset}: {path!r}: {error}; run `branchdrive-validate`") from error

@@ -81,19 +81,27 @@ def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Ta
     return found
 
 
-def affine_targets(variables: Array, targets: Array, available: Mask) -> list[TargetLeak]:
+def affine_targets(
+    variables: Array, targets: Array, available: Mask, *, speeds: Sequence[int] = ()
+) -> list[TargetLeak]:
     """Variables that are an affine function of a target of one action, each target once.
+
+    A target that a recorded speed holds follows from the motion: whatever holds it then says no more than that speed.
 
     Args:
         variables: ``[groups, variables]``, finite.
         targets: ``[groups, actions, targets]``; any value where not available.
         available: ``[groups, actions, targets]``.
+        speeds: Variables that are the ego's speed at some time.
     """
     found: dict[tuple[int, int], TargetLeak] = {}
     for target in range(targets.shape[2]):
         for action in range(targets.shape[1]):
             there = available[:, action, target]
-            for v in np.flatnonzero(_is_affine(variables[there], targets[there, action, target])).tolist():
+            is_affine = _is_affine(variables[there], targets[there, action, target])
+            if is_affine[list(speeds)].any():
+                continue
+            for v in np.flatnonzero(is_affine).tolist():
                 found.setdefault((target, v), TargetLeak(v, target, f"an affine function, at action {action},"))
     return list(found.values())
 

@@ -9,7 +9,6 @@ Source: paper, "Release Structure" (modality paths); spec/12-model.md#media.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import Links
+from branchdrive.formats.folder import Folder
 from branchdrive.model.inputs import empty_columns
 from branchdrive.raw.media.folder import ImagePlace, MediaFolder
 from branchdrive.raw.shard_view import ShardView
@@ -39,17 +38,15 @@ class ImageHistory:
 
     def __init__(
         self,
-        root: Path,
+        dataset: Folder,
         descriptor: Descriptor,
         index: Mapping[str, Values],
         groups: Sequence[str],
         cameras: Sequence[str],
-        *,
-        links: Links = None,
     ) -> None:
         self.groups, self.cameras = tuple(groups), tuple(cameras)
-        self._root, self._descriptor, self._index, self._links = root, descriptor, index, links
-        self._row = _packed(root, index, self.groups, self.cameras)
+        self._dataset, self._descriptor, self._index = dataset, descriptor, index
+        self._row = _packed(dataset, index, self.groups, self.cameras)
         self.available: NDArray[np.bool_] = self._row >= 0
         known = np.concatenate([np.asarray(index["checksum"], object), [""]])
         self.checksums: NDArray[np.object_] = known[self._row]
@@ -63,7 +60,7 @@ class ImageHistory:
         row = int(self._row[group, step, camera])
         if row < 0:
             raise DatasetError(
-                f"{self._root}: group {self.groups[group]!r} has no image of `{self.cameras[camera]}` at the "
+                f"{self._dataset}: group {self.groups[group]!r} has no image of `{self.cameras[camera]}` at the "
                 f"observation {HISTORY_OFFSETS[step]} ticks from its branch"
             )
         return self._read([row])[0]
@@ -82,18 +79,18 @@ class ImageHistory:
             places.setdefault(str(self._index["shard"][row]), []).append(place)
         found: list[bytes] = []
         for shard, there in places.items():
-            if not (self._root / shard).is_dir():
+            if not (self._dataset.root / shard).is_dir():
                 raise DatasetError(
-                    f"{self._root}: {shard!r} is not here, and images lie in the raw layer; use the release in place, "
-                    "which `branchdrive build DATASET` makes without `--output`"
+                    f"{self._dataset}: {shard!r} is not here, and images lie in the raw layer; use the release in "
+                    "place, which `branchdrive build DATASET` makes without `--output`"
                 )
-            folder = MediaFolder(self._root, shard, self._descriptor.cameras_by_name, self._links)
+            folder = MediaFolder(self._dataset, shard, self._descriptor.cameras_by_name)
             found += folder.read_all(there)
         return found
 
 
 def _packed(
-    root: Path, index: Mapping[str, Values], groups: Sequence[str], cameras: Sequence[str]
+    dataset: Folder, index: Mapping[str, Values], groups: Sequence[str], cameras: Sequence[str]
 ) -> NDArray[np.int64]:
     """Row of the index of every image ``[N, 16, C]``, -1 where there is none."""
     found = np.full((len(groups), len(HISTORY_OFFSETS), len(cameras)), -1, np.int64)
@@ -106,7 +103,7 @@ def _packed(
         where = place[group], step_of.get(offset, -1), camera_of[camera]
         if where[1] < 0 or found[where] >= 0:
             raise DatasetError(
-                f"{root}: the media index has another or a second row for `{camera}` of group {group!r} at {offset} "
+                f"{dataset}: the media index has another or a second row for `{camera}` of group {group!r} at {offset} "
                 "ticks; run `branchdrive-validate`"
             )
         found[where] = row

@@ -27,8 +27,8 @@ from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import conform, read_layer_table
-from branchdrive.formats.untrusted import Links, linked_folders, read_file
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
 from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
@@ -63,18 +63,17 @@ def open_model(root: str | Path, *, follow_links: bool = False, allow: Sequence[
         DatasetError: There is no dataset or it has no model layer, or its features are not those of its descriptor.
         UsageError: Folders are allowed although links are not followed, or one is no folder.
     """
-    path = Path(root)
-    if not path.is_dir():
+    if not Path(root).is_dir():
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    links = linked_folders(follow_links, allow)
-    descriptor = read_descriptor(path, links)
+    folder = Folder.at(root, follow_links=follow_links, allow=allow)
+    descriptor = read_descriptor(folder)
     if LAYER not in descriptor.layers:
         raise DatasetError(
             f"{root}: has the layers {list(descriptor.layers)} and no model layer; run `branchdrive build`"
         )
-    for wrong in feature_mismatches(_document(path, FEATURES_FILE, links), descriptor):
+    for wrong in feature_mismatches(_document(folder, FEATURES_FILE), descriptor):
         raise _not_expected(root, FEATURES_FILE, wrong)
-    return ModelLayer(path, descriptor, links)
+    return ModelLayer(folder, descriptor)
 
 
 class ModelLayer:
@@ -84,14 +83,18 @@ class ModelLayer:
     feature that the dataset does not record (`features.json` says which) is NaN in its units and 0 where normalised.
 
     Attributes:
-        root: Folder of the dataset or detached release.
+        folder: The dataset or detached release.
         descriptor: What the dataset is.
     """
 
-    def __init__(self, root: Path, descriptor: Descriptor, links: Links = None) -> None:
-        self.root = root
+    def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
+        self.folder = folder
         self.descriptor = descriptor
-        self._links = links
+
+    @property
+    def root(self) -> Path:
+        """Where the dataset or detached release is."""
+        return self.folder.root
 
     @property
     def candidate_order(self) -> tuple[str, ...]:
@@ -216,7 +219,7 @@ class ModelLayer:
             claimed = [name for name in self.descriptor.streams if STREAMS[name].cameras]
             raise UsageError(f"{self.root}: has no images of the stream {stream!r}; it claims {claimed}")
         groups = self.groups(partition, variant)
-        return ImageHistory(self.root, self.descriptor, self._media_index, groups, declared.cameras, links=self._links)
+        return ImageHistory(self.folder, self.descriptor, self._media_index, groups, declared.cameras)
 
     def scalings(self) -> Scalings:
         """Scalings that were fitted on training groups, to normalise and to invert."""
@@ -237,7 +240,7 @@ class ModelLayer:
     def _stored(self, table: str) -> pa.Table:
         if table not in LAYERS[LAYER].tables:
             raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
-        return read_layer_table(self.root, table, self._links)
+        return read_layer_table(self.folder, table)
 
     def _frame(self, table: str) -> dict[str, Values]:
         return from_arrow(self._stored(table), table)
@@ -277,7 +280,7 @@ class ModelLayer:
         return np.flatnonzero(wanted)
 
     def _variant(self, name: str) -> frozenset[str]:
-        document = _document(self.root, VARIANTS_FILE, self._links)
+        document = _document(self.folder, VARIANTS_FILE)
         try:
             declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
         except UsageError as error:
@@ -286,7 +289,7 @@ class ModelLayer:
             ) from error
         if name not in declared:
             raise UsageError(f"{self.root}: no variant {name!r}; there are {list(declared)}")
-        quality = from_arrow(read_layer_table(self.root, "group_quality", self._links), "group_quality")
+        quality = from_arrow(read_layer_table(self.folder, "group_quality"), "group_quality")
         found = frozenset(quality["group_id"][members(quality, declared[name].where)].tolist())
         outside = sorted(found - self._contexts.keys())
         if outside:
@@ -356,23 +359,23 @@ class ModelLayer:
 
     @cached_property
     def _scalings(self) -> Scalings:
-        return scalings_of(_document(self.root, NORMALISATION_FILE, self._links))
+        return scalings_of(_document(self.folder, NORMALISATION_FILE))
 
 
-def _document(root: Path, path: str, links: Links) -> dict[str, Any]:
-    content = read_file(root, path, spec_limits().max_document_bytes, links)
+def _document(folder: Folder, path: str) -> dict[str, Any]:
+    content = folder.read(path, spec_limits().max_document_bytes)
     try:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{root}: {path!r}: {error}; run `branchdrive-validate`") from error
+        raise DatasetError(f"{folder}: {path!r}: {error}; run `branchdrive-validate`") from error
     layer, _, name = path.partition("/")
     for wrong in schema_mismatches(document, LAYERS[layer].documents[name].schema):
-        raise _not_expected(root, path, wrong)
+        raise _not_expected(folder, path, wrong)
     read: dict[str, Any] = document
     return read
 
 
-def _not_expected(root: str | Path, path: str, wrong: Mismatch) -> DatasetError:
+def _not_expected(root: object, path: str, wrong: Mismatch) -> DatasetError:
     pointer = wrong.location["pointer"]
     return DatasetError(
         f"{root}: {path!r}: {pointer} is {wrong.found}, expected {wrong.expected}; run `branchdrive-validate`"

@@ -21,6 +21,7 @@ from branchdrive.engine.shard import raw_rows_of
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.quality.collected import Collected
 from branchdrive.quality.qualification import first_attempts
 from branchdrive.raw.examination import Examination
@@ -134,9 +135,9 @@ def read_pilot(
 def _parts(root: Path) -> tuple[list[Part], str]:
     """Shards of a dataset, or why they cannot be read."""
     try:
-        descriptor = read_descriptor(root)
+        descriptor = read_descriptor(Folder(root))
         parts = []
-        for shard in find_shards(root):
+        for shard in find_shards(Folder(root)):
             tables = {name: shard.decode(name) for name in descriptor.tables}
             view = ShardView(tables, descriptor, file_prefix=shard.folder.relative_to(root).as_posix())
             parts.append(Part(view, examine(view)[1]))

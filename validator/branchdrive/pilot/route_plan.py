@@ -57,7 +57,7 @@ def route_plan(pilot: Pilot) -> Section:
         f"than {CLUSTER_RMS_M:g} m apart), of {counted(len(collected.attempts_by_town), 'town')} and "
         f"{counted(len(scenario_types), 'scenario type')}; the largest holds {sizes[0]}.",
         f"{counted(num_groups, 'group')} that qualify would lie in about {counted(expected, 'route cluster')}"
-        + (" or more, for most routes were seen once only." if is_open
+        + (", a guess by Chao's estimate that may be far off: most routes were seen once only." if is_open
            else ", if routes are drawn as they were in the pilot."),
     ]  # fmt: skip
     concerns, rows, not_examined = [], [], []

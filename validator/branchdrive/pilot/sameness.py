@@ -9,6 +9,7 @@ from pathlib import Path
 from branchdrive.contract.text import counted
 from branchdrive.diff.compare import compare_datasets
 from branchdrive.diff.difference import DatasetDifference
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.reader import open_dataset
 
 __all__ = ["Sameness", "compare_runs"]
@@ -86,7 +87,7 @@ def compare_runs(first: Path, second: Path, group_ids: Collection[str] | None = 
     Raises:
         DatasetError: One is no finished dataset, or cannot be read.
     """
-    found = compare_datasets(first, second)
+    found = compare_datasets(Folder(first), Folder(second))
     rollouts = open_dataset(first).rollouts().select(["rollout_id", "group_id"]).to_pydict()
     group_of = dict(zip(rollouts["rollout_id"], rollouts["group_id"], strict=True))
     wanted = set(group_of.values()) if group_ids is None else set(group_ids)

@@ -20,7 +20,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import counted, quote
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
-from branchdrive.formats.untrusted import linked_folders
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.rollout import ROLLOUTS, canonical_key
 from branchdrive.raw.shard import RowsByRollout, Shard, find_shards, rollouts_of
@@ -43,11 +43,10 @@ def open_dataset(root: str | Path, *, follow_links: bool = False, allow: Sequenc
         DatasetError: There is no dataset, or its descriptor or layout cannot be read safely.
         UsageError: Folders are allowed although links are not followed, or one is no folder.
     """
-    path = Path(root)
-    if not path.is_dir():
+    if not Path(root).is_dir():
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    links = linked_folders(follow_links, allow)
-    return Dataset(path, read_descriptor(path, links), tuple(find_shards(path, links)))
+    folder = Folder.at(root, follow_links=follow_links, allow=allow)
+    return Dataset(folder.root, read_descriptor(folder), tuple(find_shards(folder)))
 
 
 @dataclass(frozen=True)

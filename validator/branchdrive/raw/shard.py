@@ -15,8 +15,8 @@ import numpy as np
 from branchdrive.contract.columns import TABLES, Table
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import conform, read_table
-from branchdrive.formats.untrusted import Links, list_names
 from branchdrive.raw.media.folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
 
@@ -28,16 +28,15 @@ __all__ = ["RowsByRollout", "Shard", "find_shards", "rollouts_of"]
 
 @dataclass(frozen=True)
 class Shard:
-    """A raw shard of the dataset at `root`, whose links may lead into the folders of `links`."""
+    """A raw shard of a dataset."""
 
-    root: Path
+    dataset: Folder
     index: int
-    links: Links = None
 
     @property
     def folder(self) -> Path:
         """The shard's folder."""
-        return self.root / RAW_DIR / shard_name(self.index)
+        return self.dataset.root / RAW_DIR / shard_name(self.index)
 
     def path(self, name: str) -> str:
         """Path of the table `name`, relative to the root."""
@@ -50,7 +49,7 @@ class Shard:
             DatasetError: The file is missing, does not decode, has other columns or nulls than declared, or its
                 text would be larger than a decoded table may be, written out for every row.
         """
-        return read_table(self.root, self.path(name), name, self.links)
+        return read_table(self.dataset, self.path(name), name)
 
     def table(self, name: str) -> pa.Table:
         """The table `name` with the declared schema; see `decode` for errors."""
@@ -60,7 +59,7 @@ class Shard:
         """Where the shard's images are; ``None`` where the descriptor claims no media stream."""
         if FRAMES not in descriptor.tables:
             return None
-        return MediaFolder(self.root, f"{RAW_DIR}/{shard_name(self.index)}", descriptor.cameras_by_name, self.links)
+        return MediaFolder(self.dataset, f"{RAW_DIR}/{shard_name(self.index)}", descriptor.cameras_by_name)
 
     def rows(self, name: str) -> RowsByRollout:
         """Rows of the stream table `name`, found by rollout; see `decode` for errors."""
@@ -72,10 +71,10 @@ class Shard:
         return records
 
 
-def find_shards(root: Path, links: Links = None) -> list[Shard]:
-    """The raw shards of the dataset at `root`, by index."""
-    indices = [shard_index(name) for name in list_names(root, RAW_DIR, links)]
-    return [Shard(root, index, links) for index in sorted(index for index in indices if index is not None)]
+def find_shards(dataset: Folder) -> list[Shard]:
+    """The raw shards of a dataset, by index."""
+    indices = [shard_index(name) for name in dataset.names(RAW_DIR)]
+    return [Shard(dataset, index) for index in sorted(index for index in indices if index is not None)]
 
 
 class RowsByRollout:

@@ -29,6 +29,7 @@ from branchdrive.contract.layout import (
 )
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
@@ -112,7 +113,7 @@ def build_release(
         scan = scan or scanned()
         if "model" in stages:
             check_encoding(scan)
-        layers = load_layers(target, scan.descriptor.action_bank.keys)
+        layers = load_layers(Folder(target), scan.descriptor.action_bank.keys)
         _check_source(scan, layers, stages, target)
         if drop_leakage:
             layers.drop(LEAKAGE_FILE)
@@ -150,7 +151,7 @@ def _check_own_folder(source: Path, target: Path) -> None:
     if names and DESCRIPTOR_FILE not in names:
         raise UsageError(f"{target} holds other files, such as {min(names)!r}; give a release a folder of its own")
     if names:
-        theirs, ours = (read_descriptor(folder).dataset_id for folder in (target, source))
+        theirs, ours = (read_descriptor(Folder(folder)).dataset_id for folder in (target, source))
         if theirs != ours:
             raise UsageError(f"{target} holds a release of {theirs!r}, not of {ours!r}; choose another folder")
 
@@ -221,7 +222,7 @@ class _Job:
         ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
             for path in LEDGERS:
-                theirs = load_ledger(self.scan.root, path)
+                theirs = load_ledger(Folder(self.scan.root), path)
                 ledger = merged(ledger, theirs, beside=layers.documents.get(BENCHMARK_LEDGER_FILE))
         build_quality(self.scan, layers, self.options, ledger)
         if layers.changed_since(before):

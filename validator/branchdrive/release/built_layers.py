@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from branchdrive.contract.columns import LAYER_TABLES
@@ -15,10 +14,10 @@ from branchdrive.contract.layer import LAYERS, table_paths
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE, MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
-from branchdrive.formats.manifest import parse_manifest
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import read_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of, read_layer_table
-from branchdrive.formats.untrusted import read_file
 from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, Values, sort_rows
@@ -96,30 +95,30 @@ class BuiltLayers:
                 self.frames.pop(table, None)
 
 
-def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
-    """Layers that the folder `root` holds whole, sound and as its manifest has them, up to the first that it does not.
+def load_layers(dataset: Folder, keys: tuple[str, ...]) -> BuiltLayers:
+    """Layers that a dataset holds whole, sound and as its manifest has them, up to the first that it does not.
 
     Ledgers are kept whatever became of the files beside them.
     """
-    found, listed = BuiltLayers(keys), _listed_digests(root)
+    found, listed = BuiltLayers(keys), _listed_digests(dataset)
     for layer in LAYERS.values():
         read = BuiltLayers(keys)
         try:
             for name in layer.tables:
                 for path in table_paths(name):
-                    read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
-                read.frames[name] = from_arrow(read_layer_table(root, name), name)
+                    read.contents[path] = dataset.read(path, spec_limits().max_table_bytes)
+                read.frames[name] = from_arrow(read_layer_table(dataset, name), name)
             for document in layer.documents.values():
                 path = f"{layer.name}/{document.name}"
-                if not document.optional or (root / path).is_file():
-                    _load_document(read, root, path, document.schema)
+                if not document.optional or (dataset.root / path).is_file():
+                    _load_document(read, dataset, path, document.schema)
             for path in (path for path in listed if layer.admits_free(path)):
-                read.contents[path] = read_file(root, path, spec_limits().max_table_bytes)
-            _check_digests(read, root, listed)
+                read.contents[path] = dataset.read(path, spec_limits().max_table_bytes)
+            _check_digests(read, dataset, listed)
         except DatasetError:
             for path in LEDGERS:
                 with suppress(DatasetError):
-                    _load_document(found, root, path, _schema_of(path))
+                    _load_document(found, dataset, path, _schema_of(path))
             break
         for mine, other in (
             (found.frames, read.frames),
@@ -130,20 +129,20 @@ def load_layers(root: Path, keys: tuple[str, ...]) -> BuiltLayers:
     return found
 
 
-def _listed_digests(root: Path) -> dict[str, str]:
+def _listed_digests(dataset: Folder) -> dict[str, str]:
     """SHA-256 of files by path, as the manifest has them; none without a manifest."""
     try:
-        manifest, _ = parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+        manifest, _ = read_manifest(dataset)
     except DatasetError:
         return {}
     return dict(manifest.files)
 
 
-def _check_digests(read: BuiltLayers, root: Path, listed: Mapping[str, str]) -> None:
+def _check_digests(read: BuiltLayers, dataset: Folder, listed: Mapping[str, str]) -> None:
     """A layer that was interrupted while it was published is a mixture of two, whose files decode all the same."""
     for path in read.contents:
         if listed.get(path) != read.digest(path):
-            raise DatasetError(f"{root}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
+            raise DatasetError(f"{dataset}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
 
 
 def _schema_of(path: str) -> str:
@@ -151,39 +150,39 @@ def _schema_of(path: str) -> str:
     return LAYERS[layer].documents[name].schema
 
 
-def _load_document(found: BuiltLayers, root: Path, path: str, schema: str) -> None:
-    found.contents[path], found.documents[path] = _document(root, path, schema)
+def _load_document(found: BuiltLayers, dataset: Folder, path: str, schema: str) -> None:
+    found.contents[path], found.documents[path] = _document(dataset, path, schema)
 
 
-def load_ledger(root: Path, path: str) -> Ledger | None:
-    """One of `LEDGERS` of the folder `root`; None if there is none.
+def load_ledger(dataset: Folder, path: str) -> Ledger | None:
+    """One of `LEDGERS` of a dataset; None if there is none.
 
     Raises:
         DatasetError: It cannot be read, or its entries are out of order.
     """
-    if not (root / path).exists():
+    if not (dataset.root / path).exists():
         return None
-    ledger: Ledger = _document(root, path, _schema_of(path))[1]
+    ledger: Ledger = _document(dataset, path, _schema_of(path))[1]
     for found in order_mismatches(ledger):
         raise DatasetError(
-            f"{root}: {path!r} at {found.location['pointer']}: expected {found.expected}, found {found.found}; "
+            f"{dataset}: {path!r} at {found.location['pointer']}: expected {found.expected}, found {found.found}; "
             "restore the file"
         )
     return ledger
 
 
-def _document(root: Path, path: str, schema: str) -> tuple[bytes, Any]:
+def _document(dataset: Folder, path: str, schema: str) -> tuple[bytes, Any]:
     """Bytes and content of a document that conforms to its schema.
 
     Raises:
         DatasetError: It cannot be read, or breaks its schema.
     """
-    content = read_file(root, path, spec_limits().max_document_bytes)
+    content = dataset.read(path, spec_limits().max_document_bytes)
     try:
         document = parse_json(content)
     except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{root}: {path!r} {error}; build the layer again") from error
+        raise DatasetError(f"{dataset}: {path!r} {error}; build the layer again") from error
     for wrong in schema_mismatches(document, schema):
         pointer = wrong.location["pointer"]
-        raise DatasetError(f"{root}: {path!r} at {pointer}: expected {wrong.expected}; build the layer again")
+        raise DatasetError(f"{dataset}: {path!r} at {pointer}: expected {wrong.expected}; build the layer again")
     return content, document

@@ -24,8 +24,8 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.errors import DatasetError, PlatformError
 from branchdrive.formats.durable import delete, make_dir, replace_file
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.image_codec import NO_DECODER, can_decode
-from branchdrive.formats.untrusted import read_file
 from branchdrive.leakage.audit import Progress, audit_key
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable, sequence_classifier
 from branchdrive.leakage.protocol import AuditProtocol
@@ -103,7 +103,7 @@ class StoredParts:
         """A part that is there and has its form."""
         path = self._path(name)
         try:
-            part = parse_json(read_file(self.folder, path.name, spec_limits().max_document_bytes))
+            part = parse_json(Folder(self.folder).read(path.name, spec_limits().max_document_bytes))
         except (DatasetError, ValueError, RecursionError):
             return None
         if not _form("gate" if name == "gate" else "classifier").is_valid(part):

@@ -21,7 +21,6 @@ from branchdrive.contract.layout import (
     CARD_FILE,
     DESCRIPTOR_FILE,
     LICENCE_FILE,
-    MANIFEST_FILE,
     STAGING_DIR,
     WRITER_LOCK,
     layer_of,
@@ -29,9 +28,9 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import BranchDriveError, DatasetError, ToolError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
-from branchdrive.formats.durable import delete, make_dir, move, replace_file, sync_dir, write_file
-from branchdrive.formats.manifest import Manifest, parse_manifest, write_manifest
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.durable import delete, make_dir, move, sync_dir, write_file
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import Manifest, read_manifest, write_manifest
 from branchdrive.runtime.file_lock import FileLock
 
 __all__ = [
@@ -168,7 +167,7 @@ def benchmark_area(target: Path) -> Path:
 
 
 def _published_manifest(target: Path) -> Manifest:
-    return parse_manifest(read_file(target, MANIFEST_FILE, spec_limits().max_manifest_bytes))[0]
+    return read_manifest(Folder(target))[0]
 
 
 def has_card(target: Path) -> bool:
@@ -258,9 +257,9 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
         for inner in (*(entry for entry in folder.glob("*") if entry.is_dir()), folder):
             if inner.is_dir() and not any(inner.iterdir()):
                 inner.rmdir()
-    replace_file(target / DESCRIPTOR_FILE, descriptor_bytes)
+    Folder(target).replace(DESCRIPTOR_FILE, descriptor_bytes)
     manifest = Manifest.of({**kept, **digests})
-    write_manifest(target, manifest)
+    write_manifest(Folder(target), manifest)
     return manifest
 
 
@@ -277,7 +276,7 @@ def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manif
     Raises:
         DatasetError: The dataset has no descriptor or manifest that could be read.
     """
-    descriptor = read_descriptor(target)
+    descriptor = read_descriptor(Folder(target))
     claimed = [*(name for name in descriptor.layers if name != layer), *([layer] if files else [])]
     kept = {
         path: digest
@@ -295,7 +294,7 @@ def _card(target: Path, descriptor: Descriptor, files: Mapping[str, bytes], kept
     """The card of a release of new `files` and `kept` ones."""
     contents = {path: files[path] for path in (*REQUIRED.values(), *ADDED.values()) if path in files}
     most = spec_limits().max_document_bytes
-    contents |= {p: read_file(target, p, most) for p in (*REQUIRED.values(), *ADDED.values()) if p in kept}
+    contents |= {p: Folder(target).read(p, most) for p in (*REQUIRED.values(), *ADDED.values()) if p in kept}
     try:
         documents = {path: parse_json(content) for path, content in contents.items()}
         return release_card(descriptor, documents).encode()

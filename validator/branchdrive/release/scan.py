@@ -11,7 +11,6 @@ from pathlib import Path
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import MANIFEST_FILE, layer_of
-from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.reading import Progress, read_dataset
 from branchdrive.engine.shard import ShardResult, spooled_name
@@ -19,8 +18,8 @@ from branchdrive.engine.spool import Spool, SpooledFrames
 from branchdrive.engine.validate import judge_files
 from branchdrive.errors import DatasetError
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
-from branchdrive.formats.manifest import parse_manifest
-from branchdrive.formats.untrusted import read_file
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import read_manifest
 from branchdrive.raw.content import raw_content
 from branchdrive.runtime.executor import Executor
 from branchdrive.tables.frame import Frame
@@ -57,18 +56,17 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         DatasetError: There is no finished raw layer, it is damaged, or it breaks the format.
         UsageError: There is no dataset at all.
     """
-    survey = take_survey(root)
+    survey = take_survey(Folder(root))
     descriptor = _finished(survey)
     with Spool.temporary() as spool:
         reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
         results = reading.shards
         names = [spooled_name(shard.folder) for shard in results]
         rows = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
-    survey = survey.with_shards(tuple(results))
     for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
         raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
-    for problem in (*_damage(survey), *_breaches(survey, results)):
+    for problem in (*_damage(reading.source), *_breaches(reading.source, results)):
         raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and correct the raw layer first")
     lacking = next((shard.no_frames for shard in results if not shard.frames), None)
     if lacking is not None:
@@ -76,19 +74,19 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
     digest = raw_content(results)
     if digest is None:
         raise DatasetError(f"{root}: its attempts have no identity; run `branchdrive-validate`")
-    return RawScan(root, descriptor, digest, _raw_files(survey.digests), rows)
+    return RawScan(root, descriptor, digest, _raw_files(reading.source.digests), rows)
 
 
 def _finished(survey: Survey) -> Descriptor:
     """Descriptor of a dataset whose collection is finished."""
     if survey.descriptor is None:
-        raise DatasetError(f"{survey.root}: its descriptor cannot be used; run `branchdrive-validate`")
+        raise DatasetError(f"{survey.folder}: its descriptor cannot be used; run `branchdrive-validate`")
     if survey.excess:
-        raise DatasetError(f"{survey.root}: {NOT_READ}; run `branchdrive-validate`")
+        raise DatasetError(f"{survey.folder}: {NOT_READ}; run `branchdrive-validate`")
     if not survey.shard_folders:
-        raise DatasetError(f"{survey.root}: holds no raw layer; build from the dataset that does")
+        raise DatasetError(f"{survey.folder}: holds no raw layer; build from the dataset that does")
     if survey.manifest is None:
-        raise DatasetError(f"{survey.root}: has no {MANIFEST_FILE}: finish the collection before a release is built")
+        raise DatasetError(f"{survey.folder}: has no {MANIFEST_FILE}: finish the collection before a release is built")
     return survey.descriptor
 
 
@@ -100,7 +98,7 @@ def check_unchanged(scan: RawScan) -> None:
     """
     listed: dict[str, str] = {}
     if (scan.root / MANIFEST_FILE).exists():
-        manifest, _ = parse_manifest(read_file(scan.root, MANIFEST_FILE, spec_limits().max_manifest_bytes))
+        manifest, _ = read_manifest(Folder(scan.root))
         listed = _raw_files(manifest.files)
     if listed != scan.files:
         raise DatasetError(f"{scan.root}: its raw layer was changed while it was built from; build again afterwards")

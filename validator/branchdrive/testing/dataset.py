@@ -18,6 +18,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.contract.policy import ACTUATORS
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import ContractError
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of
@@ -199,4 +200,4 @@ def write_dataset(
 
 def seal_dataset(root: Path) -> None:
     """Write the manifest of the files that are there."""
-    (root / MANIFEST_FILE).write_bytes(build_manifest(root).render())
+    (root / MANIFEST_FILE).write_bytes(build_manifest(Folder(root)).render())

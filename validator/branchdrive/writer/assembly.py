@@ -63,7 +63,7 @@ def assemble_shard(
             nothing changed.
         UsageError: The present shard holds files of others, which would be lost; nothing changed.
     """
-    shard = Shard(stage.root, index)
+    shard = Shard(stage.dataset, index)
     old = shard if shard.folder.exists() else None
     if old is not None:
         _check_files(old, stage)
@@ -209,7 +209,7 @@ def _checked_bytes(name: str, table: pa.Table, index: int) -> bytes:
 def _install(stage: Stage, index: int) -> None:
     """Give a ready shard its visible name; after an interruption at any point it can be done again."""
     ready = stage.shards_dir / shard_name(index)
-    visible = Shard(stage.root, index).folder
+    visible = Shard(stage.dataset, index).folder
     replaced = stage.trash_dir / shard_name(index)
     stage.unfinish()
     make_dir(stage.root / RAW_DIR)
@@ -236,7 +236,7 @@ def committed_places(stage: Stage, groups_per_shard: int) -> Places:
         UsageError: The shards hold another number of groups.
     """
     committed: dict[str, int] = {}
-    for shard in find_shards(stage.root):
+    for shard in find_shards(stage.dataset):
         note = _note(shard)
         if note["groups_per_shard"] != groups_per_shard:
             found = note["groups_per_shard"]

@@ -27,7 +27,8 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE, MAX_SHARD_INDEX, RAW_DIR, STAGING_DIR, WRITER_LOCK
 from branchdrive.errors import UsageError
-from branchdrive.formats.durable import delete, make_dir, move, partial_path, remove, replace_file, sync_dir
+from branchdrive.formats.durable import delete, make_dir, move, partial_path, remove, replace_file
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, rollouts_of
 from branchdrive.runtime.file_lock import FileLock
@@ -70,7 +71,7 @@ class Stage:
     """The staging area of the dataset at `root`, which `descriptor` describes."""
 
     def __init__(self, root: Path, descriptor: Descriptor) -> None:
-        self.root = root
+        self.dataset = Folder(root)
         self.descriptor = descriptor
         self.folder = root / STAGING_DIR
         self.groups_dir = self.folder / "groups"
@@ -81,6 +82,11 @@ class Stage:
         self._locks_dir = self.folder / "locks"
         self._places_path = self.folder / "places.json"
         self._maps_path = self.folder / "maps.arrow"
+
+    @property
+    def root(self) -> Path:
+        """Where the dataset is."""
+        return self.dataset.root
 
     @property
     def is_held(self) -> bool:
@@ -242,7 +248,7 @@ class Stage:
         delete(draft.folder)
         draft.folder.mkdir()
         if group_id in places.committed:
-            self._bring_back(draft, group_id, Shard(self.root, places.shard_of(index)))
+            self._bring_back(draft, group_id, Shard(self.dataset, places.shard_of(index)))
         move(draft.folder, group.folder)
         return group
 
@@ -260,10 +266,7 @@ class Stage:
 
     def unfinish(self) -> None:
         """Remove the manifest: from now on the dataset is not finished."""
-        manifest = self.root / MANIFEST_FILE
-        if manifest.exists():
-            manifest.unlink(missing_ok=True)
-            sync_dir(self.root)
+        self.dataset.remove(MANIFEST_FILE)
 
     def sweep(self) -> None:
         """Clear away what killed processes left behind; only the dataset's one writer may do so."""

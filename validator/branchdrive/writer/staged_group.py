@@ -14,6 +14,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.durable import delete, move, partial_path, replace_file, sync_dir, write_file
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.media.folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables
 from branchdrive.writer.buffer import record_table
@@ -80,7 +81,7 @@ class StagedGroup:
     def media(self, rollout_id: str, descriptor: Descriptor) -> MediaFolder | None:
         """Where the images of a finished rollout are; ``None`` where the descriptor claims no media stream."""
         claims_media = FRAMES in descriptor.tables
-        return MediaFolder(self.folder / rollout_id, "", descriptor.cameras_by_name) if claims_media else None
+        return MediaFolder(Folder(self.folder / rollout_id), "", descriptor.cameras_by_name) if claims_media else None
 
     def media_buffer(self, rollout_id: str, descriptor: Descriptor) -> MediaBuffer | None:
         """What takes the images of a rollout that begins; ``None`` where the descriptor claims no media stream."""

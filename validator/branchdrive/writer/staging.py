@@ -18,6 +18,7 @@ from typing import Literal
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR, STAGING_DIR
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.runtime.file_lock import FileLock
 from branchdrive.writer.assembly import assemble_shard
@@ -57,7 +58,7 @@ def _open_stage(root: Path) -> Stage:
                 "benchmark, and the same command goes on with it"
             )
         raise UsageError(f"{root}: has no staging area, so that no collection runs or was cut off there")
-    return Stage(root, read_descriptor(root))
+    return Stage(root, read_descriptor(Folder(root)))
 
 
 def staged_groups(root: Path) -> list[StagedFacts]:
@@ -158,7 +159,7 @@ def _copy(root: Path, target: Path) -> None:
         raise UsageError(f"{root}: no rollout is finished yet; look again later")
     for shard in sorted({places.shard_of(group.index) for group in staged}):
         assemble_shard(copy, places, shard, [g for g in staged if places.shard_of(g.index) == shard], maps)
-    write_manifest(target, build_manifest(target))
+    write_manifest(copy.dataset, build_manifest(copy.dataset))
     copy.remove()
     copy.let_go()
 

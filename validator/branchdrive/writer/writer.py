@@ -25,7 +25,6 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
 from branchdrive.errors import ContractError, UsageError
 from branchdrive.formats.descriptor_file import differing_fields, render_descriptor
-from branchdrive.formats.durable import replace_file
 from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, write_manifest
 from branchdrive.formats.media_archive import MAX_CAMERA_NAME
 from branchdrive.raw.rollout import MAP, ROLLOUTS
@@ -100,7 +99,11 @@ class DatasetWriter:
         """Refuse a folder that is not this dataset, before anything in it is touched."""
         names = {path.name for path in self.root.iterdir()}
         if DESCRIPTOR_FILE in names:
-            fields = "; ".join(differing_fields(self.root, self.descriptor)) if self._is_described_otherwise() else ""
+            fields = (
+                "; ".join(differing_fields(self._stage.dataset, self.descriptor))
+                if self._is_described_otherwise()
+                else ""
+            )
             if fields and not self._stage.is_blank:
                 raise UsageError(
                     f"{self.root}: holds a dataset with another descriptor ({fields}); choose another folder"
@@ -115,10 +118,10 @@ class DatasetWriter:
         with self._stage.registry():
             self._check_folder()
             if self.is_finished:
-                check_against_manifest(self.root)
+                check_against_manifest(self._stage.dataset)
             if not (self.root / DESCRIPTOR_FILE).exists() or self._is_described_otherwise():
                 self._stage.clear()  # what a start that failed before its first rollout left
-                replace_file(self.root / DESCRIPTOR_FILE, render_descriptor(self.descriptor))
+                self._stage.dataset.replace(DESCRIPTOR_FILE, render_descriptor(self.descriptor))
             self._stage.sweep()
             self._stage.save_maps(self._maps)
             install_ready_shards(self._stage)
@@ -214,7 +217,7 @@ class DatasetWriter:
         self._check_open()
         self._check_none_open()
         if self.is_finished:  # and nothing was added to it
-            identity = check_against_manifest(self.root).identity
+            identity = check_against_manifest(self._stage.dataset).identity
             self.close()
             return identity
         for shard in self._staged_shards():
@@ -224,9 +227,9 @@ class DatasetWriter:
             self._check_none_open()
             for empty in self._stage.groups():
                 self._stage.drop(empty)
-            manifest = build_manifest(self.root)
+            manifest = build_manifest(self._stage.dataset)
             self._check_places(manifest)
-            write_manifest(self.root, manifest)
+            write_manifest(self._stage.dataset, manifest)
             self._stage.remove()  # nobody else can write before this
         self._stage.let_go()
         return manifest.identity
@@ -239,7 +242,10 @@ class DatasetWriter:
     def _shards(self) -> list[Shard]:
         """The shards that hold the committed groups."""
         places = self._stage.load_places()
-        return [Shard(self.root, index) for index in sorted({places.shard_of(i) for i in places.committed.values()})]
+        return [
+            Shard(self._stage.dataset, index)
+            for index in sorted({places.shard_of(i) for i in places.committed.values()})
+        ]
 
     def _check_rollouts(self) -> None:
         rollouts = (shard.decode(ROLLOUTS) for shard in self._shards())

@@ -20,6 +20,7 @@ from branchdrive.benchmark.prediction.rows import TABLES
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import read_table
 from branchdrive.tables.arrow import from_arrow, to_arrow
@@ -111,7 +112,7 @@ def test_predictions_come_back_from_files_bit_for_bit(tmp_path_factory: Any, pre
     for name, frame in predictions.to_frames(data()).items():
         rows = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": CANDIDATES})
         (root / table_path(name)).write_bytes(encode_table(to_arrow(name, rows)))
-    read = {name: from_arrow(read_table(root, table_path(name), name), name) for name in TABLES}
+    read = {name: from_arrow(read_table(Folder(root), table_path(name), name), name) for name in TABLES}
     assert bits(PredictionSet.from_frames(read, data())) == bits(predictions)
 
 

@@ -23,10 +23,10 @@ from tests.validator.writer.invented import (
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.timing import HISTORY_OFFSETS, WINDOW_OFFSETS
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats import untrusted
+from branchdrive.formats.folder import BufferedReader, Folder
 from branchdrive.formats.parquet import encode_table
-from branchdrive.raw.media import folder as media_folder
 from branchdrive.raw.media.camera_frames import CameraFrames
+from branchdrive.raw.media.reading import folder as media_folder
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.writer import DatasetWriter
@@ -90,15 +90,18 @@ def test_nothing_is_read_before_it_is_asked_for_and_each_image_by_itself(
 ) -> None:
     reads: list[tuple[int, int]] = []
 
-    class Watched(untrusted.BufferedReader):
+    class Watched(BufferedReader):
         def read(self, size: int | None = -1, /) -> bytes:
             reads.append((self.tell(), size or 0))
             return super().read(size)
 
-    def opened(*arguments: Any) -> Watched:
-        return Watched(untrusted.open_file(*arguments).detach())
+    plain = Folder.open
 
-    monkeypatch.setattr(media_folder, "open_file", opened)
+    def opened(folder: Folder, path: str) -> BufferedReader:
+        stream = plain(folder, path)
+        return Watched(stream.detach()) if path.endswith(".tar") else stream
+
+    monkeypatch.setattr(Folder, "open", opened)
     frames = nominal(root).frames("bev")
     frame = frames[7]
     assert not reads

@@ -68,7 +68,7 @@ def _clauses(chapters: Mapping[str, str]) -> dict[str, list[str]]:
     """Lines of a list for the clauses that every rule judges, in the order of their numbers; links lead to each."""
     lines = {
         clause.number: f"- [{clause.number}]({_SPEC}{name}#{clause.anchor}): "
-        + _relinked(clause.text.removeprefix("- "), name)
+        + re.sub(r":$", ", as listed there.", _relinked(clause.text.removeprefix("- "), name))
         for name, text in chapters.items()
         for clause in clauses_of(text)
     }

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from branchdrive.contract.camera import Camera
@@ -18,7 +17,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError
-from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.media.image_eye import CHECKSUM_DIGITS
 
 if TYPE_CHECKING:
@@ -57,16 +56,14 @@ class MediaFolder:
     """A folder with the images of a shard.
 
     Attributes:
-        root: The dataset's folder.
+        dataset: The dataset.
         folder: The shard's folder, relative to the root; empty where it is the root itself.
         cameras: Cameras of the descriptor by name.
-        links: Folders that links may lead into.
     """
 
-    root: Path
+    dataset: Folder
     folder: str
     cameras: Mapping[str, Camera]
-    links: Links = None
 
     def read(self, place: ImagePlace) -> bytes:
         """The encoded image at a place, by one ranged read; errors as `read_all`."""
@@ -85,16 +82,18 @@ class MediaFolder:
             for place in places:
                 if opened is None or opened[0] != place.file:
                     stack.close()
-                    opened = place.file, stack.enter_context(open_file(self.root, self._path(place), self.links))
+                    opened = place.file, stack.enter_context(self.dataset.open(self._path(place)))
                 yield self._image(opened[1], place)
 
     def _path(self, place: ImagePlace) -> str:
         if not isinstance(place.file, str) or not re.fullmatch(PATTERNS["file"].rstrip("$"), place.file):
-            raise DatasetError(f"{self.root / self.folder}: {quote(place.file)} is no plain file name; {_ADVICE}")
+            raise DatasetError(
+                f"{self.dataset.root / self.folder}: {quote(place.file)} is no plain file name; {_ADVICE}"
+            )
         return f"{self.folder}/{place.file}" if self.folder else place.file
 
     def _image(self, stream: BinaryIO, place: ImagePlace) -> bytes:
-        where = f"{self.root / self._path(place)}, {place.size_bytes} bytes from {place.offset_bytes}"
+        where = f"{self.dataset.root / self._path(place)}, {place.size_bytes} bytes from {place.offset_bytes}"
         max_bytes = spec_limits().max_image_bytes
         if None in place or place.offset_bytes < 0 or not 0 < place.size_bytes <= max_bytes:
             raise DatasetError(f"{where}: an image has 1 .. {max_bytes} bytes; {_ADVICE}")

@@ -7,10 +7,8 @@ Source: spec/05-raw-streams.md#media.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -21,7 +19,7 @@ from branchdrive.contract.media import MediaMode
 from branchdrive.contract.mismatch import MAX_KEPT, Mismatch, Mismatches
 from branchdrive.errors import DatasetError
 from branchdrive.formats.file_part import FilePart
-from branchdrive.formats.untrusted import Links, open_file
+from branchdrive.formats.folder import Folder, size_of
 from branchdrive.raw.media.archive_walk import ARCHIVE_SUFFIX, ArchiveWalk
 from branchdrive.raw.media.image_claims import ImageClaims
 from branchdrive.raw.media.image_eye import ImageEye, Look
@@ -86,7 +84,7 @@ class MediaReading:
 
 
 def read_media(
-    root: Path,
+    dataset: Folder,
     folder: str,
     files: Collection[str],
     frames: pa.Table | None,
@@ -96,12 +94,11 @@ def read_media(
     mode: MediaMode = "full",
     is_hashed: bool = True,
     looks: Mapping[str, Look] = _NO_LOOKS,
-    links: Links = None,
 ) -> MediaReading:
     """Read the media files of a shard.
 
     Args:
-        root: The dataset folder.
+        dataset: The dataset.
         folder: The shard's folder, relative to the root.
         files: Its regular files, relative to the root.
         media: Those of them that are no tables.
@@ -110,7 +107,6 @@ def read_media(
         mode: Which images are decoded.
         is_hashed: Whether what is no table is digested.
         looks: Called with the pixels of every decoded semantic map that they judge, by part of `MAP_PARTS`.
-        links: Folders that links may lead into.
     """
     reading, eye = MediaReading(), None
     if frames is not None:
@@ -130,8 +126,8 @@ def read_media(
     for path in sorted({*named, *media} & {*files}):
         is_digested = is_hashed and path in media
         try:
-            with open_file(root, path, links) as stream:
-                num_bytes = os.fstat(stream.fileno()).st_size
+            with dataset.open(path) as stream:
+                num_bytes = size_of(stream)
                 if is_digested and num_bytes > spec_limits().max_media_bytes:
                     reading.over_limit[path] = f"has more than {spec_limits().max_media_bytes} bytes, the limit"
                 part = FilePart(stream, is_digested and path not in reading.over_limit)

@@ -20,6 +20,7 @@ from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest
 
 
@@ -27,7 +28,7 @@ from branchdrive.formats.manifest import build_manifest
 def companion_that_the_manifest_lists(d: Draft) -> None:
     def list_it(root: Path) -> None:
         (root / ".gitattributes").write_text("*.parquet filter=lfs\n")
-        (root / MANIFEST_FILE).write_bytes(build_manifest(root, [".gitattributes"]).render())
+        (root / MANIFEST_FILE).write_bytes(build_manifest(Folder(root), [".gitattributes"]).render())
 
     d.after_seal(list_it)
 

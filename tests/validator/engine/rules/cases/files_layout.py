@@ -22,6 +22,7 @@ from tests.validator.engine.rules.semantic_map import add_semantic_map
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
 from branchdrive.contract.limits import spec_limits
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, build_manifest
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
@@ -162,7 +163,7 @@ def shard_removed(d: Draft) -> None:
 @mutant("BD-LAY-003", at={"file": SHARD_1})
 def folder_listed_as_a_file(d: Draft) -> None:
     def list_it(root: Path) -> None:
-        files = {**build_manifest(root).files, SHARD_1: OTHER_DIGEST}
+        files = {**build_manifest(Folder(root)).files, SHARD_1: OTHER_DIGEST}
         (root / MANIFEST_FILE).write_bytes(Manifest.of(files).render())
 
     d.after_seal(list_it)
@@ -172,7 +173,7 @@ def folder_listed_as_a_file(d: Draft) -> None:
 
 
 def _forget(root: Path, path: str) -> None:
-    files = dict(build_manifest(root).files)
+    files = dict(build_manifest(Folder(root)).files)
     del files[path]
     (root / MANIFEST_FILE).write_bytes(Manifest.of(files).render())
 
