@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
 from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.contract.text import printable
@@ -14,7 +14,8 @@ from branchdrive.raw.funnel import STAGES, GroupOutcome
 
 __all__ = ["GroupResult"]
 
-_NO_FINDINGS: Mapping[tuple[str | None, str], Finding] = MappingProxyType({})
+FirstFindings: TypeAlias = Mapping[tuple[str | None, str], Finding]
+_NO_FINDINGS: FirstFindings = MappingProxyType({})
 _MAX_FOUND = 120
 """Characters of what was found that a reason repeats."""
 
@@ -38,9 +39,7 @@ class GroupResult:
     reason: str
 
     @classmethod
-    def of(
-        cls, outcome: GroupOutcome, findings: Mapping[tuple[str | None, str], Finding] = _NO_FINDINGS
-    ) -> GroupResult:
+    def of(cls, outcome: GroupOutcome, findings: FirstFindings = _NO_FINDINGS) -> GroupResult:
         """Result of a group from its outcome in the funnel, and from the first kept finding of each group and rule."""
         group_id = printable(outcome.group_id[:128])
         if outcome.lost_at is None:

@@ -12,19 +12,23 @@ from typing import Literal
 
 from branchdrive.contract.rule import cause_order
 from branchdrive.contract.text import counted
-from branchdrive.engine.finding import Finding
+from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
+from branchdrive.engine.waiver import WaiverOutcome
 
 __all__ = [
-    "MEANING", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "summary", "unjudged",
-    "verdict_level", "violations",
+    "MEANING", "RULE_EXPLAINED", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals",
+    "summary", "unjudged", "verdict_level", "violations", "waiver_text", "with_companions",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
 
 _RULES_SHOWN = 12
+
+RULE_EXPLAINED = "`branchdrive rules ID` explains a rule: why it is, its clauses, an example, and what to do"
+"""How somebody with a report comes to the page of a rule."""
 
 MEANING: Mapping[Verdict, str] = MappingProxyType(
     {
@@ -45,7 +49,8 @@ def headline(report: Report) -> str:
     """The verdict, what it means, and how many groups qualify."""
     qualified = ""
     if report.num_qualified is not None and report.verdict != "error":
-        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} qualify"
+        verb = "qualifies" if report.dataset.num_groups == 1 else "qualify"
+        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} {verb}"
     return f"{report.verdict} - {MEANING[report.verdict]}{qualified}"
 
 
@@ -136,6 +141,19 @@ def also_in(part: Sequence[Finding]) -> str:
     return f", and {counted(len(part) - 1, 'more attempt')} of the group"
 
 
+def waiver_text(outcome: WaiverOutcome, report: Report) -> str:
+    """What became of a waiver; of one that covers nothing, with what its glob was compared."""
+    waiver = outcome.waiver
+    use = f"{outcome.state}, {outcome.num_matched} of at most {waiver.max_count}, until {waiver.expires}"
+    if outcome.num_matched:
+        return use
+    found = next((tally.findings for tally in report.tallies if tally.rule_id == waiver.rule), [])
+    if not found:
+        return f"{use}; the rule has no finding"
+    first = location_text(found[0].location)
+    return f"{use}; compared with {counted(len(found), 'location')}, the first of them {first}"
+
+
 def unjudged(report: Report) -> list[str]:
     """What kept rules from a judgement that a verdict rests on, each with the rules, one sentence each."""
     rules: dict[str, list[str]] = {}
@@ -156,6 +174,12 @@ def summary(tally: Tally) -> str:
         waived = ", waived" if is_waived(tally) else ""
         return f"{violations(tally)}{waived}"
     return tally.status if tally.reason is None else f"{tally.status}: {tally.reason}"
+
+
+def with_companions(report: Report) -> str:
+    """How many names beside the dataset were not looked at, to be put behind what it holds; empty if none."""
+    number = report.dataset.num_beside
+    return f", {counted(number, 'companion')} not looked at" if number else ""
 
 
 def violations(tally: Tally) -> str:
