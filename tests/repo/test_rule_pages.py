@@ -36,5 +36,10 @@ def test_the_index_leads_to_every_page() -> None:
 
 
 def test_reasons_and_examples_are_those_of_areas_and_rules() -> None:
-    assert list(json.loads((ROOT / AREAS_FILE).read_text("utf-8"))) == list(AREAS)
+    reasons = json.loads((ROOT / AREAS_FILE).read_text("utf-8"))
+    assert list(reasons)[: len(AREAS)] == list(AREAS)
+    of_rules = list(reasons)[len(AREAS) :]
+    assert set(of_rules) <= set(CATALOGUE)
+    for rule in of_rules:
+        assert reasons[rule] in rule_page(rule) and reasons[rule[3:6]] not in rule_page(rule)
     assert list(json.loads((ROOT / EXAMPLES_FILE).read_text("utf-8"))) == list(CATALOGUE)

@@ -6,7 +6,9 @@ import io
 import re
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import date
+from functools import reduce
 from pathlib import Path
 
 import pytest
@@ -15,11 +17,15 @@ from tests.mutation import new_draft
 from tests.validator.engine.datasets import DEPARTURES, edited, with_column, write
 from tests.validator.engine.test_report import HOSTILE, SITUATIONS
 
+from branchdrive.cli.formats.outcome import folded, headline
+from branchdrive.cli.formats.table import renderer
 from branchdrive.cli.text import render, render_report, render_rule, render_rules
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.contract.text import counted
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.engine.waiver import Waiver
+from branchdrive.raw.funnel import Funnel
 from branchdrive.text.terminal import PLAIN_WIDTH
 
 LAYER_RULES = {
@@ -134,6 +140,8 @@ Why attempts and groups do not qualify
       remedy: Leave the ego to the online expert outside the active window, and apply and record the very float32
       command of the expert, not a quantised one.
 
+`branchdrive rules ID` explains a rule: why it is, its clauses, an example, and what to do.
+
 Funnel
 Stage                  Groups  Lost  Reasons (groups)
 -----------------------------------------------------
@@ -144,10 +152,11 @@ Integrity-complete          1
 Structurally eligible       1
 
 Groups that do not qualify: 2 of 3
-Group  Lost at         Why                                                                     Rules
----------------------------------------------------------------------------------------------------------
-g0     Exact bank      does not hold: Values lie in their declared range                       BD-VAL-002
-g1     Controls valid  does not hold: Applied control equals the online expert while inactive  BD-CTL-009
+Group  Lost at         Why                                                                                    Rules
+------------------------------------------------------------------------------------------------------------------------
+g0     Exact bank      does not hold: Values lie in their declared range: found 1000.0                        BD-VAL-002
+g1     Controls valid  does not hold: Applied control equals the online expert while inactive: found steer    BD-CTL-009
+                       COMMANDS
 
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
@@ -168,7 +177,7 @@ Means over groups with normal 95 % intervals. Left and faster are positive. The 
 that equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
-Rules: PASSED, 1 fail, SKIPPED, {NUM_UNCLAIMED} not-claimed, 1 noted
+Rules: PASSED, 1 fail, SKIPPED, {NUM_UNCLAIMED} not-claimed, 1 failing without deciding
 {UNCLAIMED}
 Verdict: invalid - the dataset breaks the specification; 1 of 3 groups qualify
   descriptor SHA256
@@ -183,6 +192,7 @@ def test_an_invalid_dataset_reads_like_this(invalid_root: Path) -> None:
     text = shown(validate(invalid_root, require_groups=2))
     text = re.sub(r"in [0-9,]+ rows", "in EXAMINED rows", text)
     text = re.sub(r"expected steer [^;]*; found\s+steer\s+\S+\s+throttle\s+\S+\s+brake\s+0.75", "COMMANDS", text)
+    text = re.sub(r"\S+, throttle \S+, brake 0.75\n", "COMMANDS\n", text)
     assert text == INVALID
 
 
@@ -195,9 +205,33 @@ def test_waivers_are_printed(tmp_path: Path) -> None:
     text = shown(validate(root, waivers=waivers))
     assert "BD-VAL-002  Values lie in their declared range (waived): 1 violation" in text
     assert "BD-VAL-002 at *: used, 1 of at most 2, until 2999-01-01 - a [bold]sensor[/] that saturates" in text
-    assert "BD-VAL-001 at *: expired, 0 of at most 1, until 2020-01-01 - no longer needed" in text
+    assert "BD-VAL-001 at *: expired, 0 of at most 1, until 2020-01-01; the rule" in text
+    assert "until 2020-01-01; the rule has no finding - no longer needed" in " ".join(text.split())
     assert "Verdict: valid-with-waivers - it conforms except where a waiver accepts that it does not" in text
     assert "  1 violation of 1 rule waived\n" in text
+
+
+def test_an_unused_waiver_says_what_it_was_compared_with(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
+    report = validate(root, waivers=[Waiver("BD-VAL-002", "rollout_id=g0*", "a guess", date(2999, 1, 1), 2)])
+    text = " ".join(shown(report).split())
+    assert "unused, 0 of at most 2, until 2999-01-01; compared with 1 location, the first of them file=raw/" in text
+
+
+def test_companions_are_counted(tmp_path: Path) -> None:
+    root = write(tmp_path / "dataset")
+    (root / "notes.txt").write_text("notes")
+    (root / ".branchdriveignore").write_text("notes.txt\n")
+    report = validate(root)
+    assert report.dataset.num_beside
+    for text in (shown(report), renderer("markdown")(report)):
+        assert f", {counted(report.dataset.num_beside, 'companion')} not looked at\n" in text
+
+
+def test_one_group_qualifies(valid_root: Path) -> None:
+    report = validate(valid_root)
+    report = replace(report, funnel=Funnel(1), dataset=replace(report.dataset, num_groups=1))
+    assert headline(report).endswith("; 1 of 1 group qualifies")
 
 
 def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
@@ -205,7 +239,7 @@ def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
     assert "Funnel: not judged" in text
     assert "skipped: digests were not computed - BD-LAY-002" in text
     assert "skipped: deselected - BD-DOC-004, BD-CTL-001, BD-CTL-002, BD-CTL-003, BD-CTL-004, BD-CTL-005 and" in text
-    assert "Verdict: partial - nothing wrong was found, but not everything was judged" in text
+    assert "Verdict: partial - what was judged conforms to the specification, but not everything was judged" in text
     assert "  16 rules deselected, of them 1 that decide\n  digests of files were not compared\n" in text
 
 
@@ -233,11 +267,14 @@ def test_what_the_dataset_leaves_out_stands_beside_the_verdict(tmp_path: Path) -
 
 
 def test_left_out_findings_are_counted_in_rows_where_rows_are_counted(tmp_path: Path) -> None:
-    tables = edited("controls", lambda t: with_column(t, "expert_brake", [9.0] * len(t)))
+    columns = ("expert_brake", "expert_steer", "expert_throttle")
+    tables = edited("controls", lambda t: reduce(lambda t, column: with_column(t, column, [9.0] * len(t)), columns, t))
     report = validate(write(tmp_path / "dataset", tables))
     (tally,) = (tally for tally in report.tallies if tally.rule_id == "BD-VAL-002")
-    assert [finding.count for finding in tally.findings[:5]] == [201] * 5
-    assert f"... and {tally.num_findings - 5 * 201:,} more" in shown(report)
+    assert {finding.count for finding in tally.findings} == {201}
+    parts = folded(tally.findings)
+    assert len(parts) == 6
+    assert f"... and {len(parts[-1]) * 201:,} more" in shown(report)
 
 
 @pytest.fixture(scope="module", params=SITUATIONS)

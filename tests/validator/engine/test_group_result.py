@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tests.mutation import new_draft
 from tests.validator.engine import datasets
 
 from branchdrive.cli.formats.outcome import also_in, folded
+from branchdrive.cli.funnel import funnel_table
 from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.validate import validate
-from branchdrive.raw.funnel import GroupOutcome
+from branchdrive.raw.funnel import Funnel, GroupOutcome
 
 
 def test_every_group_is_listed_with_what_it_lacks(tmp_path: Path) -> None:
@@ -23,7 +25,8 @@ def test_every_group_is_listed_with_what_it_lacks(tmp_path: Path) -> None:
     assert len(report.groups) - len(lost) == report.funnel.qualified == 2
     (group,) = lost
     assert (group.stage, "BD-CTL-008" in group.rules or "BD-CTL-009" in group.rules) == ("Controls valid", True)
-    assert group.reason == f"does not hold: {CATALOGUE[group.rules[0]].title}"
+    found = next(finding.found for finding in report.findings if finding.rule == group.rules[0])
+    assert group.reason == f"does not hold: {CATALOGUE[group.rules[0]].title}: found {found}"
     assert report.to_json()["groups"] == [each.to_json() for each in report.groups]
     assert {each["id"]: each["qualifies"] for each in report.to_json()["groups"]}[group.group_id] is False
 
@@ -33,10 +36,39 @@ def test_a_group_without_a_branch_is_a_drive_on_which_nothing_happened(tmp_path:
     assert "nothing happened" in GroupResult.of(outcome).reason
 
 
+def test_a_group_without_an_action_says_which(tmp_path: Path) -> None:
+    draft = new_draft()
+    draft.set("rollouts", "status", "partial", rollout_id="g0.brake_1.00.a1")
+    draft.set("rollouts", "status_reason", "out of fuel", rollout_id="g0.brake_1.00.a1")
+    report = validate(draft.write(tmp_path / "dataset"))
+    (reason,) = (group.reason for group in report.groups or () if not group.qualifies)
+    assert reason.endswith(": found no complete attempt of brake_1.00")
+
+
+def test_findings_on_rows_tell_the_reason_of_their_group(tmp_path: Path) -> None:
+    report = validate(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
+    (reason,) = (group.reason for group in report.groups or () if not group.qualifies)
+    assert reason == "does not hold: Values lie in their declared range: found 1000.0"
+    assert all("group_id" not in finding["location"] for finding in report.to_json()["findings"])
+
+
+def test_reasons_of_the_funnel_stand_causes_first() -> None:
+    funnel = Funnel(3)
+    funnel.lost["integrity"] = 3
+    counts = {"BD-EVD-001": 3, "BD-EVD-002": 3, "BD-EVD-003": 3, "BD-WIN-005": 3, "BD-MOT-001": 1, "BD-MOT-006": 1}
+    funnel.reasons["integrity"].update({**counts, "BD-BOX-001": 1, "BD-MOT-003": 2})
+    (row,) = (row for row in funnel_table(funnel).rows if row[3])
+    assert row[3] == (
+        "BD-MOT-006 (1), BD-MOT-001 (1), BD-MOT-003 (2), BD-BOX-001 (1), BD-WIN-005 (3), BD-EVD-001 (3) and 2 more"
+    )
+
+
 def test_causes_stand_before_what_follows_from_them() -> None:
-    rules = ["BD-EVD-002", "BD-WIN-005", "BD-CTL-001", "BD-MOT-003", "BD-MOT-001", "BD-RSP-007", "BD-VAL-002"]
+    rules = [
+        "BD-EVD-002", "BD-WIN-005", "BD-CTL-001", "BD-MOT-003", "BD-MOT-006", "BD-MOT-001", "BD-RSP-007", "BD-VAL-002",
+    ]  # fmt: skip
     ordered = sorted(rules, key=cause_order)
-    assert ordered[:4] == ["BD-VAL-002", "BD-RSP-007", "BD-MOT-001", "BD-MOT-003"]
+    assert ordered[:5] == ["BD-VAL-002", "BD-RSP-007", "BD-MOT-006", "BD-MOT-001", "BD-MOT-003"]
     assert ordered[-1] == "BD-EVD-002"
     assert GroupResult.of(GroupOutcome("g", True, "integrity", tuple(rules))).rules == tuple(ordered)
 
@@ -54,7 +86,34 @@ def test_findings_of_one_group_are_told_once() -> None:
     ]
     parts = folded(found)
     assert [len(part) for part in parts] == [3, 1, 1]
-    assert [part[0] for part in parts] == [found[0], found[2], found[4]]
+    assert [part[0] for part in parts] == [found[0], found[4], found[2]]  # another column before another group
     assert [also_in(part) for part in parts] == [", and 2 more attempts of the group", "", ""]
     files = [Finding("BD-LAY-002", {"file": name}, 1, "a", "b") for name in "abc"]
     assert [len(part) for part in folded(files)] == [1, 1, 1]
+
+
+def test_groups_that_lack_the_same_are_told_once() -> None:
+    found = [
+        Finding("BD-BNK-001", {"group_id": group}, 1, "all 13 policies", f"no complete attempt of {action}")
+        for group, action in (("g0", "brake_1.00"), ("g1", "brake_0.30"), ("g2", "brake_1.00"), ("g3", "brake_1.00"))
+    ]
+    assert [(part[0], also_in(part)) for part in folded(found)] == [
+        (found[0], ", and 2 more groups"), (found[1], ""),
+    ]  # fmt: skip
+
+
+def test_degrees_are_named_and_told_once_for_each_table(tmp_path: Path) -> None:
+    draft = new_draft()
+    for table in ("observations", "actors"):
+        draft.set(table, "yaw_rad", -175.5)
+    report = validate(draft.write(tmp_path / "dataset"))
+    tally = next(tally for tally in report.tallies if tally.rule_id == "BD-VAL-002")
+    parts = folded(tally.findings)
+    assert {part[0].found for part in parts} == {"-175.5, as what is in degrees"}
+    assert [part[0].location["table"] for part in parts[:2]] == ["observations", "actors"]
+    assert len(parts) < len(tally.findings) / 5
+
+
+def test_what_is_no_angle_has_no_degrees(tmp_path: Path) -> None:
+    report = validate(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
+    assert not any("degrees" in finding.found for finding in report.findings)

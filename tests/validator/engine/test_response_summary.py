@@ -65,6 +65,26 @@ def test_strict_refuses_what_diagnostics_found(tmp_path: Path) -> None:
     assert judged_folder(new_draft("bare").write(tmp_path / "good"), strict=True).exit_code == 0
 
 
+def test_late_responses_are_named_beside_motion_that_does_not_fit(tmp_path: Path) -> None:
+    draft, late = new_draft("bare"), next(mutant for mutant in MUTANTS if mutant.rule == "BD-RSP-004")
+    late.edit(draft)
+    draft.set("rollouts", "result_num_static_collisions", 0)
+    draft.set("observations", "speed_mps", lambda speed: 8 * speed)
+    report = judged_folder(draft.write(tmp_path / "late"))
+    texts = {finding.rule: finding.found for finding in report.findings}
+    assert "responses are late, too (BD-RSP-004)" in texts["BD-RSP-006"]
+    assert "most of" not in texts["BD-RSP-004"] and "none yet in " in texts["BD-RSP-004"]
+
+
+def test_steering_to_the_other_side_may_be_the_sign_of_the_column(tmp_path: Path) -> None:
+    draft, exchanged = new_draft("bare"), next(mutant for mutant in MUTANTS if mutant.rule == "BD-GRP-010")
+    exchanged.edit(draft)
+    report = judged_folder(draft.write(tmp_path / "exchanged"))
+    (finding,) = (finding for finding in report.findings if finding.rule == "BD-GRP-010")
+    assert "recorded applied_steer points to the" in finding.expected
+    assert finding.found.endswith("; the sign of steering or the world may be mirrored")
+
+
 @pytest.mark.parametrize("value", [1e308, float("inf"), float("nan")])
 def test_hostile_numbers_are_no_response(value: float, tmp_path: Path) -> None:
     """What a structure rule refuses enters no mean and no constant: a report is JSON whatever cells hold."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Sequence
 
+from branchdrive.contract.rule import cause_order
 from branchdrive.contract.text import counted
 from branchdrive.engine.report import Report
 from branchdrive.raw.funnel import Funnel
@@ -11,17 +12,15 @@ from branchdrive.text.table import Column, Table
 
 __all__ = ["funnel_table", "lost_groups_table"]
 
-_REASONS_SHOWN = 4
+_REASONS_SHOWN = 6
 
 
 def funnel_table(funnel: Funnel) -> Table:
-    """Groups that are left at every stage, and why others were lost."""
+    """Groups that are left at every stage, and why others were lost, causes before their consequences."""
     rows = []
     for stage in funnel.to_json()["stages"]:
-        common = Counter(stage["reasons"]).most_common(_REASONS_SHOWN)
-        reasons = ", ".join(f"{rule_id} ({count})" for rule_id, count in common)
-        if len(stage["reasons"]) > len(common):
-            reasons += ", ..."
+        counts = stage["reasons"]
+        reasons = _listed([f"{rule_id} ({counts[rule_id]})" for rule_id in sorted(counts, key=cause_order)])
         rows.append([stage["title"], f"{stage['groups']:,}", f"{stage['lost']:,}" if stage["lost"] else "", reasons])
     columns = [Column.name("Stage"), Column("Groups"), Column("Lost"), Column("Reasons (groups)", is_text=True)]
     return Table("Funnel", columns, rows)
@@ -32,9 +31,9 @@ def lost_groups_table(report: Report, most: int) -> Table | None:
     lost = [group for group in report.groups or () if not group.qualifies]
     if not lost:
         return None
-    rows = [[group.group_id, group.stage or "", group.reason, _rules_text(group.rules)] for group in lost[:most]]
+    rows = [[group.group_id, group.stage or "", group.reason, _listed(group.rules)] for group in lost[:most]]
     columns = [
-        Column.name("Group", is_code=True), Column("Lost at", is_text=True), Column("Why", is_text=True),
+        Column.name("Group", is_code=True), Column("Lost at", is_text=True), Column("Why", is_text=True, is_code=True),
         Column("Rules", is_text=True),
     ]  # fmt: skip
     more = f"and {counted(len(lost) - most, 'other group')}; --format json lists all"
@@ -42,6 +41,6 @@ def lost_groups_table(report: Report, most: int) -> Table | None:
     return Table(title, columns, rows, [more] if len(lost) > most else [])
 
 
-def _rules_text(rules: tuple[str, ...]) -> str:
+def _listed(rules: Sequence[str]) -> str:
     more = f" and {len(rules) - _REASONS_SHOWN} more" if len(rules) > _REASONS_SHOWN else ""
     return ", ".join(rules[:_REASONS_SHOWN]) + more

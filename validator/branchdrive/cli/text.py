@@ -14,7 +14,17 @@ from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
-from branchdrive.cli.formats.outcome import also_in, folded, headline, refusals, violations
+from branchdrive.cli.formats.causes import causes, causes_text
+from branchdrive.cli.formats.outcome import (
+    RULE_EXPLAINED,
+    also_in,
+    folded,
+    headline,
+    refusals,
+    violations,
+    waiver_text,
+    with_companions,
+)
 from branchdrive.cli.funnel import funnel_table, lost_groups_table
 from branchdrive.cli.population import (
     print_accesses,
@@ -43,10 +53,11 @@ __all__ = ["render", "render_build", "render_report", "render_rule", "render_rul
 
 FINDINGS_SHOWN = 5
 GROUPS_SHOWN = 10
+_NOTED = "failing without deciding"
 _STYLE: dict[str, str] = {
     "valid": "bold green", "valid-with-waivers": "bold yellow", "partial": "bold yellow", "invalid": "bold red",
     "error": "bold magenta", "pass": "green", "fail": "red", "skipped": "yellow", "not-claimed": "dim",
-    "inconclusive": "yellow", "noted": "yellow",
+    "inconclusive": "yellow", _NOTED: "yellow",
 }  # fmt: skip
 
 
@@ -126,9 +137,8 @@ def _print_head(console: Console, report: Report) -> None:
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
     console.print(Text(", ".join(sizes)))
-    console.print(
-        Text(f"{counted(facts.num_shards, 'shard')}, {counted(facts.num_files, 'file')}, {_size(facts.num_bytes)}")
-    )
+    sizes = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), _size(facts.num_bytes)]
+    console.print(Text(", ".join(sizes) + with_companions(report)))
     if facts.raw_path:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
     if facts.identity:
@@ -145,10 +155,13 @@ def _print_findings(console: Console, report: Report) -> None:
             console.print()
             console.print(Text(title, style="bold"))
         for tally in failed:
-            _print_rule_findings(console, tally)
+            _print_rule_findings(console, tally, report)
+    if any(tally.num_findings for tally in report.tallies):
+        console.print()
+        console.print(Text(f"{RULE_EXPLAINED}.", style="dim"))
 
 
-def _print_rule_findings(console: Console, tally: Tally) -> None:
+def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None:
     info = tally.info
     waived = " (waived)" if is_waived(tally) else ""
     style = "red" if info.decides and not waived else "yellow"
@@ -165,6 +178,8 @@ def _print_rule_findings(console: Console, tally: Tally) -> None:
     if left > 0 and tally.findings:
         more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
+    if rules := causes(tally, report):
+        console.print(Padding(Text(causes_text(rules)), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
 
 
@@ -185,18 +200,18 @@ def _print_waivers(console: Console, report: Report) -> None:
         console.print(Text("Waivers", style="bold"))
     for outcome in report.waivers:
         w = outcome.waiver
-        use = f"{outcome.state}, {outcome.num_matched} of at most {w.max_count}, until {w.expires}"
+        use = printable(waiver_text(outcome, report))
         line = f"{w.rule} at {printable(w.location)}: {use} - {printable(w.reason)}"
         console.print(Padding(Text(line), (0, 0, 0, 2)))
 
 
 def _print_rules(console: Console, report: Report) -> None:
     console.print()
-    # A failed rule that decides nothing is counted as noted, since the verdict above may be `valid`.
-    counts = Counter("noted" if t.status == "fail" and not t.info.decides else t.status for t in report.tallies)
+    # A failed rule that decides nothing is counted apart, since the verdict above may be `valid`.
+    counts = Counter(_NOTED if t.status == "fail" and not t.info.decides else t.status for t in report.tallies)
     parts = [
         (f"{counts[status]} {status}", _STYLE.get(status, ""))
-        for status in (*get_args(RuleStatus), "noted")
+        for status in (*get_args(RuleStatus), _NOTED)
         if counts[status]
     ]
     line = Text("Rules: ", style="bold")

@@ -6,7 +6,7 @@ Source: spec/07-rules.md#findings.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -39,16 +39,18 @@ class Mismatch:
         expected: What the clause demands there, as text.
         found: What the dataset has there, as text.
         count: Mismatching items that this one stands for.
+        group_id: The branch group that it is about, where the location has it not.
     """
 
     location: Location
     expected: str
     found: str
     count: int = 1
+    group_id: str | None = None
 
     def within(self, location: Location) -> Mismatch:
         """This mismatch at a place inside of `location`, whose parts come first: a file, a table, a subject."""
-        return Mismatch({**location, **self.location}, self.expected, self.found, self.count)
+        return replace(self, location={**location, **self.location})
 
 
 @dataclass

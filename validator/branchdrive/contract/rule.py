@@ -138,16 +138,23 @@ def rules_of(*scopes: Scope) -> tuple[str, ...]:
 AREAS: Mapping[str, str] = MappingProxyType(load_resource("rules.json")["areas"])
 """What the three letters of a rule id stand for."""
 
+_RECOMPUTED = "EVD"
+"""The area of evidence, which is computed from boxes and motion, and stands behind all others."""
+
 _CAUSES = (
     "LAY", "DOC", "ENC", "TAB", "VAL", "NUL", "KEY", "STA", "TIC", "RSP", "MOT", "BOX", "ACT", "MAP", "RTE", "CTL",
     "TRG", "RPN", "GRP",
 )  # fmt: skip
 """Areas whose defects explain others, the first causes first: a wrong unit of speed fails what is computed from it."""
 
+_NAMES_CAUSE = frozenset({"BD-MOT-006"})
+"""Rules whose findings name a unit or a sign; they stand before the others of their area."""
+
 _PLACE = {rule_id: place for place, rule_id in enumerate(CATALOGUE)}
 
 
-def cause_order(rule_id: str) -> tuple[int, int]:
-    """Sort key of rules that fails together: causes before their consequences, else as in the catalogue."""
+def cause_order(rule_id: str) -> tuple[int, bool, int]:
+    """Sort key of rules that fail together: causes before their consequences, else as in the catalogue."""
     area = rule_id[3:6]
-    return (_CAUSES.index(area) if area in _CAUSES else len(_CAUSES), _PLACE[rule_id])
+    place = _CAUSES.index(area) if area in _CAUSES else len(_CAUSES) + (area == _RECOMPUTED)
+    return (place, rule_id not in _NAMES_CAUSE, _PLACE[rule_id])

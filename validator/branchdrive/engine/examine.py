@@ -130,9 +130,11 @@ def _of_rows(view: ShardView, check: Check) -> Iterator[Mismatch]:
     key = np.where(owner >= 0, owner, -1 - check.bad)
     _, first, count = np.unique(key, return_index=True, return_counts=True)
     for place, rows in sorted(zip(first.tolist(), count.tolist(), strict=True)):
-        row = int(check.bad[place])
+        row, attempt = int(check.bad[place]), int(owner[place])
         found = check.mismatch(row)
-        yield Mismatch(_row_location(view, str(check.table), row, found.location), found.expected, found.found, rows)
+        where = _row_location(view, str(check.table), row, found.location)
+        group_id = str(view.rollouts["group_id"][attempt]) if attempt >= 0 else None
+        yield Mismatch(where, found.expected, found.found, rows, group_id)
 
 
 def _row_location(view: ShardView, name: str, row: int, found: Location) -> Location:

@@ -22,7 +22,7 @@ def location_text(location: Location) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One violation of a rule, as reports carry it."""
+    """One violation of a rule, as reports carry it; `of_group` is its group where the location has it not."""
 
     rule: str
     location: Location
@@ -30,6 +30,7 @@ class Finding:
     expected: str
     found: str
     waived: bool = False
+    of_group: str | None = None
 
     @classmethod
     def of(cls, rule_id: str, mismatch: Mismatch) -> Finding:
@@ -39,7 +40,13 @@ class Finding:
             for key, value in mismatch.location.items()
         }
         expected, found = (printable(text[:300])[:300] for text in (mismatch.expected, mismatch.found))
-        return cls(rule_id, location, mismatch.count, expected, found)
+        return cls(rule_id, location, mismatch.count, expected, found, of_group=mismatch.group_id)
+
+    @property
+    def group_id(self) -> str | None:
+        """The branch group that it is about, safe to print; ``None`` where it is about no single one."""
+        named = self.location.get("group_id", self.of_group)
+        return None if named is None else printable(str(named)[:128])
 
     @property
     def kind(self) -> Kind:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.contract.text import printable
+from branchdrive.engine.finding import Finding
 from branchdrive.raw.funnel import STAGES, GroupOutcome
 
 __all__ = ["GroupResult"]
+
+FirstFindings: TypeAlias = Mapping[tuple[str | None, str], Finding]
+_NO_FINDINGS: FirstFindings = MappingProxyType({})
+_MAX_FOUND = 120
+"""Characters of what was found that a reason repeats."""
 
 _NO_BRANCH = "no attempt has a branch: nothing happened on this drive that calls for one, and nothing is to be done"
 
@@ -22,7 +30,7 @@ class GroupResult:
         group_id: The group, safe to print.
         stage: Title of the stage that it is lost at; ``None`` where it qualifies.
         rules: Rules that it fails there, causes before their consequences.
-        reason: What it lacks in words; empty where it qualifies.
+        reason: What it lacks in words, and what was found instead; empty where it qualifies.
     """
 
     group_id: str
@@ -31,13 +39,17 @@ class GroupResult:
     reason: str
 
     @classmethod
-    def of(cls, outcome: GroupOutcome) -> GroupResult:
-        """Result of a group from its outcome in the funnel."""
+    def of(cls, outcome: GroupOutcome, findings: FirstFindings = _NO_FINDINGS) -> GroupResult:
+        """Result of a group from its outcome in the funnel, and from the first kept finding of each group and rule."""
         group_id = printable(outcome.group_id[:128])
         if outcome.lost_at is None:
             return cls(group_id, None, (), "")
         rules = tuple(sorted(outcome.rules, key=cause_order))
-        reason = f"does not hold: {CATALOGUE[rules[0]].title}" if outcome.is_branched else _NO_BRANCH
+        if not outcome.is_branched:
+            return cls(group_id, STAGES[outcome.lost_at], rules, _NO_BRANCH)
+        first = findings.get((group_id, rules[0]))
+        found = f": found {_shortened(first.found)}" if first else ""
+        reason = f"does not hold: {CATALOGUE[rules[0]].title}{found}"
         return cls(group_id, STAGES[outcome.lost_at], rules, reason)
 
     @property
@@ -54,3 +66,9 @@ class GroupResult:
             "rules": list(self.rules),
             "reason": self.reason,
         }
+
+
+def _shortened(text: str) -> str:
+    """A text of findings that is not long, and safe in a code span of a cell."""
+    text = text.replace("`", "'")
+    return text if len(text) <= _MAX_FOUND else f"{text[: _MAX_FOUND - 3]}..."

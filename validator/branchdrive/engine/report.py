@@ -132,7 +132,10 @@ class Report:
     @property
     def groups(self) -> tuple[GroupResult, ...] | None:
         """How far each group of the raw layer gets, and why no further; ``None`` where the funnel is not judged."""
-        return None if self.funnel is None else tuple(map(GroupResult.of, self.funnel.outcomes))
+        if self.funnel is None:
+            return None
+        first = {(finding.group_id, finding.rule): finding for finding in reversed(self.findings)}
+        return tuple(GroupResult.of(outcome, first) for outcome in self.funnel.outcomes)
 
     @property
     def conditions(self) -> tuple[str, ...]:

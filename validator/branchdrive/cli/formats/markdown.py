@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from branchdrive.cli.formats.causes import causes, causes_text
 from branchdrive.cli.formats.outcome import (
+    RULE_EXPLAINED,
     Level,
     also_in,
     failures,
@@ -17,6 +19,8 @@ from branchdrive.cli.formats.outcome import (
     refusals,
     summary,
     unjudged,
+    waiver_text,
+    with_companions,
 )
 from branchdrive.cli.funnel import funnel_table, lost_groups_table
 from branchdrive.contract.text import counted
@@ -56,7 +60,7 @@ def _head_lines(report: Report) -> Iterator[str]:
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
     yield (
         f"{code_span(name)} at {code_span(facts.path)}: {counted(facts.num_groups, 'branch group')}, "
-        f"{counted(facts.num_rollouts, 'rollout')}, {counted(facts.num_shards, 'shard')}"
+        f"{counted(facts.num_rollouts, 'rollout')}, {counted(facts.num_shards, 'shard')}{with_companions(report)}"
     )
     yield ""
     for refusal in refusals(report):
@@ -74,12 +78,14 @@ def _rule_lines(report: Report) -> Iterator[str]:
         if tallies:
             yield from ("", f"## {head}")
         for tally in tallies:
-            yield from _tally_lines(tally)
+            yield from _tally_lines(tally, report)
+    if any(tally.status == "fail" for _, tally in found):
+        yield from ("", f"{RULE_EXPLAINED}.")
     if reasons := unjudged(report):
         yield from ("", "## What was not judged", "", *(f"- {code_span(reason)}" for reason in reasons))
 
 
-def _tally_lines(tally: Tally) -> Iterator[str]:
+def _tally_lines(tally: Tally, report: Report) -> Iterator[str]:
     info = tally.info
     result = summary(tally) if tally.status == "fail" else code_span(summary(tally))
     name = f"[{info.id}]({info.url})" if info.url else info.id
@@ -93,6 +99,8 @@ def _tally_lines(tally: Tally) -> Iterator[str]:
     left = tally.num_findings - sum(map(tally.places, shown))
     if left > 0 and tally.findings:
         yield f"- ... and {left:,} more"
+    if tally.status == "fail" and (rules := causes(tally, report)):
+        yield from ("", f"This {causes_text(rules)}.")
     if tally.status == "fail" and not is_waived(tally):
         yield from ("", f"To do: {info.remedy}")
 
@@ -112,5 +120,5 @@ def _waiver_lines(report: Report) -> Iterator[str]:
         yield from ("", "## Waivers", "")
     for outcome in report.waivers:
         w = outcome.waiver
-        use = f"{outcome.state}, {outcome.num_matched} of at most {w.max_count}, until {w.expires}"
+        use = code_span(waiver_text(outcome, report))
         yield f"- {w.rule} at {code_span(w.location)}: {use}: {code_span(w.reason)}"

@@ -5,31 +5,36 @@ Every form takes its colours from here, so that none shows green what is not `va
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Literal
 
 from branchdrive.contract.rule import cause_order
 from branchdrive.contract.text import counted
-from branchdrive.engine.finding import Finding
+from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
+from branchdrive.engine.waiver import WaiverOutcome
 
 __all__ = [
-    "MEANING", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "summary", "unjudged",
-    "verdict_level", "violations",
+    "MEANING", "RULE_EXPLAINED", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals",
+    "summary", "unjudged", "verdict_level", "violations", "waiver_text", "with_companions",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
 
 _RULES_SHOWN = 12
 
+RULE_EXPLAINED = "`branchdrive rules ID` explains a rule: why it is, its clauses, an example, and what to do"
+"""How somebody with a report comes to the page of a rule."""
+
 MEANING: Mapping[Verdict, str] = MappingProxyType(
     {
         "valid": "the dataset conforms to the specification",
         "valid-with-waivers": "it conforms except where a waiver accepts that it does not",
-        "partial": "nothing wrong was found, but not everything was judged",
+        "partial": "what was judged conforms to the specification, but not everything was judged",
         "invalid": "the dataset breaks the specification",
         "error": "the validator itself failed; this says nothing about the dataset",
     }
@@ -44,7 +49,8 @@ def headline(report: Report) -> str:
     """The verdict, what it means, and how many groups qualify."""
     qualified = ""
     if report.num_qualified is not None and report.verdict != "error":
-        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} qualify"
+        verb = "qualifies" if report.dataset.num_groups == 1 else "qualify"
+        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} {verb}"
     return f"{report.verdict} - {MEANING[report.verdict]}{qualified}"
 
 
@@ -100,18 +106,52 @@ def failures(report: Report) -> list[tuple[Level, Tally]]:
 
 
 def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
-    """Findings of a rule, those about attempts of one group together, in the order of the first of each."""
+    """Findings of a rule, those that say the same together, in the order of the first of each.
+
+    Attempts of one group are told once for each table and column, and groups that lack the same once. Each table and
+    column comes before the second place of one that was told.
+    """
     parts: dict[object, list[Finding]] = {}
     for place, finding in enumerate(findings):
         about = finding.location
-        of_group = "group_id" in about and "rollout_id" in about
-        parts.setdefault((about["group_id"], about.get("column")) if of_group else place, []).append(finding)
-    return [tuple(part) for part in parts.values()]
+        said: object = place
+        if "rollout_id" in about and finding.group_id is not None:
+            said = (finding.group_id, about.get("table"), about.get("column"))
+        elif "group_id" in about:
+            others = tuple(part for part in about.items() if part[0] != "group_id")
+            said = (others, finding.expected, finding.found)
+        parts.setdefault(said, []).append(finding)
+    told: Counter[object] = Counter()
+    rounds = []
+    for part in parts.values():
+        column = part[0].location.get("table"), part[0].location.get("column")
+        rounds.append(told[column])
+        told[column] += 1
+    order = sorted(range(len(rounds)), key=rounds.__getitem__)
+    every = [tuple(part) for part in parts.values()]
+    return [every[place] for place in order]
 
 
 def also_in(part: Sequence[Finding]) -> str:
-    """How many further attempts of its group the first finding of a part stands for, to be put behind its place."""
-    return f", and {counted(len(part) - 1, 'more attempt')} of the group" if len(part) > 1 else ""
+    """How many attempts of its group, or groups, the first finding stands for beside its own, to stand behind it."""
+    if len(part) < 2:
+        return ""
+    if "rollout_id" not in part[0].location:
+        return f", and {counted(len(part) - 1, 'more group')}"
+    return f", and {counted(len(part) - 1, 'more attempt')} of the group"
+
+
+def waiver_text(outcome: WaiverOutcome, report: Report) -> str:
+    """What became of a waiver; of one that covers nothing, with what its glob was compared."""
+    waiver = outcome.waiver
+    use = f"{outcome.state}, {outcome.num_matched} of at most {waiver.max_count}, until {waiver.expires}"
+    if outcome.num_matched:
+        return use
+    found = next((tally.findings for tally in report.tallies if tally.rule_id == waiver.rule), [])
+    if not found:
+        return f"{use}; the rule has no finding"
+    first = location_text(found[0].location)
+    return f"{use}; compared with {counted(len(found), 'location')}, the first of them {first}"
 
 
 def unjudged(report: Report) -> list[str]:
@@ -134,6 +174,12 @@ def summary(tally: Tally) -> str:
         waived = ", waived" if is_waived(tally) else ""
         return f"{violations(tally)}{waived}"
     return tally.status if tally.reason is None else f"{tally.status}: {tally.reason}"
+
+
+def with_companions(report: Report) -> str:
+    """How many names beside the dataset were not looked at, to be put behind what it holds; empty if none."""
+    number = report.dataset.num_beside
+    return f", {counted(number, 'companion')} not looked at" if number else ""
 
 
 def violations(tally: Tally) -> str:

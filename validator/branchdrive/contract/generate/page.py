@@ -1,7 +1,8 @@
 """Pages of the rules in `docs/rules/`: what a rule demands and why, its clauses, an example, and what to do.
 
-Sources: the catalogue, the chapters, and two files beside the pages: `areas.json` says why an area
-has rules, and `examples.json` holds what the validator says of one defect of every rule.
+Sources: the catalogue, the chapters, and two files beside the pages: `areas.json` says why an area has rules, or why
+one of them is there where that is another reason, and `examples.json` holds what the validator says of one defect of
+every rule.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def rule_pages(root: Path, chapters: Mapping[str, str]) -> dict[Path, str]:
     pages = {folder / "README.md": _index()}
     for info in CATALOGUE.values():
         pages[folder / f"{info.id}.md"] = _page(
-            info, areas.get(info.id[3:6], ""), clauses.get(info.id, []), examples.get(info.id)
+            info, areas.get(info.id, areas.get(info.id[3:6], "")), clauses.get(info.id, []), examples.get(info.id)
         )
     return pages
 

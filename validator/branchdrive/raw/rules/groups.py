@@ -184,8 +184,11 @@ def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: 
         rows = np.flatnonzero(contrary & (group == g))
         keys = ", ".join(view.descriptor.action_bank.keys[policy] for policy in every.policy[rows])
         side = "right" if every.steer[rows[0]] > 0 else "left"
-        expected = f"a vehicle to the {side} of its nominal where it steers to the {side}"
-        found = f"{abs(every.lateral_m[rows[0]]):.2f} m to the other side, under {keys}"
+        expected = f"a vehicle to the {side} of its nominal where its recorded applied_steer points to the {side}"
+        found = (
+            f"{abs(every.lateral_m[rows[0]]):.2f} m to the other side, under {keys}; "
+            "the sign of steering or the world may be mirrored"
+        )
         return Mismatch({"table": "observations"}, expected, found, len(rows))
 
     yield Check.of_subjects(subjects & compared, subjects & wrong, describe)

@@ -142,11 +142,19 @@ def no_response_precedes_its_command(survey: Survey) -> Iterator[Check]:
 def responses_are_not_late(survey: Survey) -> Iterator[Check]:
     """Nearly all interventions should show first at the first observation after the branch."""
     every = _responses(survey)
-    counts, late = _clean(every), every.first > 1
-    first = int(np.median(every.first[late & counts])) if (late & counts).any() else 0
-    found = f"none before that of t_b + {5 * first} in most of {(late & counts).sum()} of {counts.sum()} interventions"
+    counts, late = _clean(every), _late(every)
+    first = int(np.median(every.first[late])) if late.any() else 0
+    found = (
+        f"none yet in {late.sum()} of {counts.sum()} interventions; the median first is in that of t_b + {5 * first}"
+    )
     mismatch = Mismatch({"table": "observations"}, "a response in the observation of t_b + 5", found)
     yield Check.of(int(counts.sum() >= MIN_INTERVENTIONS), [mismatch] if _prevails(late, counts) else ())
+
+
+def _late(every: Responses) -> Mask:
+    """Interventions that show first behind the first observation after the branch."""
+    is_late: Mask = _clean(every) & (every.first > 1)
+    return is_late
 
 
 @rule("BD-RSP-014")
@@ -229,12 +237,15 @@ def _near_pairs(outlines: NDArray[np.float64], reach: float) -> Iterator[tuple[i
 def motion_fits_in_most_attempts(survey: Survey) -> Iterator[Check]:
     """What nearly every attempt breaks is no accident of an attempt, but a frame, a unit or a clock."""
     found, examined = [], 0
+    every = _responses(survey)
+    is_late = _prevails(_late(every), _clean(every))
+    lateness = "; responses are late, too (BD-RSP-004): observations may be recorded a stride late" if is_late else ""
     for rule_id, table in PHYSICAL.items():
         counts = [shard.judged[rule_id] for shard in survey.shards if rule_id in shard.judged]
         num_failed, num_examined = (sum(part) for part in zip(*counts, strict=True)) if counts else (0, 0)
         examined += num_examined >= MIN_INTERVENTIONS
         if prevails(num_failed, num_examined):
-            text = f"{num_failed} of {num_examined} attempts that fail it"
+            text = f"{num_failed} of {num_examined} attempts that fail it{lateness}"
             found.append(Mismatch({"table": table}, f"{rule_id} ({CATALOGUE[rule_id].title}) in most attempts", text))
     yield Check.of(examined, found)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -54,8 +55,14 @@ def _rows(bad: NDArray[np.bool_], owner: NDArray[np.int64] | None) -> NDArray[np
     return places if owner is None else np.unique(owner[places])
 
 
+def _in_unit(value: object, unit: str | None) -> str:
+    """A value in words, with the unit that it seems to have in place of radians."""
+    in_degrees = unit == "rad" and isinstance(value, (float, np.floating)) and math.pi < abs(value) <= 360
+    return f"{quote(value)}, as what is in degrees" if in_degrees else quote(value)
+
+
 def _describe(expected: str, table: TableView, column: Column) -> Callable[[int], tuple[str, str]]:
-    return lambda row: (expected, quote(table[column.name][row]))
+    return lambda row: (expected, _in_unit(table[column.name][row], column.unit))
 
 
 @rule("BD-VAL-001")
