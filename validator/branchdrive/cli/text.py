@@ -14,7 +14,7 @@ from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
-from branchdrive.cli.formats.outcome import also_in, folded, headline, refusals, violations
+from branchdrive.cli.formats.outcome import also_in, folded, headline, refusals, sizes, violations
 from branchdrive.cli.funnel import funnel_table, lost_groups_table
 from branchdrive.cli.population import (
     print_accesses,
@@ -121,11 +121,11 @@ def _print_head(console: Console, report: Report) -> None:
     facts = report.dataset
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
     console.print(Text(name, style="bold"), Text(f"at {facts.path}", style="dim"))
-    sizes = [
-        f"{facts.num_groups:,} branch groups", f"{facts.num_rollouts:,} rollouts",
+    parts = [
+        sizes(report),
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
-    console.print(Text(", ".join(sizes)))
+    console.print(Text(", ".join(parts)))
     console.print(
         Text(f"{counted(facts.num_shards, 'shard')}, {counted(facts.num_files, 'file')}, {_size(facts.num_bytes)}")
     )

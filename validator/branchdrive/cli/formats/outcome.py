@@ -17,8 +17,8 @@ from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
 
 __all__ = [
-    "MEANING", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "summary", "unjudged",
-    "verdict_level", "violations",
+    "MEANING", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "sizes", "summary",
+    "unjudged", "verdict_level", "violations",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
@@ -44,8 +44,17 @@ def headline(report: Report) -> str:
     """The verdict, what it means, and how many groups qualify."""
     qualified = ""
     if report.num_qualified is not None and report.verdict != "error":
-        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} qualify"
+        of_all = counted(report.dataset.num_groups if report.num_groups is None else report.num_groups, "group")
+        qualified = f"; {report.num_qualified:,} of {of_all} qualify"
     return f"{report.verdict} - {MEANING[report.verdict]}{qualified}"
+
+
+def sizes(report: Report) -> str:
+    """How many groups and rollouts there are; of a release without its raw layer, the groups that it claims."""
+    facts = report.dataset
+    if not facts.num_shards and report.num_groups is not None:
+        return f"{counted(report.num_groups, 'branch group')} as the release claims; no raw layer to count rollouts in"
+    return f"{counted(facts.num_groups, 'branch group')}, {counted(facts.num_rollouts, 'rollout')}"
 
 
 def verdict_level(report: Report) -> Level:
