@@ -270,7 +270,7 @@ class ModelLayer:
         wanted = np.ones(len(partitions), bool)
         if partition is not None:
             wanted &= partitions == partition
-            if partition not in PARTITIONS:
+            if not wanted.any() and partition not in PARTITIONS:
                 raise UsageError(f"{self.root}: unknown partition {quote(partition)}; {nearest(partition, PARTITIONS)}")
             if not wanted.any():
                 present = sorted(set(partitions.tolist()))
