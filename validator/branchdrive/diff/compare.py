@@ -5,7 +5,7 @@ Source: spec/03-layout.md#content.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
 from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR
+from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR, STAGING_DIR
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
@@ -43,10 +43,12 @@ def compare_datasets(first: Path, second: Path, links: Links = None) -> DatasetD
         DatasetError: One is no dataset, or a file of it cannot be read or has other columns than declared.
     """
     ours, theirs = (read_descriptor(root, links) for root in (first, second))
+    manifests = [_manifest(root, links) for root in (first, second)]
     result = DatasetDifference()
     plain = [{**descriptor.model_dump(mode="json"), "layers": []} for descriptor in (ours, theirs)]
     result.descriptor = differing_values(*plain)
-    result.files = _files(_manifest(first, links), _manifest(second, links))
+    result.files = _files(*manifests)
+    result.beside = _beside(first, second, manifests)
     claimed = [{*descriptor.layers} & {*IDENTITY_LAYERS} for descriptor in (ours, theirs)]
     result.layers = [name for name in IDENTITY_LAYERS if name in claimed[0] ^ claimed[1]]
     both = claimed[0] & claimed[1]
@@ -57,13 +59,32 @@ def compare_datasets(first: Path, second: Path, links: Links = None) -> DatasetD
 
 
 def _manifest(root: Path, links: Links) -> Manifest:
-    return parse_manifest(read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes, links))[0]
+    try:
+        content = read_file(root, MANIFEST_FILE, spec_limits().max_manifest_bytes, links)
+    except DatasetError as error:
+        if (root / STAGING_DIR).is_dir() and not (root / MANIFEST_FILE).exists():
+            raise DatasetError(
+                f"{root}: no {MANIFEST_FILE}: writing was interrupted or goes on; run the same command again to finish "
+                "it, or judge what is committed with `branchdrive-validate --staging`"
+            ) from error
+        raise
+    return parse_manifest(content)[0]
 
 
 def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
     shared = ours.files.keys() & theirs.files.keys()
     differing = sum(ours.files[path] != theirs.files[path] for path in shared)
     return differing, len(ours.files) - len(shared), len(theirs.files) - len(shared)
+
+
+def _beside(first: Path, second: Path, manifests: Sequence[Manifest]) -> tuple[list[str], list[str]]:
+    """Names of companions in the folder of one alone: of what is no part of the dataset and in no manifest."""
+    ours, theirs = (
+        {entry.name for entry in root.iterdir() if not entry.name.startswith(".")}
+        - {MANIFEST_FILE, *(path.partition("/")[0] for path in manifest.files)}
+        for root, manifest in zip((first, second), manifests, strict=True)
+    )
+    return sorted(ours - theirs), sorted(theirs - ours)
 
 
 class _RawSide:
