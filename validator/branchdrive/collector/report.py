@@ -100,7 +100,8 @@ class CollectionReport:
             )
         return (
             f"{there}; a release takes at least {MIN_ROUTE_CLUSTERS}, a benchmark that concludes something about "
-            f"{CLUSTERS_TO_CONCLUDE}: {SHARES['test']} % of them are for test, of which replay fidelity may take a third"
+            f"{CLUSTERS_TO_CONCLUDE}: {SHARES['test']} % of them are for test, of which replay fidelity may take a "
+            "third"
         )
 
     def remarks(self, *reasons: str) -> list[str]:

@@ -104,8 +104,8 @@ class ModelLayer:
         """Sorted ids of the groups: of the frozen population, or of a declared variant of it.
 
         Raises:
-            UsageError: The partition is unknown or has no group, there is no such variant, or the variant has groups that are
-                not in the frozen population, of which the layer has no rows.
+            UsageError: The partition is unknown or has no group, there is no such variant, or the variant has groups
+                that are not in the frozen population, of which the layer has no rows.
         """
         return tuple(self._group_ids[row] for row in self._rows(partition, variant))
 

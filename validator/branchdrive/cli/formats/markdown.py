@@ -55,10 +55,7 @@ def _head_lines(report: Report) -> Iterator[str]:
     yield f"# {sign} BranchDrive: {headline(report)}"
     yield ""
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
-    yield (
-        f"{code_span(name)} at {code_span(facts.path)}: {sizes(report)}, "
-        f"{counted(facts.num_shards, 'shard')}"
-    )
+    yield (f"{code_span(name)} at {code_span(facts.path)}: {sizes(report)}, {counted(facts.num_shards, 'shard')}")
     yield ""
     for refusal in refusals(report):
         yield f"- **{refusal}**"
