@@ -5,6 +5,7 @@ Learned risks of guards wait there too, until the ranking lock holds them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,24 +94,31 @@ def _lacking_streams(release: Release) -> tuple[str, ...]:
     return tuple(stream for stream in STREAM_OF.values() if stream not in claimed)
 
 
-def untrained_sentence(release: Release, protocol: BenchmarkProtocol) -> str | None:
+def untrained_sentence(
+    release: Release, protocol: BenchmarkProtocol, models: Sequence[str] | None = None
+) -> str | None:
     """Which normative models are left out because the release has no images for them; ``None`` where none is.
 
     Args:
         release: The release.
         protocol: The one in force.
+        models: Models that are asked for; all by default. Nothing is said of others.
     """
     lacking = _lacking_streams(release)
     if protocol.digest != default_protocol().digest or not lacking:
         return None
-    left_out = ", ".join(model.id for model in visual_protocol().models if protocol.model(model.id) is None)
+    left_out = [model.id for model in visual_protocol().models if protocol.model(model.id) is None]
+    if models is not None and not {*models} & {*left_out}:
+        return None
+    unclaimed = [stream for stream in STREAM_OF.values() if stream not in release.layer.descriptor.streams]
     reason = (
-        f"has no images of {', '.join(lacking)}"
-        if release.has_raw
+        f"has no images of {', '.join(unclaimed)}; `branchdrive render` draws them for a dataset, `branchdrive collect "
+        "--media` while it is collected, and a release of that has them"
+        if unclaimed
         else "is here without its raw layer, where images lie and outcomes repeat; `branchdrive build DATASET` without "
         "`--output` makes a release in place, to benchmark instead"
     )
-    return f"{left_out} are not trained: the release {reason}"
+    return f"{', '.join(left_out)} are not trained: the release {reason}"
 
 
 def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:

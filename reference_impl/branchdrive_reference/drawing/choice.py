@@ -7,6 +7,7 @@ from difflib import get_close_matches
 
 import pyarrow as pa
 
+from branchdrive.contract.text import similar
 from branchdrive.errors import UsageError
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import ROLLOUTS
@@ -70,5 +71,9 @@ def named_groups(dataset: Dataset, names: Sequence[str]) -> list[str]:
     present = wanted_groups(dataset)
     for name in names:
         if name not in present:
-            raise UsageError(f"no group '{label(name)}' among the {len(present):,} groups of {str(dataset.root)!r}")
+            near = [label(each) for each in similar(name, present)]
+            hint = f"; did you mean {' or '.join(near)}?" if near else ""
+            raise UsageError(
+                f"no group '{label(name)}' among the {len(present):,} groups of {str(dataset.root)!r}{hint}"
+            )
     return list(dict.fromkeys(names))

@@ -134,20 +134,25 @@ def opened(root: Path, **changes: Any) -> Release:
 def test_images_decide_which_protocol_is_the_default(release: Path) -> None:
     detached = open_release(release)
     assert published_protocol(detached) == default_protocol()
-    assert untrained_sentence(detached, default_protocol()) == (
-        "M4, M5, M6 are not trained: the release is here without its raw layer, where images lie and outcomes repeat; "
-        "`branchdrive build DATASET` without `--output` makes a release in place, to benchmark instead"
+    no_images = (
+        "M4, M5, M6 are not trained: the release has no images of rgb_surround, semantic_bev; `branchdrive render` "
+        "draws them for a dataset, `branchdrive collect --media` while it is collected, and a release of that has them"
     )
-    layers = ["raw", *detached.layer.descriptor.layers]
-    lacking = opened(release, layers=layers)
-    assert untrained_sentence(lacking, published_protocol(lacking)) == (
-        "M4, M5, M6 are not trained: the release has no images of rgb_surround, semantic_bev"
-    )
+    assert untrained_sentence(detached, default_protocol()) == no_images
+    layers = detached.layer.descriptor.layers
+    lacking = opened(release, layers=["raw", *layers])
+    assert untrained_sentence(lacking, published_protocol(lacking)) == no_images
+    assert untrained_sentence(lacking, default_protocol(), ["M3", "M9"]) is None  # nobody asked for them
+    assert untrained_sentence(lacking, default_protocol(), ["M5"]) == no_images
     assert untrained_sentence(lacking, visual_protocol()) is None
     add_images(release, ASSIGNMENT)
     seeing = opened(release)
     assert published_protocol(seeing) == visual_protocol()
     assert untrained_sentence(seeing, default_protocol()) is None  # somebody chose it
+    assert untrained_sentence(opened(release, layers=layers), default_protocol()) == (
+        "M4, M5, M6 are not trained: the release is here without its raw layer, where images lie and outcomes repeat; "
+        "`branchdrive build DATASET` without `--output` makes a release in place, to benchmark instead"
+    )
 
 
 def test_normative_protocols_have_names() -> None:

@@ -149,12 +149,22 @@ def test_a_title_names_the_decision(invented: Path) -> None:
     ("arguments", "told"),
     [
         (["--group", "nobody"], "no group 'nobody' among the 3 groups"),
+        (["--group", "G"], "no group 'G' among the 3 groups"),
+        (["--group", "G"], "; did you mean g0 or g1 or g2?"),
         (["--scenario", "Parade"], "unknown scenario type 'Parade'; choose from CutIn"),
         (["--scenario", "CutIn", "--group", "g0"], "not allowed with argument"),
         (["--all", "--group", "g0"], "not allowed with argument"),
         (["--format", "gif"], "invalid choice: 'gif'"),
     ],
-    ids=["unknown group", "unknown type", "group and type", "group and all", "unknown format"],
+    ids=[
+        "unknown group",
+        "begun group",
+        "groups that begin so",
+        "unknown type",
+        "group and type",
+        "group and all",
+        "unknown format",
+    ],
 )
 def test_wrong_usage_is_one_line(invented: Path, tmp_path: Path, arguments: list[str], told: str) -> None:
     code, out, err = draw(invented, "--output", tmp_path / "p", *arguments)

@@ -58,6 +58,22 @@ def test_a_copy_is_equal(base: Path, tmp_path: Path) -> None:
     assert diff(base, tmp_path / "copy") == (0, "files equal, data equal\n", "")
 
 
+def test_what_lies_beside_one_alone_is_told(base: Path, tmp_path: Path) -> None:
+    shutil.copytree(base, tmp_path / "copy")
+    (tmp_path / "copy/croissant.json").write_text("{}")
+    lines = ["files equal, data equal", "beside the dataset, only in B: 1", "  croissant.json", ""]
+    assert diff(base, tmp_path / "copy") == (0, "\n".join(lines), "")
+
+
+def test_an_unfinished_dataset_is_told_to_be_finished(base: Path, tmp_path: Path) -> None:
+    other = Path(shutil.copytree(base, tmp_path / "copy"))
+    (other / "MANIFEST.sha256").unlink()
+    (other / ".staging").mkdir()
+    code, _, err = diff(base, other)
+    assert code == 2
+    assert "run the same command again to finish it, or judge what is committed with `branchdrive-validate" in err
+
+
 def test_a_release_that_duckdb_wrote_holds_equal_data(release: Path, tmp_path: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
     other = tmp_path / "other"
@@ -104,6 +120,8 @@ def test_cells_are_counted_with_the_largest_difference(base: Path, tmp_path: Pat
         "x_m": {"num_cells": 2, "largest": pytest.approx(0.5), "first": first}
     }
     assert "x_m: 2 cells differ, by 0.5 at most" in diff(base, other)[1]
+    assert "table observations: 2 cells in 1 column differ\n" in diff(base, other)[1]
+    assert "  1 file differs, 0 only in A" in diff(base, other)[1]
 
 
 def test_the_sign_of_a_zero_is_a_difference(base: Path, tmp_path: Path) -> None:

@@ -13,6 +13,9 @@ from tests.validator.collector.straight import BrittleRoad, EmptyRoad, ShortRoad
 import branchdrive as bd
 from branchdrive.collector.collection import plan_groups
 from branchdrive.collector.program import collector_main
+from branchdrive.collector.report import CLUSTERS_TO_CONCLUDE
+from branchdrive.statistics.bca import LEAST_UNITS
+from branchdrive.statistics.split import assign_split
 
 ROLES = {"nominal": 1, "intervention": 12, "nominal_replay": 2}
 
@@ -157,6 +160,17 @@ def test_the_summary_says_how_many_route_clusters_there_are(collected: tuple[Pat
     assert (collected[1].num_branched, collected[1].num_route_clusters) in ((2, 1), (2, 2))
     many = replace(collected[1], num_branched=9, num_route_clusters=5)
     assert many.routes_text.startswith("5 route clusters in 9 branched groups; a release takes at least 5")
+    assert many.routes_text.endswith(
+        "a benchmark that concludes something about 60: 15 % of them are for test, of which replay fidelity may take a "
+        "third"
+    )
+
+
+def test_from_so_many_groups_on_different_routes_a_benchmark_can_conclude_something() -> None:
+    for seed in range(5):
+        ids = [f"g{i}" for i in range(CLUSTERS_TO_CONCLUDE)]
+        num_test = [*assign_split(ids, range(len(ids)), ["a"] * len(ids), seed=seed).values()].count("test")
+        assert num_test - num_test // 3 >= LEAST_UNITS
 
 
 class LitRoad(ShortRoad):

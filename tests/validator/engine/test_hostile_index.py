@@ -17,7 +17,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.report import Report
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE
 from branchdrive.engine.validate import validate
-from branchdrive.raw.media.reading import image_eye
+from branchdrive.raw.media import image_eye
 
 FOLDER = "raw/shard-00001"
 TABLES = synthetic.media_tables()[FOLDER]

@@ -90,7 +90,9 @@ def test_groups_are_sorted_and_divided_by_partition_and_variant(layer: ModelLaye
 @pytest.mark.parametrize(
     ("partition", "variant", "message"),
     [
-        ("dev", None, r"no group is in the partition 'dev'; there are \['test', 'train', 'val'\]"),
+        ("tset", None, r"unknown partition 'tset'; did you mean 'test'\?"),
+        ("validation", None, r"unknown partition 'validation'; did you mean 'val'\?"),
+        ("calibration", None, r"no group is in the partition 'calibration'; groups are in \['test', 'train', 'val'\]"),
         (None, "mine", r"no variant 'mine'; there are \['extended', 'words', 'whole'\]"),
         (None, "whole", "1 groups of the variant 'whole', as 'g0', are not in the frozen population"),
     ],

@@ -113,6 +113,10 @@ def test_wrong_names_are_refused_in_words(written: Path) -> None:
         tables.column("observations", "speed")
     with pytest.raises(UsageError, match="no group 'g9' among the 5 groups of this dataset; there are 'g"):
         dataset.group("g9")
+    with pytest.raises(
+        UsageError, match="no group 'g' among the 5 groups of this dataset; there are 'g0', 'g1', 'g2' and"
+    ):
+        dataset.group("g")
 
 
 def _link(path: Path) -> None:

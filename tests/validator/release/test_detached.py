@@ -39,6 +39,15 @@ def test_alone_it_is_partial_and_says_what_to_name(detached: Path) -> None:
     assert "Verdict: partial" in out
 
 
+def test_alone_its_groups_are_those_that_it_claims(built: Path, detached: Path) -> None:
+    stages = json.loads((built / "quality/population.json").read_bytes())["stages"]
+    claimed, frozen = stages[0]["total"], stages[-1]["total"]
+    for form in ("text", "markdown"):
+        out = call_validate(detached, "--format", form)[1]
+        assert f"{claimed} branch groups as the release claims; no raw layer to count rollouts in" in out
+        assert f"; {frozen} of {claimed} groups qualify" in out
+
+
 def test_alone_only_what_needs_raw_is_left_open(detached: Path) -> None:
     code, out, _ = call_validate(detached, "--format", "json")
     document = json.loads(out)

@@ -67,7 +67,10 @@ def _lines(found: DatasetDifference) -> Iterator[str]:
     yield f"{files}{claims}, data {'equal' if found.has_equal_data else 'differ'}"
     differing, only_first, only_second = found.files
     if any(found.files):
-        yield f"  {counted(differing, 'file')} differ, {only_first} only in A, {only_second} only in B"
+        differ = "differs" if differing == 1 else "differ"
+        yield f"  {counted(differing, 'file')} {differ}, {only_first} only in A, {only_second} only in B"
+    for side, names in zip("AB", found.beside, strict=True):
+        yield from _listed(f"beside the dataset, only in {side}", names)
     yield from _listed("descriptor (A, not B)", found.descriptor)
     yield from _listed("layers in one alone", found.layers)
     yield from _listed("attempts only in A", found.only_first)
@@ -77,7 +80,16 @@ def _lines(found: DatasetDifference) -> Iterator[str]:
     for path, members in found.documents.items():
         yield from _listed(f"{_TITLES.get(path, path)} (A, not B)", members)
     for name, table in found.tables.items():
-        yield from _listed(f"table {name}", _of_table(table))
+        yield f"table {name}: {_counts(table)}"
+        yield from _first_lines(_of_table(table))
+
+
+def _counts(table: TableDifference) -> str:
+    """How many rows one dataset alone has, and how many cells of how many columns differ."""
+    num_rows, num_cells = table.only_first + table.only_second, sum(c.num_cells for c in table.columns.values())
+    rows = f"{counted(num_rows, 'row')} in one alone" if num_rows or not num_cells else ""
+    cells = f"{counted(num_cells, 'cell')} in {counted(len(table.columns), 'column')} differ" if num_cells else ""
+    return ", ".join(part for part in (rows, cells) if part)
 
 
 def _of_table(table: TableDifference) -> list[str]:
@@ -85,7 +97,8 @@ def _of_table(table: TableDifference) -> list[str]:
              (("A", table.only_first), ("B", table.only_second)) if count]  # fmt: skip
     for name, column in table.columns.items():
         largest = "" if column.largest is None else f", by {column.largest:.6g} at most"
-        lines.append(f"{name}: {counted(column.num_cells, 'cell')} differ{largest}")
+        differ = "differs" if column.num_cells == 1 else "differ"
+        lines.append(f"{name}: {counted(column.num_cells, 'cell')} {differ}{largest}")
         if column.first is not None:
             place = " ".join(f"{key}={value}" for key, value in column.first.location.items())
             lines.append(f"  first at {place}: {column.first.ours} in A, {column.first.theirs} in B")
@@ -95,6 +108,10 @@ def _of_table(table: TableDifference) -> list[str]:
 def _listed(title: str, lines: Sequence[str]) -> Iterator[str]:
     if lines:
         yield f"{title}: {len(lines)}"
-        yield from (f"  {line}" for line in lines[:_SHOWN])
-        if len(lines) > _SHOWN:
-            yield f"  and {len(lines) - _SHOWN} more"
+        yield from _first_lines(lines)
+
+
+def _first_lines(lines: Sequence[str]) -> Iterator[str]:
+    yield from (f"  {line}" for line in lines[:_SHOWN])
+    if len(lines) > _SHOWN:
+        yield f"  and {len(lines) - _SHOWN} more"

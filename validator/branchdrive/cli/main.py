@@ -21,6 +21,7 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import NoReturn, Protocol, TextIO
 
+from branchdrive.contract.text import nearest, quote
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
 from branchdrive.exit_code import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_USAGE
 from branchdrive.formats.file_error import file_error_text, is_machine_fault
@@ -184,6 +185,9 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
         parser_class=_Parser,
     )
     modules = _command_modules()
+    if argv and not argv[0].startswith("-") and argv[0] not in modules:
+        names = sorted(modules, key=lambda name: (_listed(modules[name])[0], name))
+        parser.error(f"argument COMMAND: invalid choice: {quote(argv[0])}; {nearest(argv[0], names)}")
     wanted = next((argument for argument in argv if argument in modules), None)
     for name, module_name in modules.items():
         if name == wanted:

@@ -21,6 +21,7 @@ from branchdrive.cli.formats.outcome import (
     folded,
     headline,
     refusals,
+    sizes,
     violations,
     waiver_text,
     with_companions,
@@ -132,13 +133,13 @@ def _print_head(console: Console, report: Report) -> None:
     facts = report.dataset
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
     console.print(Text(name, style="bold"), Text(f"at {facts.path}", style="dim"))
-    sizes = [
-        f"{facts.num_groups:,} branch groups", f"{facts.num_rollouts:,} rollouts",
+    parts = [
+        sizes(report),
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
-    console.print(Text(", ".join(sizes)))
-    sizes = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), _size(facts.num_bytes)]
-    console.print(Text(", ".join(sizes) + with_companions(report)))
+    console.print(Text(", ".join(parts)))
+    files = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), _size(facts.num_bytes)]
+    console.print(Text(", ".join(files) + with_companions(report)))
     if facts.raw_path:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
     if facts.identity:

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from branchdrive.contract.text import counted
+from branchdrive.statistics.bca import LEAST_UNITS
+from branchdrive.statistics.split import SHARES
 
-__all__ = ["CollectionReport", "GroupReport"]
+__all__ = ["CLUSTERS_TO_CONCLUDE", "CollectionReport", "GroupReport"]
 
 MIN_ROUTE_CLUSTERS = 5
 """Clusters of routes, a group each, from which a split always gives every partition one (README, "Try it")."""
+
+CLUSTERS_TO_CONCLUDE = math.ceil(LEAST_UNITS * 3 * 100 / (2 * SHARES["test"]))
+"""Clusters of routes, a group each, from which a benchmark can conclude something.
+
+Intervals and tests take `LEAST_UNITS` in the test partition, which has its share of the groups, and replay fidelity
+under noise took a third of those in releases that were made: 6 / (2/3 x 15 %).
+"""
 
 _MAX_LISTED = 10
 
@@ -88,7 +98,11 @@ class CollectionReport:
                 f"{there}; a release parts whole clusters into train, val and test and takes at least "
                 f"{MIN_ROUTE_CLUSTERS}: let seeds choose among more routes"
             )
-        return f"{there}; a release takes at least {MIN_ROUTE_CLUSTERS}, a benchmark that concludes something about 40"
+        return (
+            f"{there}; a release takes at least {MIN_ROUTE_CLUSTERS}, a benchmark that concludes something about "
+            f"{CLUSTERS_TO_CONCLUDE}: {SHARES['test']} % of them are for test, of which replay fidelity may take a "
+            "third"
+        )
 
     def remarks(self, *reasons: str) -> list[str]:
         """What groups lack and why, a line each: at most ten of each reason, and how many more there are.

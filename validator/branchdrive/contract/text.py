@@ -8,6 +8,7 @@ from difflib import get_close_matches
 
 __all__ = [
     "NONE", "count_text", "counted", "failure_text", "listed", "nearest", "one_line", "percent", "printable", "quote",
+    "similar",
 ]  # fmt: skip
 
 NONE = "-"
@@ -64,11 +65,18 @@ def listed(names: Iterable[object]) -> str:
     return ", ".join(f"`{printable(str(name))}`" for name in names)
 
 
+def similar(name: str, names: Collection[str]) -> list[str]:
+    """Up to three of `names` that begin with `name` or, of three letters or more, begin it, else that are like it."""
+    folded, wanted = {each.casefold(): each for each in names}, name.casefold()
+    begun = [
+        each for each in folded if name and (each.startswith(wanted) or (len(each) > 2 and wanted.startswith(each)))
+    ]
+    return [folded[each] for each in begun[:3] or get_close_matches(wanted, folded, n=3, cutoff=0.5)]
+
+
 def nearest(name: str, names: Collection[str]) -> str:
-    """Names to answer one with that is none of `names`: those that begin with it, or are like it, else all of them."""
-    folded = {each.casefold(): each for each in names}
-    begun = [each for each in folded if name and each.startswith(name.casefold())]
-    close = [folded[each] for each in begun[:3] or get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
+    """Names to answer one with that is none of `names`: those that are `similar`, else all of them."""
+    close = similar(name, names)
     return f"did you mean {' or '.join(map(quote, close))}?" if close else f"there are {listed(names) or 'none'}"
 
 

@@ -5,14 +5,14 @@ Source: spec/03-layout.md#content.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
 from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.contract.layout import IDENTITY_LAYERS, RAW_DIR
+from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR, STAGING_DIR
 from branchdrive.diff.difference import DatasetDifference, TableDifference
 from branchdrive.errors import DatasetError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
@@ -40,10 +40,12 @@ def compare_datasets(first: Folder, second: Folder) -> DatasetDifference:
         DatasetError: One is no dataset, or a file of it cannot be read or has other columns than declared.
     """
     ours, theirs = (read_descriptor(dataset) for dataset in (first, second))
+    manifests = [_manifest(dataset) for dataset in (first, second)]
     result = DatasetDifference()
     plain = [{**descriptor.model_dump(mode="json"), "layers": []} for descriptor in (ours, theirs)]
     result.descriptor = differing_values(*plain)
-    result.files = _files(read_manifest(first)[0], read_manifest(second)[0])
+    result.files = _files(*manifests)
+    result.beside = _beside(first, second, manifests)
     claimed = [{*descriptor.layers} & {*IDENTITY_LAYERS} for descriptor in (ours, theirs)]
     result.layers = [name for name in IDENTITY_LAYERS if name in claimed[0] ^ claimed[1]]
     both = claimed[0] & claimed[1]
@@ -53,10 +55,29 @@ def compare_datasets(first: Folder, second: Folder) -> DatasetDifference:
     return result
 
 
+def _manifest(dataset: Folder) -> Manifest:
+    if dataset.status(MANIFEST_FILE) is None and dataset.status(STAGING_DIR) is not None:
+        raise DatasetError(
+            f"{dataset.root}: no {MANIFEST_FILE}: writing was interrupted or goes on; run the same command again to "
+            "finish it, or judge what is committed with `branchdrive-validate --staging`"
+        )
+    return read_manifest(dataset)[0]
+
+
 def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
     shared = ours.files.keys() & theirs.files.keys()
     differing = sum(ours.files[path] != theirs.files[path] for path in shared)
     return differing, len(ours.files) - len(shared), len(theirs.files) - len(shared)
+
+
+def _beside(first: Folder, second: Folder, manifests: Sequence[Manifest]) -> tuple[list[str], list[str]]:
+    """Names of companions in the folder of one alone: of what is no part of the dataset and in no manifest."""
+    ours, theirs = (
+        {entry.path for entry in dataset.entries()[1] if not entry.path.startswith(".")}
+        - {MANIFEST_FILE, *(path.partition("/")[0] for path in manifest.files)}
+        for dataset, manifest in zip((first, second), manifests, strict=True)
+    )
+    return sorted(ours - theirs), sorted(theirs - ours)
 
 
 class _RawSide:

@@ -89,6 +89,7 @@ class DatasetDifference:
         descriptor: Members of the descriptors that differ, but for the claimed layers.
         layers: Layers that count for identity and that one dataset alone claims.
         files: Files that differ, are in the first alone and in the second alone, as the manifests have them.
+        beside: Names in the folder of the first alone and of the second alone that are no part of the dataset.
         only_first: Attempts that the first dataset alone has.
         only_second: Attempts that the second alone has.
         changed: Attempts of both whose data differ.
@@ -100,6 +101,7 @@ class DatasetDifference:
     descriptor: list[str] = field(default_factory=list)
     layers: list[str] = field(default_factory=list)
     files: tuple[int, int, int] = (0, 0, 0)
+    beside: tuple[list[str], list[str]] = field(default_factory=lambda: ([], []))
     only_first: list[str] = field(default_factory=list)
     only_second: list[str] = field(default_factory=list)
     changed: list[str] = field(default_factory=list)

@@ -130,6 +130,13 @@ class Report:
         return None if self.funnel is None else self.funnel.qualified
 
     @property
+    def num_groups(self) -> int | None:
+        """Groups of the raw layer, or, where none is here, those that the release discovered; ``None`` if unknown."""
+        if self.dataset.num_shards:
+            return self.dataset.num_groups
+        return None if self.population is None else int(self.population["stages"][0]["total"])
+
+    @property
     def groups(self) -> tuple[GroupResult, ...] | None:
         """How far each group of the raw layer gets, and why no further; ``None`` where the funnel is not judged."""
         if self.funnel is None:

@@ -23,6 +23,7 @@ from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.text import nearest, quote
 from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
@@ -34,6 +35,7 @@ from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInpu
 from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
 from branchdrive.model.images import ImageHistory
 from branchdrive.model.normalisation_document import Scalings, scalings_of
+from branchdrive.quality.partition import PARTITIONS
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Values
@@ -105,8 +107,8 @@ class ModelLayer:
         """Sorted ids of the groups: of the frozen population, or of a declared variant of it.
 
         Raises:
-            UsageError: No group is in the partition, there is no such variant, or the variant has groups that are
-                not in the frozen population, of which the layer has no rows.
+            UsageError: The partition is unknown or has no group, there is no such variant, or the variant has groups
+                that are not in the frozen population, of which the layer has no rows.
         """
         return tuple(self._group_ids[row] for row in self._rows(partition, variant))
 
@@ -271,9 +273,11 @@ class ModelLayer:
         wanted = np.ones(len(partitions), bool)
         if partition is not None:
             wanted &= partitions == partition
+            if not wanted.any() and partition not in PARTITIONS:
+                raise UsageError(f"{self.root}: unknown partition {quote(partition)}; {nearest(partition, PARTITIONS)}")
             if not wanted.any():
                 present = sorted(set(partitions.tolist()))
-                raise UsageError(f"{self.root}: no group is in the partition {partition!r}; there are {present}")
+                raise UsageError(f"{self.root}: no group is in the partition {partition!r}; groups are in {present}")
         if variant is not None:
             members = self._variant(variant)
             wanted &= np.array([group_id in members for group_id in self._group_ids], bool)

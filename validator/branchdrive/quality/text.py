@@ -61,6 +61,8 @@ def filtering_sentences(filtering: Mapping[str, Any]) -> list[str]:
         nearest, matched = variables.get(name), variables.get(f"matched_{name}")
         if nearest is None or matched is None:  # a document of a stranger may name one variable twice
             continue
+        if _amount(nearest) == _amount(matched) and not matched["num_unmatched"]:
+            continue  # it says nothing
         unmatched = f"{matched['num_unmatched'] or 0:,} of {filtering['num_pairs']:,} pairs"
         sentences.append(
             f"`{name}` compares the nearest vehicle of each drive, whichever it is, at {_amount(nearest)}; of the same "

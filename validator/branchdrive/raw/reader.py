@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.text import counted, quote
+from branchdrive.contract.text import counted, quote, similar
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import Folder
@@ -155,7 +154,7 @@ class Dataset:
 
 def _unknown_group(group_id: str, groups: Sequence[str]) -> str:
     """What is said of a group that is not there: which are, the nearest names of them or the first."""
-    near = get_close_matches(group_id, groups, n=3) or groups[:3]
+    near = similar(group_id, groups) or groups[:3]
     named = f"; there are {', '.join(map(quote, near))}" if near else ""
     more = f" and {len(groups) - len(near):,} others, all in `Dataset.groups`" if len(groups) > len(near) else ""
     return f"no group {quote(group_id)} among the {counted(len(groups), 'group')} of this dataset{named}{more}"

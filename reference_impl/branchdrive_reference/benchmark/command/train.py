@@ -56,7 +56,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive_reference.benchmark.step import train_step
 
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
-        if untrained := untrained_sentence(workspace.release, protocol):
+        if untrained := untrained_sentence(workspace.release, protocol, args.models):
             stderr.write(f"{untrained}\n")
         found = train_step(
             workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,

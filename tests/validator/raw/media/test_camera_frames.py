@@ -25,8 +25,8 @@ from branchdrive.contract.timing import HISTORY_OFFSETS, WINDOW_OFFSETS
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.folder import BufferedReader, Folder
 from branchdrive.formats.parquet import encode_table
+from branchdrive.raw.media import folder as media_folder
 from branchdrive.raw.media.camera_frames import CameraFrames
-from branchdrive.raw.media.reading import folder as media_folder
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import Rollout
 from branchdrive.writer.writer import DatasetWriter

@@ -15,7 +15,7 @@ from branchdrive.contract.columns import table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.driving.risk import risk_evidence
-from branchdrive.raw.motion.residual import pairs
+from branchdrive.raw.motion import pairs
 from branchdrive.raw.rules import evidence
 from branchdrive.raw.shard_view import ShardView
 

@@ -17,6 +17,7 @@ from branchdrive.cli.formats.outcome import (
     folded,
     headline,
     refusals,
+    sizes,
     summary,
     unjudged,
     waiver_text,
@@ -59,8 +60,8 @@ def _head_lines(report: Report) -> Iterator[str]:
     yield ""
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
     yield (
-        f"{code_span(name)} at {code_span(facts.path)}: {counted(facts.num_groups, 'branch group')}, "
-        f"{counted(facts.num_rollouts, 'rollout')}, {counted(facts.num_shards, 'shard')}{with_companions(report)}"
+        f"{code_span(name)} at {code_span(facts.path)}: {sizes(report)}, {counted(facts.num_shards, 'shard')}"
+        f"{with_companions(report)}"
     )
     yield ""
     for refusal in refusals(report):

@@ -19,7 +19,7 @@ from branchdrive.engine.verdict import Verdict, is_waived
 from branchdrive.engine.waiver import WaiverOutcome
 
 __all__ = [
-    "MEANING", "RULE_EXPLAINED", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals",
+    "MEANING", "RULE_EXPLAINED", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "sizes",
     "summary", "unjudged", "verdict_level", "violations", "waiver_text", "with_companions",
 ]  # fmt: skip
 
@@ -49,9 +49,18 @@ def headline(report: Report) -> str:
     """The verdict, what it means, and how many groups qualify."""
     qualified = ""
     if report.num_qualified is not None and report.verdict != "error":
-        verb = "qualifies" if report.dataset.num_groups == 1 else "qualify"
-        qualified = f"; {report.num_qualified:,} of {counted(report.dataset.num_groups, 'group')} {verb}"
+        num_groups = report.dataset.num_groups if report.num_groups is None else report.num_groups
+        verb = "qualifies" if num_groups == 1 else "qualify"
+        qualified = f"; {report.num_qualified:,} of {counted(num_groups, 'group')} {verb}"
     return f"{report.verdict} - {MEANING[report.verdict]}{qualified}"
+
+
+def sizes(report: Report) -> str:
+    """How many groups and rollouts there are; of a release without its raw layer, the groups that it claims."""
+    facts = report.dataset
+    if not facts.num_shards and report.num_groups is not None:
+        return f"{counted(report.num_groups, 'branch group')} as the release claims; no raw layer to count rollouts in"
+    return f"{counted(facts.num_groups, 'branch group')}, {counted(facts.num_rollouts, 'rollout')}"
 
 
 def verdict_level(report: Report) -> Level:
