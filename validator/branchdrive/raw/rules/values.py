@@ -58,7 +58,7 @@ def _rows(bad: NDArray[np.bool_], owner: NDArray[np.int64] | None) -> NDArray[np
 
 def _in_unit(value: Any, unit: str | None) -> str:
     """A value in words, with the unit that it seems to have in place of radians."""
-    in_degrees = unit == "rad" and isinstance(value, (float, np.floating)) and math.pi < abs(value) <= 360
+    in_degrees = unit == "rad" and isinstance(value, (float, np.floating)) and math.pi < abs(float(value)) <= 360
     return f"{quote(value)}, as what is in degrees" if in_degrees else quote(value)
 
 
