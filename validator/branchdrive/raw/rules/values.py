@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def _rows(bad: NDArray[np.bool_], owner: NDArray[np.int64] | None) -> NDArray[np
     return places if owner is None else np.unique(owner[places])
 
 
-def _in_unit(value: object, unit: str | None) -> str:
+def _in_unit(value: Any, unit: str | None) -> str:
     """A value in words, with the unit that it seems to have in place of radians."""
     in_degrees = unit == "rad" and isinstance(value, (float, np.floating)) and math.pi < abs(float(value)) <= 360
     return f"{quote(value)}, as what is in degrees" if in_degrees else quote(value)
