@@ -131,6 +131,10 @@ def test_a_matched_vehicle_decides_nothing_and_has_a_threshold_of_its_own() -> N
     )
 
 
+def test_a_matched_vehicle_that_changes_nothing_is_not_told() -> None:
+    assert not [said for said in filtering_sentences(filtering(pairs())) if "matched by actor" in said]
+
+
 def test_an_unmatched_training_group_leaves_an_infinite_threshold_null() -> None:
     found_pairs = pairs()
     largest = np.zeros(len(found_pairs["rollout_id"]))

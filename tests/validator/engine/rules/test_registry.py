@@ -123,9 +123,10 @@ def test_every_module_of_cases_is_an_area() -> None:
 
 
 def _cases_of(rule: str) -> str:
-    """What modules of cases of a rule begin with: the room, but for the raw layer, and the module in it."""
+    """What modules of cases of a rule begin with: the room, but for the raw layer, and the module in its `rules`."""
     room, *parts = RULES[rule].__module__.removeprefix("branchdrive.").split(".")
-    return "_".join([*(() if room == "raw" else (room,)), *parts[1:]])
+    modules = parts[parts.index("rules") + 1 :] if "rules" in parts else []
+    return "_".join([*(() if room == "raw" else (room,)), *modules])
 
 
 @each("case", [*MUTANTS, *BOUNDARIES], ids=lambda case: case.name)
