@@ -19,7 +19,7 @@ _NO_FINDINGS: FirstFindings = MappingProxyType({})
 _MAX_FOUND = 120
 """Characters of what was found that a reason repeats."""
 
-_NO_BRANCH = "no attempt has a branch: nothing happened on this drive that calls for one, and nothing is to be done"
+_NO_BRANCH = "no attempt has a branch: where nothing happened on this drive that calls for one, nothing is to be done"
 
 
 @dataclass(frozen=True)
