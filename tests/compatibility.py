@@ -57,7 +57,7 @@ QUICK_CORE_TESTS = (
 )
 
 EXTRA_TESTS = (
-    "tests/reference_impl/guard",
+    "tests/reference_impl/benchmark/guard",
     "tests/reference_impl/drawing",
     "tests/reference_impl/geometry",
     "tests/reference_impl/simulation",
@@ -73,7 +73,7 @@ NUMERIC_TESTS = (
     "tests/validator/model",
     "tests/validator/benchmark",
     "tests/validator/engine/test_mutated_benchmark.py",
-    "tests/reference_impl/guard",
+    "tests/reference_impl/benchmark/guard",
     "tests/reference_impl/learning",
     "tests/reference_impl/leakage",
     "tests/reference_impl/geometry",
@@ -82,11 +82,11 @@ NUMERIC_TESTS = (
 )
 QUICK_NUMERIC_TESTS = (
     "tests/validator/benchmark/guard/test_calibration.py",
-    "tests/validator/benchmark/metric",
+    "tests/validator/benchmark/prediction/metric",
     "tests/validator/benchmark/ranking",
     "tests/validator/statistics",
-    "tests/reference_impl/guard/test_fit.py",
-    "tests/reference_impl/guard/test_program.py",
+    "tests/reference_impl/benchmark/guard/test_fit.py",
+    "tests/reference_impl/benchmark/guard/test_program.py",
     "tests/reference_impl/geometry",
 )
 

@@ -74,14 +74,14 @@ def apply_recipe(recipe: Sequence[Operation], root: Path) -> None:
     Raises:
         ValueError: An operation is unknown, leads out of the dataset, or does not fit what is there.
     """
-    tables = {file: read_table(_path(root, file).read_bytes()) for file in _named_tables(recipe)}
+    tables = {file: read_table(_read(_path(root, file))) for file in _named_tables(recipe)}
     place = 0
     while place < len(recipe):
         operation = recipe[place]
         if operation["op"] in TABLE_OPERATIONS:
             # One read and one write for all that happens to a table in a row.
             path, settings = _path(root, operation["file"]), None
-            table = read_table(path.read_bytes())
+            table = read_table(_read(path))
             while place < len(recipe) and recipe[place].get("file") == operation["file"]:
                 if recipe[place]["op"] not in TABLE_OPERATIONS:
                     break
@@ -123,6 +123,13 @@ def _path(root: Path, path: str) -> Path:
     return place / parts[-1]
 
 
+def _read(path: Path) -> bytes:
+    """Content of a file of the dataset, and of nothing that a link leads to."""
+    if path.is_symlink():
+        raise ValueError(f"{path.name!r} is a link, and no operation reads through one")
+    return path.read_bytes()
+
+
 def edited_lines(lines: Sequence[str], edits: Sequence[Sequence[Any]]) -> list[str]:
     """Lines after edits ``[start, stop, lines]``, of which the last comes first."""
     result = list(lines)
@@ -143,12 +150,12 @@ def sealed_digests(root: Path) -> dict[str, str]:
 
 def _json(operation: Operation, root: Path) -> None:
     path = _path(root, operation["file"])
-    _write(path, dump_json(jsonpatch.apply_patch(json.loads(path.read_bytes()), operation["patch"])))
+    _write(path, dump_json(jsonpatch.apply_patch(json.loads(_read(path)), operation["patch"])))
 
 
 def _lines(operation: Operation, root: Path) -> None:
     path = _path(root, operation["file"])
-    lines = edited_lines(path.read_bytes().decode().splitlines(keepends=True), operation["edits"])
+    lines = edited_lines(_read(path).decode().splitlines(keepends=True), operation["edits"])
     _write(path, "".join(lines).encode())
 
 
@@ -160,11 +167,11 @@ def _content(operation: Operation, root: Path) -> None:
 
 def _splice(operation: Operation, root: Path) -> None:
     path = _path(root, operation["file"])
-    _write(path, spliced(path.read_bytes(), operation["parts"]))
+    _write(path, spliced(_read(path), operation["parts"]))
 
 
 def _copy(operation: Operation, root: Path) -> None:
-    _write(_path(root, operation["to"]), _path(root, operation["path"]).read_bytes())
+    _write(_path(root, operation["to"]), _read(_path(root, operation["path"])))
 
 
 def _delete(operation: Operation, root: Path) -> None:
@@ -213,7 +220,7 @@ def _manifest(operation: Operation, root: Path) -> None:
         (start, stop, [_PLACEHOLDER.sub(lambda found: digests[found[0]], line) for line in lines])
         for start, stop, lines in operation["edits"]
     ]
-    lines = edited_lines(path.read_bytes().decode().splitlines(keepends=True), edits)
+    lines = edited_lines(_read(path).decode().splitlines(keepends=True), edits)
     _write(path, "".join(lines).encode())
 
 

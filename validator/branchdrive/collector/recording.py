@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from branchdrive.collector.contact import num_contacts
 from branchdrive.collector.route import route_columns
 from branchdrive.contract.columns import TABLES
-from branchdrive.contract.policy import ACTUATORS, Policy
+from branchdrive.contract.policy import ACTUATORS, Command, Policy
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.risk import risk_evidence
@@ -126,13 +126,15 @@ class Recording:
             "active": active,
             "source": np.where(active, "intervention", "online_expert"),
         }
-        stored = np.zeros_like(self.applied)
+        stored, intended = np.zeros_like(self.applied), np.zeros_like(self.applied)
         if self.nominal is not None:
             stored[active] = self.nominal[np.flatnonzero(active)]
+            demanded = self.policy.command(Command(*self.expert[active].T), Command(*stored[active].T))
+            intended[active] = np.stack(demanded, axis=1)
         for index, actuator in enumerate(ACTUATORS):
             columns[f"expert_{actuator}"] = self.expert[:, index]
             columns[f"nominal_{actuator}"] = np.ma.masked_array(stored[:, index], ~active)
-            columns[f"intended_{actuator}"] = np.ma.masked_array(self.applied[:, index], ~active)
+            columns[f"intended_{actuator}"] = np.ma.masked_array(intended[:, index], ~active)
             columns[f"applied_{actuator}"] = self.applied[:, index]
         return columns
 

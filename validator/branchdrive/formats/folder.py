@@ -54,6 +54,11 @@ class Entry:
     is_link: bool = False
 
 
+def _is_name(step: str) -> bool:
+    """Whether a step of a path names something in the folder before it."""
+    return step not in ("", ".", "..") and "\0" not in step
+
+
 @dataclass(frozen=True)
 class Folder:
     """The folder of a dataset, and where links in it may lead.
@@ -138,6 +143,8 @@ class Folder:
             PlatformError: The machine is to blame.
         """
         steps = path.split("/")
+        if not all(map(_is_name, steps)):
+            return None
         try:
             with machine_faults(self.root / path), self._opened(steps[:-1]) as descriptor:
                 return self._entry_at(path, os.stat(steps[-1], dir_fd=descriptor, follow_symlinks=False))
@@ -181,14 +188,25 @@ class Folder:
             return hashlib.file_digest(stream, "sha256").hexdigest()
 
     def replace(self, path: str, content: bytes) -> None:
-        """Create or replace a file: durable, and never visible in parts."""
-        replace_file(self.root / path, content)
+        """Create or replace a file: durable, and never visible in parts.
+
+        Raises:
+            DatasetError: The path is unsafe.
+        """
+        replace_file(self.root.joinpath(*self._steps(path)), content)
 
     def remove(self, path: str) -> None:
-        """Remove a file durably; nothing happens if there is none."""
-        if (self.root / path).exists():
-            (self.root / path).unlink(missing_ok=True)
-            sync_dir((self.root / path).parent)
+        """Remove a file, or a link itself, durably; nothing happens if there is none.
+
+        Raises:
+            DatasetError: The path is unsafe.
+        """
+        place = self.root.joinpath(*self._steps(path))
+        try:
+            place.unlink()
+        except FileNotFoundError:
+            return
+        sync_dir(place.parent)
 
     def _steps(self, path: str) -> list[str]:
         reason = unsafe_reason(path)
@@ -252,7 +270,9 @@ class Folder:
         raise PermissionError(errno.EACCES, "a link leads out of the folders that are named with `--allow` or `allow`")
 
     def _open(self, path_steps: list[str], flags: int) -> int:
-        """Descriptor of what steps lead to, taken one by one."""
+        """Descriptor of what steps lead to, taken one by one; none of them leads up or nowhere."""
+        if not all(map(_is_name, path_steps)):
+            raise OSError(errno.EINVAL, "no name of a file or folder", "/".join(path_steps))
         start, steps = self._walk(path_steps)
         descriptor = os.open(start, os.O_RDONLY | os.O_DIRECTORY)
         for number, step in enumerate(steps, start=1):

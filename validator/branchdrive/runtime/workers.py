@@ -69,14 +69,16 @@ def run_each(
         tasks: What it is called with; pickled for workers.
         jobs: Processes; 1 works in this process.
         start: Called first in every worker.
-        watch: Called in this process with what tasks report; an exception from it ends the work.
+        watch: Called in this process with what tasks report, where there are workers in a thread of its own, so that a
+            result may be given before its last reports; an exception from it ends the work.
 
     Raises:
         WorkerError: A worker process died.
         KeyboardInterrupt: The user interrupted, and every task stopped where it may.
     """
-    if num_workers(len(tasks), jobs=jobs) > 1:
-        yield from _in_workers(function, tasks, num_workers(len(tasks), jobs=jobs), start, watch)
+    num_processes = num_workers(len(tasks), jobs=jobs)
+    if num_processes > 1:
+        yield from _in_workers(function, tasks, num_processes, start, watch)
         return
     with deferred_interrupt() as raise_if_noted:
 
@@ -102,8 +104,14 @@ def _in_workers(
         reports = None if watch is unwatched else context.SimpleQueue()
         watched, lifeline = context.Pipe(duplex=False)  # its other end closes with this process, however that ends
     raise_if_noted()
-    with _passed_on(reports, watch, stop):
-        with deferred_interrupt(insist=lifeline.close) as raise_if_noted:
+    insisted = threading.Event()
+
+    def end_workers() -> None:
+        insisted.set()
+        lifeline.close()
+
+    with _passed_on(reports, watch, stop, insisted):
+        with deferred_interrupt(insist=end_workers) as raise_if_noted:
             pool = ProcessPoolExecutor(jobs, context, _Worker.start, (watched, start, function, stop, reports))
             try:
                 yield from _results(pool, tasks, _TASKS_PER_WORKER * jobs, raise_if_noted)
@@ -142,9 +150,15 @@ def _results(
 
 @contextmanager
 def _passed_on(
-    reports: SimpleQueue[tuple[object, ...] | None] | None, watch: Callable[..., None], stop: Event
+    reports: SimpleQueue[tuple[object, ...] | None] | None,
+    watch: Callable[..., None],
+    stop: Event,
+    insisted: threading.Event,
 ) -> Iterator[None]:
-    """Pass on what workers report; if the one who watches raises, they are asked to stop, and it is raised here."""
+    """Pass on what workers report; if the one who watches raises, they are asked to stop, and it is raised here.
+
+    Nobody waits for reports where a worker died or the user `insisted`, which ends workers where they are.
+    """
     if reports is None:
         yield
         return
@@ -170,7 +184,7 @@ def _passed_on(
     except _StoppedError:
         pass  # because the one who watches raised
     finally:
-        if not is_broken:  # a process that died may hold the lock of the queue
+        if not (is_broken or insisted.is_set()):  # a process that died may hold the lock of the queue
             reports.put(None)
             listener.join()
             reports.close()
