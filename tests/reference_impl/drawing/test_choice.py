@@ -18,7 +18,8 @@ def test_groups_are_wanted_by_the_type_of_their_nominal(tmp_path: Path) -> None:
 
 
 def test_a_group_without_nominal_has_the_type_of_its_first_attempt(tmp_path: Path) -> None:
-    dataset = write_invented(tmp_path / "d", {"g1.nominal.a1": {"role": "nominal_replay", "scenario_type": "Merge"}})
+    changed = {"g1.nominal.a1": {"role": "nominal_replay"}, "g1.accelerate_0.30.a1": {"scenario_type": "Merge"}}
+    dataset = write_invented(tmp_path / "d", changed)
     assert wanted_groups(dataset)["g1"] == "Merge"
 
 
