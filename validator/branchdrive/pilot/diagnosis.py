@@ -13,6 +13,7 @@ from branchdrive.driving.unit import WrongUnit, is_near, wrong_unit
 from branchdrive.pilot.heading import Reading
 from branchdrive.pilot.motion import Figure
 from branchdrive.pilot.section import Concern
+from branchdrive.raw.motion.calibration import OF_VEHICLE
 
 __all__ = ["diagnose"]
 
@@ -55,8 +56,10 @@ def diagnose(figures: Mapping[str, Figure], headings: Mapping[str, Reading], nam
     if "pivot" in figures and len(figures["pivot"].values):
         known |= {"lever"}
     for name, figure in wrong.items():
-        if name not in known and not _is_of_clock(name, figure, wrong):
+        if name not in known and name not in OF_VEHICLE and not _is_of_clock(name, figure, wrong):
             concerns.append(_of_figure(name, figure))
+    if not concerns and not named:  # a vehicle is compared by motion and commands, whose signs and units come first
+        concerns += [_of_figure(name, figure) for name, figure in wrong.items() if name in OF_VEHICLE]
     return concerns
 
 
