@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 _TITLE = "Replay noise and fidelity thresholds"
 
 
+_STAGES = ("eligible", "integrity_complete")
+"""Stages of the groups that are looked at: where all replays differ though none should, no group is eligible for it."""
+
 _EXACT = ("BD-RPN-001", "BD-RPN-003", "BD-RPN-004")
 """Rules on replays that are declared to be exact."""
 
@@ -45,9 +48,10 @@ def replay_noise(pilot: Pilot, *, is_early: bool) -> Section:
     if not pilot.rows:
         return Section("replay", _TITLE, not_examined=[pilot.no_rows])
     pairs, groups = pilot.rows["pairs"], pilot.rows["group_quality"]
-    eligible = groups["group_id"][np.asarray(groups["eligible"], bool)].tolist()
+    stages = [groups["group_id"][np.asarray(groups[stage], bool)].tolist() for stage in _STAGES]
+    eligible = next((group_ids for group_ids in stages if group_ids), [])
     if not eligible:
-        return Section("replay", _TITLE, not_examined=["no group is structurally eligible (see Funnel)"])
+        return Section("replay", _TITLE, not_examined=["no group is integrity-complete (see Funnel)"])
     values = np.stack([np.ma.filled(pairs[v.name].astype(np.float64), np.inf) for v in VARIABLES], axis=1)
     rows = bank_rows(pairs, eligible)
     there = np.asarray(pairs["has_pedestrian"], bool)[rows].any(axis=1)
