@@ -33,7 +33,9 @@ _SPEEDS = {
 }
 """Whose speed a figure is of, and its columns."""
 
-_OF_HEADING = {"heading": "the ego", "actor_heading": "vehicles", "actor_sense": "vehicles"}
+_OF_HEADING = {
+    "heading": "the ego", "actor_heading": "vehicles", "actor_sense": "vehicles", "pedestrian_sense": "vehicles",
+}  # fmt: skip
 """Whose heading a figure is of."""
 
 _AFTER_HEADING = ("yaw_rate", "lateral", "lever", "pivot", "steering")
