@@ -48,7 +48,7 @@ def replay_noise(pilot: Pilot, *, is_early: bool) -> Section:
     if not pilot.rows:
         return Section("replay", _TITLE, not_examined=[pilot.no_rows])
     pairs, groups = pilot.rows["pairs"], pilot.rows["group_quality"]
-    stages = [groups["group_id"][np.asarray(groups[stage], bool)].tolist() for stage in _STAGES]
+    stages: list[list[str]] = [groups["group_id"][np.asarray(groups[stage], bool)].tolist() for stage in _STAGES]
     eligible = next((group_ids for group_ids in stages if group_ids), [])
     if not eligible:
         return Section("replay", _TITLE, not_examined=["no group is integrity-complete (see Funnel)"])
