@@ -96,7 +96,7 @@ def render_dataset(
 
     Raises:
         UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
-            somebody else works on it, an interrupted run of another plan left finished groups, or the output holds
+            another command works on it, an interrupted run of another plan left finished groups, or the output holds
             something else.
         DatasetError: A file cannot be read, or differs from the manifest.
         ContractError: The media of a shard would be larger than the format allows.

@@ -90,7 +90,7 @@ def build_release(
         drop_leakage: Whether to leave out an audit that an earlier build has made; without it, one that still is
             of this release stays.
         executor: How shards are read.
-        progress: Told after every part of a stage.
+        progress: Called after every part of a stage.
 
     Raises:
         UsageError: A stage is unknown or lacks the one before it, the folders do not go together, or a collection
@@ -157,7 +157,7 @@ def _check_own_folder(source: Path, target: Path) -> None:
 
 
 def _check_card(target: Path, stages: Sequence[str]) -> None:
-    """No text of somebody's own is where the card of the release goes."""
+    """No text of another author is where the card of the release goes."""
     if {*stages} != {"canonical"} and (target / CARD_FILE).exists() and not has_card(target):
         raise UsageError(
             f"{target}: {CARD_FILE} is a text of your own, and the card of the release takes its place; rename it, and "

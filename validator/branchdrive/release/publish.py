@@ -54,7 +54,7 @@ _WITH_CARD = "quality/split.json"
 
 @contextmanager
 def lock_area(target: Path) -> Iterator[Path]:
-    """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
+    """The staging area of `target`, which no other command writes to meanwhile; what waits in it for a benchmark stays.
 
     Raises:
         UsageError: Another command is running there, a collection or a rendering has stopped in the middle, or a link
@@ -75,7 +75,7 @@ def lock_area(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def staging(target: Path, *, create: bool = True, folder: str = _BUILD_DIR) -> Iterator[Path]:
-    """The working area of a build, or a rendering, in `target`, which nobody else writes to meanwhile.
+    """The working area of a build, or a rendering, in `target`, which no other command writes to meanwhile.
 
     It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build
     is refused. Whatever else lies in the staging area belongs to another command and is not touched.

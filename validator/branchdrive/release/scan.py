@@ -91,7 +91,7 @@ def _finished(survey: Survey) -> Descriptor:
 
 
 def check_unchanged(scan: RawScan) -> None:
-    """The manifest on disk lists the raw layer that was read: nobody has begun to change it since.
+    """The manifest on disk lists the raw layer that was read: it has not been changed since.
 
     Raises:
         DatasetError: It does not, or is gone.
