@@ -37,7 +37,7 @@ from branchdrive.formats.manifest import (
 )
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
-from branchdrive.raw.media.folder import FRAMES
+from branchdrive.raw.media.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards

@@ -23,7 +23,7 @@ from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_n
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.raw.media.folder import FRAMES, image_checksum
+from branchdrive.raw.media.media_folder import FRAMES, image_checksum
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP, Rollout
 from branchdrive_reference.rendering.encoding import encoded

@@ -19,7 +19,7 @@ from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
 from branchdrive.formats.folder import Folder
 from branchdrive.model.inputs import empty_columns
-from branchdrive.raw.media.folder import ImagePlace, MediaFolder
+from branchdrive.raw.media.media_folder import ImagePlace, MediaFolder
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Values
 
