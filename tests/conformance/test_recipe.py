@@ -181,7 +181,7 @@ def _history(groups: list[int]) -> bytes:
 
 
 def test_a_group_that_moves_to_another_partition_is_one_operation_a_table(tmp_path: Path) -> None:
-    train, val = "model/state-train.parquet", "model/state-val.parquet"
+    train, val = "model/state-train-00000.parquet", "model/state-val-00000.parquet"
     before = {train: _history([*range(0, 40, 2)]), val: _history([*range(1, 40, 2)])}
     after = {train: _history(sorted([*range(0, 40, 2), 7])), val: _history([n for n in range(1, 40, 2) if n != 7])}
     assert operations(tmp_path, before, after) == [

@@ -12,7 +12,7 @@ import pyarrow as pa
 from tests.fuzz.draw import Draw
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES, Column
-from branchdrive.contract.layer import TABLE_OF_PATH
+from branchdrive.contract.layer import table_file
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.defect import with_cells
@@ -55,7 +55,8 @@ def places(root: Path) -> list[Place]:
     """Columns of all table files of a dataset."""
     declared = {**TABLES, **LAYER_TABLES}
     paths = sorted(path.relative_to(root).as_posix() for path in root.rglob("*.parquet"))
-    tables = {path: TABLE_OF_PATH.get(path, Path(path).stem) for path in paths}
+    files = {path: table_file(path) for path in paths}
+    tables = {path: Path(path).stem if file is None else file.table for path, file in files.items()}
     return [Place(path, name, column) for path, name in tables.items() for column in declared[name].columns]
 
 

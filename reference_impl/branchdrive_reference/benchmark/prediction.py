@@ -12,10 +12,10 @@ from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import BENCHMARK, BENCHMARK_LEDGER_FILE, LOCK_FILE, PROTOCOL_FILE
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import parts_of
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import sort_rows
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
@@ -59,7 +59,8 @@ def _publish(workspace: Workspace, lock: dict[str, Any], predictions: Prediction
     files[BENCHMARK_LEDGER_FILE] = workspace.read(BENCHMARK_LEDGER_FILE) or dump_json({"entries": []})
     for name, frame in predictions.to_frames(data).items():
         rows = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": data.candidates})
-        files[table_path(name)] = encode_table(to_arrow(name, rows))
+        parts = parts_of(name, to_arrow(name, rows), workspace.release.parts)
+        files |= {path: encode_table(part) for path, part in parts.items()}
     for entry in lock["checkpoints"]:
         files[f"{BENCHMARK}/{entry['file']}"] = (workspace.area / entry["file"]).read_bytes()
     before = workspace.release.benchmark_files()

@@ -20,12 +20,12 @@ from branchdrive.benchmark.prediction.rows import TABLES
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.contract.document import parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_file
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.manifest import Manifest, read_manifest
-from branchdrive.formats.table_file import read_layer_table
+from branchdrive.formats.table_file import layer_table_paths, read_layer_table, read_table
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Values
@@ -68,6 +68,17 @@ class Release:
         """Route cluster of every group of the model layer."""
         contexts = from_arrow(read_layer_table(self.layer.folder, "contexts"), "contexts")
         return dict(zip(contexts["group_id"].tolist(), contexts["route_cluster"].tolist(), strict=True))
+
+    @cached_property
+    def parts(self) -> dict[str, int]:
+        """Number of the part with the rows of every group of the model layer."""
+        folder = self.layer.folder
+        return {
+            group_id: file.part
+            for path in layer_table_paths(folder, "contexts")
+            if (file := table_file(path)) is not None and file.part is not None
+            for group_id in from_arrow(read_table(folder, path, "contexts"), "contexts")["group_id"].tolist()
+        }
 
     def content(self, path: str) -> bytes:
         """Bytes of a file.

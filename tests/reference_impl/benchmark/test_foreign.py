@@ -163,7 +163,7 @@ def test_neither_torch_nor_cvxpy_is_needed(
     benchmarked: Path, columns: Columns, tmp_path: Path, has_figures: bool
 ) -> None:
     """Figures take seconds to draw; what draws them can be imported."""
-    file = _write(tmp_path / "my predictions.parquet", columns)
+    file = _write(tmp_path / "my predictions-00000.parquet", columns)
     missing = """
         import sys
         sys.modules |= dict.fromkeys(("torch", "safetensors", "cvxpy", "clarabel", "scipy", "pymunk", "numba"))

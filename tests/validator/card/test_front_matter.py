@@ -9,7 +9,8 @@ import yaml
 from tests.validator.writer.invented import make_descriptor
 
 from branchdrive.card.front_matter import front_matter
-from branchdrive.contract.layer import LAYERS, TABLE_OF_PATH, table_path
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.layer import LAYERS, table_pattern
 
 POPULATION = {
     "partitions": ["train", "val", "test", "calibration"],
@@ -35,13 +36,13 @@ def splits(found: dict[str, Any], table: str) -> dict[str, str]:
 
 def test_splits_are_the_partitions_with_a_group_in_the_frozen_population() -> None:
     assert splits(read(), "scalars") == {
-        "train": "model/scalars-train.parquet",
-        "validation": "model/scalars-val.parquet",
-        "test": "model/scalars-test.parquet",
+        "train": "model/scalars-train-*.parquet",
+        "validation": "model/scalars-val-*.parquet",
+        "test": "model/scalars-test-*.parquet",
     }
     groups = {"train": 9, "val": 2, "test": 1, "calibration": 4}
     stages = {**POPULATION, "stages": [{"stage": "frozen", "groups": groups}]}
-    assert splits(read(stages), "state")["calibration"] == "model/state-calibration.parquet"
+    assert splits(read(stages), "state")["calibration"] == "model/state-calibration-*.parquet"
 
 
 def test_every_table_with_a_row_for_each_group_is_named_and_scalars_come_first_to_hand() -> None:
@@ -49,9 +50,10 @@ def test_every_table_with_a_row_for_each_group_is_named_and_scalars_come_first_t
     names = [config["config_name"] for config in found["configs"]]
     assert set(names) == {*LAYERS["model"].tables} - {"media_index"}
     assert [config["config_name"] for config in found["configs"] if config.get("default")] == ["scalars"]
-    assert splits(found, "actions") == {"bank": table_path("actions")}
-    paths = {path for name in names for path in splits(found, name).values()}
-    assert {TABLE_OF_PATH[path] for path in paths} == {*names}
+    assert splits(found, "actions") == {"bank": table_pattern("actions")}
+    for name in names:
+        partitions = ("train", "val", "test") if LAYER_TABLES[name].partitions else (None,)
+        assert [*splits(found, name).values()] == [table_pattern(name, one) for one in partitions]
 
 
 def test_surroundings_are_named_where_evidence_is_claimed() -> None:

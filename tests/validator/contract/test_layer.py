@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -27,7 +28,17 @@ from branchdrive.contract.columns import (
 )
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import schema_mismatches
-from branchdrive.contract.layer import LAYERS, TABLE_OF_PATH, layer_of_table, table_path, table_paths
+from branchdrive.contract.layer import (
+    LAYERS,
+    layer_of_table,
+    part_of,
+    part_of_shard,
+    table_file,
+    table_path,
+    table_paths,
+    table_pattern,
+)  # fmt: skip
+from branchdrive.contract.layout import MAX_SHARD_INDEX, shard_name
 from branchdrive.contract.resources import load_resource, schema_dir
 
 COLUMNS = [(table, column) for table in LAYER_TABLES.values() for column in table.columns]
@@ -214,13 +225,54 @@ def test_arrow_schema_has_the_declared_columns(table: Table) -> None:
 @each_table
 def test_path_of_a_table_lies_in_the_folder_of_its_layer(table: Table) -> None:
     layer = layer_of_table(table.name)
-    names = [f"{table.name}-{partition}.parquet" for partition in table.partitions] or [f"{table.name}.parquet"]
-    assert [PurePosixPath(path).parts for path in table_paths(table.name)] == [(layer, name) for name in names]
-    assert [table_path(table.name, partition) for partition in table.partitions or (None,)] == [
-        *table_paths(table.name)
-    ]
-    assert {*table_paths(table.name)} <= {*LAYERS[layer].required_files}
-    assert {TABLE_OF_PATH[path] for path in table_paths(table.name)} == {table.name}
+    stems = [f"{table.name}-{partition}" for partition in table.partitions] or [table.name]
+    parts = ["-00000", "-00012"] if {"group_id", "rollout_id"} & {*table.key} else [""]
+    names = [f"{stem}{part}.parquet" for stem in stems for part in parts]
+    paths = table_paths(table.name, [f"{layer}/{name}" for name in reversed(names)] + ["model/features.json"])
+    assert [PurePosixPath(path).parts for path in paths] == [(layer, name) for name in names]
+    assert LAYERS[layer].own(["README.md", *paths]) == paths
+    for path in paths:
+        file = table_file(path)
+        assert file is not None
+        assert file.table == table.name
+        assert table_path(table.name, file.partition, file.part or 0) == path
+        assert fnmatchcase(path, table_pattern(table.name, file.partition))
+        assert fnmatchcase(path, table_pattern(table.name)) or file.part is None
+
+
+@each_table
+def test_a_table_or_partition_without_a_file_lacks_its_first_part(table: Table) -> None:
+    layer = LAYERS[layer_of_table(table.name)]
+    every = layer.missing(())
+    assert len(every) == layer.num_required
+    first = [table_path(table.name, partition) for partition in table.partitions or (None,)]
+    assert {*first} <= {*every}
+    assert layer.missing([path for path in every if path != first[-1]]) == (first[-1],)
+    if table.is_of_groups:
+        other = table_path(table.name, *(table.partitions or (None,))[-1:], 7)
+        assert layer.missing([*(path for path in every if path != first[-1]), other]) == ()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "canonical/records.parquet", "canonical/records-0.parquet", "canonical/records-000001.parquet",
+        "canonical/records-00000-00000.parquet", "canonical/records-train-00000.parquet",
+        "quality/records-00000.parquet",
+        "model/scalars-train.parquet", "model/scalars-00000.parquet", "model/scalars-other-00000.parquet",
+        "model/actions-00000.parquet", "model/actions", "raw/shard-00000/rollouts.parquet", "records-00000.parquet",
+    ],
+)  # fmt: skip
+def test_other_names_are_of_no_table(path: str) -> None:
+    assert table_file(path) is None
+    assert not any(layer.admits(path) for layer in LAYERS.values())
+
+
+def test_groups_of_shards_in_a_row_share_a_part() -> None:
+    assert [part_of(f"raw/{shard_name(index)}") for index in (0, 63, 64, 127, 128)] == [0, 0, 1, 1, 2]
+    assert table_file(table_path("records", part=part_of_shard(MAX_SHARD_INDEX))) is not None
+    with pytest.raises(ValueError, match="no folder of a shard"):
+        part_of("raw/media")
 
 
 @each_table
@@ -241,8 +293,8 @@ def test_table_of_no_layer_is_a_key_error(name: str) -> None:
 def test_documents_have_schemas_whose_description_names_a_clause(layer: Any) -> None:
     for document in layer.documents.values():
         assert (schema_dir() / document.schema).is_file()
-        assert f"{layer.name}/{document.name}" in layer.files
-        assert (f"{layer.name}/{document.name}" in layer.required_files) != document.optional
+        assert layer.admits(f"{layer.name}/{document.name}")
+        assert (f"{layer.name}/{document.name}" in layer.missing(())) != document.optional
 
 
 OWN_SCHEMAS = ("source", "split", "thresholds", "retention", "population", "variants", "ledger", "features",

@@ -127,7 +127,7 @@ def test_content_of_attempts_and_layers() -> None:
     assert CONTENT["maps"] == {f"map {town}": table_digest("map", tables["map"])}
     facts = ShardFacts("raw/shard-00000", attempts=attempts, maps={town: table_digest("map", tables["map"])})
     documents = {path: document_digest(case["value"]) for path, case in CONTENT["documents"].items()}
-    parts = {"canonical/attempts.parquet": table_digest("attempts", stored("attempts")), **documents}
+    parts = {"canonical/attempts-00000.parquet": table_digest("attempts", stored("attempts")), **documents}
     assert parts == CONTENT["parts"]
     layers = {"raw": raw_content([facts]), **derived_content(parts, parts)}
     assert layers == CONTENT["layers"]

@@ -259,7 +259,7 @@ def content_vectors() -> dict[str, Any]:
     records = [_record(row) for row in rows["rollouts"]]
     document = {**_CANONICAL["source.json"], "raw_layer": raw}
     parts = {
-        "canonical/attempts.parquet": table_block("attempts", records).hex(),
+        "canonical/attempts-00000.parquet": table_block("attempts", records).hex(),
         "canonical/source.json": sha(_spelled_document(document)).hex(),
     }
     canonical = lines_digest(parts)

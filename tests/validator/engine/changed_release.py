@@ -19,7 +19,7 @@ from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layer import LAYERS, table_paths
+from branchdrive.contract.layer import LAYERS, paths_by_table
 from branchdrive.contract.rule import rules_of
 from branchdrive.engine.derived_rules import judge_layers
 from branchdrive.engine.tally import Tally
@@ -67,7 +67,7 @@ class WatchedView(ReleaseView):
         parts = {name: parts.get(name, getattr(source, name)) for name in ("tables", "documents", "contents")}
         num_rows = dict(source.num_rows)
         if changed in LAYER_TABLES:  # all rows of another table stand in its first file
-            first, *others = table_paths(changed)
+            first, *others = paths_by_table(num_rows)[changed]
             num_rows |= {**dict.fromkeys(others, 0), first: len(parts["tables"][changed])}
         super().__init__(
             source.descriptor, **{name: Watched(part, self._note) for name, part in parts.items()},

@@ -14,8 +14,8 @@ from tests.fuzz.cell import Place, places
 from tests.sampling import THOROUGH
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 
-from branchdrive.contract.layer import TABLE_OF_PATH
-from branchdrive.engine.derived_files import LayerFiles, layer_files_task, read_layers
+from branchdrive.contract.layer import table_file
+from branchdrive.engine.derived_files import layer_files_tasks, read_layers
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
 from branchdrive.files.survey import take_survey
@@ -23,7 +23,6 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.runtime.executor import in_process
 from branchdrive.testing.defect import with_cells
 
 SHARES = [12, pytest.param(1, marks=THOROUGH)]
@@ -61,15 +60,13 @@ def test_a_null_in_a_raw_table_is_a_finding(share: int, tmp_path: Path) -> None:
 def test_a_null_in_a_file_of_a_layer_is_a_finding(share: int, tmp_path: Path) -> None:
     root = BenchmarkDraft().write(tmp_path / "dataset")
     survey = take_survey(Folder(root), hash_files=False)
-    derived = [place for place in places(root) if place.path in TABLE_OF_PATH]
+    derived = [place for place in places(root) if table_file(place.path) is not None]
     wrong = []
     for place in with_a_null(root, derived[::share]):
         with Spool.temporary() as spool:
-            task = layer_files_task(survey, spool)
-            assert task is not None
-            ((_, outcome),) = in_process(read_layers, [task])
-        nulls = outcome.tallies["BD-LYR-008"] if isinstance(outcome, LayerFiles) else None
+            (task,) = (task for task in layer_files_tasks(survey, spool) if place.path in task.files)
+            nulls = read_layers(task).tallies["BD-LYR-008"]
         where = {"file": place.path, "column": place.column.name}
-        if nulls is None or not any(where.items() <= finding.location.items() for finding in nulls.findings):
-            wrong.append((place.path, place.column.name, outcome))
+        if not any(where.items() <= finding.location.items() for finding in nulls.findings):
+            wrong.append((place.path, place.column.name, nulls))
     assert wrong == []

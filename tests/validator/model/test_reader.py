@@ -257,20 +257,20 @@ def test_a_dataset_without_evidence_and_encoding_says_so(tmp_path: Path) -> None
 
 def test_nothing_is_read_before_it_is_asked_for(tmp_path: Path) -> None:
     folder = write_release(tmp_path / "release", FRAMES)
-    (folder / "model/surroundings-test.parquet").unlink()
-    (folder / "model/expert-val.parquet").write_bytes(b"no table")
+    (folder / "model/surroundings-test-00000.parquet").unlink()
+    (folder / "model/expert-val-00000.parquet").write_bytes(b"no table")
     layer = open_model(folder)
     assert layer.sensor_inputs().state.shape == (5, 16, 21)
-    with pytest.raises(DatasetError, match=r"'model/expert-val.parquet': table `expert` does not decode"):
+    with pytest.raises(DatasetError, match=r"'model/expert-val-00000.parquet': table `expert` does not decode"):
         layer.mixed_inputs()
-    with pytest.raises(DatasetError, match=r"'model/surroundings-test.parquet' does not exist"):
+    with pytest.raises(DatasetError, match=r"'model/surroundings-test-00000.parquet' does not exist"):
         layer.privileged_inputs()
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:
     folder = write_release(tmp_path / "release", FRAMES)
-    (folder / "model/state-train.parquet").rename(tmp_path / "elsewhere.parquet")
-    (folder / "model/state-train.parquet").symlink_to(tmp_path / "elsewhere.parquet")
+    (folder / "model/state-train-00000.parquet").rename(tmp_path / "elsewhere.parquet")
+    (folder / "model/state-train-00000.parquet").symlink_to(tmp_path / "elsewhere.parquet")
     with pytest.raises(DatasetError, match="cannot be opened without following links"):
         open_model(folder).sensor_inputs()
 
@@ -278,7 +278,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
 def test_columns_that_are_not_declared_are_refused(tmp_path: Path) -> None:
     folder = write_release(tmp_path / "release", FRAMES)
     table = to_arrow("state", FRAMES["state"]).append_column("rollout", pa.array(FRAMES["state"]["group_id"].tolist()))
-    (folder / "model/state-train.parquet").write_bytes(encode_table(table))
+    (folder / "model/state-train-00000.parquet").write_bytes(encode_table(table))
     with pytest.raises(DatasetError, match=r"columns \['rollout'\] are not as layers.json declares"):
         open_model(folder).sensor_inputs()
 

@@ -18,7 +18,7 @@ from tests.validator.release.running import build, contents, derived
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
-from branchdrive.contract.layer import TABLE_OF_PATH, table_paths
+from branchdrive.contract.layer import table_file
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.release.builder import STAGES
@@ -84,12 +84,11 @@ def test_neither_the_order_of_shards_nor_of_rows_decides_anything(raw: Path, bui
     write_dataset(root, dict(sorted(renumbered.items())), parse_json((raw / "branchdrive.json").read_bytes()))
     build(root)
     found, expected = derived(root), derived(built)
-    naming_shards = {path for name in ("records", "media_index") for path in table_paths(name)}
-    differing = {path for path in expected if found[path] != expected[path]}
-    assert differing <= naming_shards
-    assert {TABLE_OF_PATH[path] for path in differing} == {"records", "media_index"}
-    for path in differing:
-        name = TABLE_OF_PATH[path]
+    differing = {path: table_file(path) for path in expected if found[path] != expected[path]}
+    names = {path: file.table for path, file in differing.items() if file is not None}
+    assert names.keys() == differing.keys()
+    assert {*names.values()} == {"records", "media_index"}
+    for path, name in names.items():
         rows, wanted = (read_table(Folder(place), path, name).drop_columns("shard") for place in (root, built))
         assert rows.equals(wanted)
 

@@ -194,7 +194,7 @@ def start(root: Path) -> subprocess.Popen[str]:
         STAGING_DIR,
         pytest.param("canonical/source.json", marks=pytest.mark.thorough),
         pytest.param("quality/split.json", marks=pytest.mark.thorough),
-        pytest.param("model/contexts.parquet", marks=pytest.mark.thorough),
+        pytest.param("model/contexts-00000.parquet", marks=pytest.mark.thorough),
     ],
 )
 def test_a_killed_build_goes_on(dataset: Path, built: Path, sign: str) -> None:

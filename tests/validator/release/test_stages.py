@@ -25,7 +25,7 @@ from branchdrive.release.builder import STAGES
 
 pytestmark = pytest.mark.usefixtures("audit_in_this_process")
 
-CANONICAL = {"canonical/attempts.parquet", "canonical/records.parquet", "canonical/source.json"}
+CANONICAL = {"canonical/attempts-00000.parquet", "canonical/records-00000.parquet", "canonical/source.json"}
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +184,12 @@ def test_an_audit_that_is_left_out_is_gone(audited: Path, built: Path, tmp_path:
         build(release, stages=STAGES, drop_leakage=True)
 
 
-READ_AGAIN = ("canonical/records.parquet", "quality/pairs.parquet", "quality/split.json", "canonical/source.json")
+READ_AGAIN = (
+    "canonical/records-00000.parquet",
+    "quality/pairs-00000.parquet",
+    "quality/split.json",
+    "canonical/source.json",
+)
 
 
 @pytest.mark.parametrize(("path", "damage"), sampled(product(READ_AGAIN, ("gone", "cut", "other")), every=5))

@@ -41,7 +41,6 @@ from branchdrive.benchmark.view import (
 from branchdrive.benchmark.warning import warnings
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import (
     BENCHMARK,
     BENCHMARK_LEDGER_FILE,
@@ -56,7 +55,7 @@ from branchdrive.contract.layout import (
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.errors import DatasetError
-from branchdrive.layers.compare import document_check, text_agrees, text_mismatches
+from branchdrive.layers.compare import document_check, place_in_table, text_agrees, text_mismatches
 from branchdrive.layers.view import ReleaseView
 from branchdrive.model.rules.inputs import FEATURES, NORMALISATION
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, accesses, benchmark_mismatches
@@ -313,8 +312,8 @@ def tables_say_what_results_say(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-BMK-015")
 def predictions_come_from_locked_checkpoints(view: ReleaseView) -> Iterator[Check]:
     """No model predicts whose checkpoint was not locked."""
-    file: Location = {"file": table_path("predictions"), "table": "predictions"}
+    where = place_in_table(view, "predictions")
     yield Check.of(
         len(view.cached(predictions_of).models),
-        [Mismatch({**file, "model": name}, "a locked checkpoint of every seed", "none") for name in _unlocked(view)],
+        [Mismatch({**where, "model": name}, "a locked checkpoint of every seed", "none") for name in _unlocked(view)],
     )

@@ -11,11 +11,10 @@ import numpy as np
 
 from branchdrive.canonical.record import policy_columns, source_counts
 from branchdrive.contract.comparison import document_mismatches
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
-from branchdrive.layers.compare import columns_agree, document_check, format_cell, place, rows_agree
+from branchdrive.layers.compare import columns_agree, document_check, format_cell, place, place_in_table, rows_agree
 from branchdrive.layers.view import ReleaseView
 
 _REPEATED = (
@@ -59,9 +58,11 @@ def nominal_entries_are_links(view: ReleaseView) -> Iterator[Check]:
     def mismatch(row: int) -> Mismatch:
         if records["kind"][row] != expected[row]:
             return Mismatch(
-                place("records", records, row, "kind"), format_cell(expected[row]), format_cell(records["kind"][row])
+                place(view, "records", records, row, "kind"),
+                format_cell(expected[row]),
+                format_cell(records["kind"][row]),
             )
-        where = place("records", records, row, "nominal_rollout_id")
+        where = place(view, "records", records, row, "nominal_rollout_id")
         return Mismatch(where, format_cell(records["rollout_id"][row]), format_cell(records["nominal_rollout_id"][row]))
 
     yield Check(len(expected), bad, mismatch)
@@ -81,7 +82,7 @@ def interventions_share_their_nominal(view: ReleaseView) -> Iterator[Check]:
         len(rows),
         [
             Mismatch(
-                place("records", records, row, "nominal_rollout_id"),
+                place(view, "records", records, row, "nominal_rollout_id"),
                 format_cell(links.get(records["group_id"][row]) or None),
                 format_cell(named[row] or None),
             )
@@ -121,7 +122,7 @@ def records_state_control_semantics(view: ReleaseView) -> Iterator[Check]:
     def mismatch(row: int) -> Mismatch:
         column = columns[int(np.argmax(differing[row]))]
         wanted = format_cell(policies[column][at[row]]) if at[row] >= 0 else "an action of the bank"
-        return Mismatch(place("records", records, row, column), wanted, format_cell(records[column][row]))
+        return Mismatch(place(view, "records", records, row, column), wanted, format_cell(records[column][row]))
 
     yield Check(len(at), bad, mismatch)
 
@@ -169,7 +170,7 @@ def records_and_dispositions_agree(view: ReleaseView) -> Iterator[Check]:
         len(listed),
         [
             Mismatch(
-                {"file": table_path("attempts"), "table": "attempts", "column": "disposition", "rollout_id": r},
+                {**place_in_table(view, "attempts"), "column": "disposition", "rollout_id": r},
                 named.get(r, "neither selected nor kept"),
                 listed.get(r, "not listed"),
             )

@@ -20,7 +20,7 @@ from branchdrive.card.front_matter import front_matter
 from branchdrive.card.selected import selected_section
 from branchdrive.contract.columns import Table
 from branchdrive.contract.descriptor import Descriptor, ReplayNoise, Vehicle
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_pattern
 from branchdrive.contract.text import count_text, counted, one_line, percent
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
@@ -330,7 +330,7 @@ def _structure(descriptor: Descriptor, source: Document, *, absent: Collection[s
             for document in layer.documents.values()
             if document.name not in absent
         ]
-        files += [_table_row(name, table) for table in layer.tables.values()]
+        files += [_table_row(table) for table in layer.tables.values()]
     files.append(["`MANIFEST.sha256`", "Digest of every file."])
     lines = ["## Files", "", *grid(_texts("File", "Content"), files)]
     if "raw" not in descriptor.layers:
@@ -338,10 +338,9 @@ def _structure(descriptor: Descriptor, source: Document, *, absent: Collection[s
     return lines
 
 
-def _table_row(layer: str, table: Table) -> list[str]:
-    file = f"{table.name}-*.parquet" if table.partitions else table.file_name
-    files = f"One row {table.rate}, a file for each partition." if table.partitions else f"One row {table.rate}."
-    return [f"`{layer}/{file}`", f"{table.title} {files}"]
+def _table_row(table: Table) -> list[str]:
+    files = "" if not table.is_of_groups else ", in parts of each partition" if table.partitions else ", in parts"
+    return [f"`{table_pattern(table.name)}`", f"{table.title} One row {table.rate}{files}."]
 
 
 def _use() -> list[str]:

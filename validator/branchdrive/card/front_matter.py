@@ -12,7 +12,7 @@ from typing import Any
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layer import LAYERS, table_path
+from branchdrive.contract.layer import LAYERS, table_pattern
 from branchdrive.contract.text import one_line
 
 __all__ = ["front_matter"]
@@ -72,9 +72,9 @@ def _tables(descriptor: Descriptor) -> Iterator[str]:
 
 
 def _config(table: str, partitions: Sequence[str]) -> list[str]:
-    files = {SPLITS.get(name, name): table_path(table, name) for name in partitions}
-    if not LAYER_TABLES[table].partitions:
-        files = {_BANK: table_path(table)}
+    files = {_BANK: table_pattern(table)}
+    if LAYER_TABLES[table].partitions:
+        files = {SPLITS.get(name, name): table_pattern(table, name) for name in partitions}
     return [
         f"- config_name: {table}",
         *(["  default: true"] if table == _DEFAULT else []),

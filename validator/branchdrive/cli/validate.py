@@ -65,6 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     reading = parser.add_argument_group("how to read")
     reading.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     reading.add_argument(
+        "--dataset-memory", metavar="GIB", type=at_least(1),
+        help="memory of a process that judges the whole dataset, in GiB, where the specification's limit is too little "
+        "for a large one or too much for the machine",
+    )  # fmt: skip
+    reading.add_argument(
         "--staging",
         action="store_true",
         help="look into a collection that runs or was cut off: validate what it has finished so far",
@@ -103,6 +108,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             follow_links=args.follow_links,
             allow=args.allow,
             executor=isolated(args.jobs),
+            dataset_memory_bytes=None if args.dataset_memory is None else args.dataset_memory << 30,
             progress=progress,
         )
     if args.staging:

@@ -88,7 +88,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """One declared table: a Parquet file of every shard, or of a derived layer, or one for each partition.
+    """One declared table: of shards, each of which has it in a file, or of a derived layer.
 
     Attributes:
         name: Its name.
@@ -96,7 +96,7 @@ class Table:
         rate: What has a row.
         key: Columns whose values no two rows share.
         columns: Its columns.
-        partitions: Partitions whose rows have a file each, in the order of the rows; none where all are in one.
+        partitions: Partitions whose rows have files of their own, in the order of the rows; none where it has none.
     """
 
     name: str
@@ -118,14 +118,14 @@ class Table:
         return "rollout_id" in self.key
 
     @property
+    def is_of_groups(self) -> bool:
+        """Whether every row belongs to a group, so that the table grows with them."""
+        return not {"group_id", "rollout_id"}.isdisjoint(self.key)
+
+    @property
     def file_name(self) -> str:
         """Name of the table's file inside its folder, of a table in one file."""
         return f"{self.name}.parquet"
-
-    @property
-    def file_names(self) -> tuple[str, ...]:
-        """Names of the table's files inside its folder."""
-        return tuple(f"{self.name}-{partition}.parquet" for partition in self.partitions) or (self.file_name,)
 
     @property
     def value_columns(self) -> tuple[Column, ...]:

@@ -54,8 +54,7 @@ def layer_content(parts: Mapping[str, str]) -> str:
 def claimed_files(claimed: Collection[str], there: Collection[str]) -> frozenset[str]:
     """Paths of the tables and documents of the claimed derived layers: those that must be there, and those that are."""
     layers = [layer for name, layer in LAYERS.items() if name in claimed and name in IDENTITY_LAYERS]
-    files = (path for layer in layers for path in layer.files if path in layer.required_files or path in there)
-    return frozenset(files)
+    return frozenset(path for layer in layers for path in (*layer.missing(there), *layer.own(there)))
 
 
 def derived_content(files: Mapping[str, str], paths: Collection[str]) -> dict[str, str]:

@@ -6,14 +6,24 @@ Every layer is derived from the ones before it. Source: paper, "Release Structur
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 from branchdrive.contract.columns import LAYER_TABLES, Table
+from branchdrive.contract.layout import RAW_DIR, shard_index
 from branchdrive.contract.resources import load_resource
 
-__all__ = ["LAYERS", "TABLE_OF_PATH", "Layer", "LayerDocument", "layer_of_table", "table_path", "table_paths"]
+__all__ = [
+    "LAYERS", "PART_SHARDS", "Layer", "LayerDocument", "TableFile", "layer_of_table", "part_of", "part_of_shard",
+    "paths_by_table", "table_file", "table_path", "table_paths", "table_pattern",
+]  # fmt: skip
+
+PART_SHARDS: int = load_resource("layers.json")["part_shards"]
+"""Shards whose groups share the parts of derived tables."""
+
+_PART = re.compile(r"(.+)-([0-9]{5}|[1-9][0-9]{5,7})\.parquet")
 
 
 @dataclass(frozen=True)
@@ -54,19 +64,47 @@ class Layer:
     free: tuple[str, ...] = ()
 
     @property
-    def required_files(self) -> tuple[str, ...]:
-        """Paths relative to the root of the files that the layer must have."""
-        names = [name for name, document in self.documents.items() if not document.optional]
-        return tuple(f"{self.name}/{name}" for name in (*names, *self._table_files))
+    def num_required(self) -> int:
+        """Required documents and tables, a table of partitions once for each."""
+        num_documents = sum(not document.optional for document in self.documents.values())
+        return num_documents + sum(len(table.partitions) or 1 for table in self.tables.values())
+
+    def missing(self, there: Collection[str]) -> tuple[str, ...]:
+        """Paths relative to the root of files that the layer must have and that are not `there`.
+
+        Of a table, or of a partition of it, that has no file at all, the first part is missing; whether further parts
+        are follows from their rows.
+        """
+        required = (f"{self.name}/{name}" for name, document in self.documents.items() if not document.optional)
+        found = {file[:2] for path in there if path.startswith(f"{self.name}/") and (file := table_file(path))}
+        tables = (
+            table_path(table.name, partition)
+            for table in self.tables.values()
+            for partition in table.partitions or (None,)
+            if (table.name, partition) not in found
+        )
+        return (*(path for path in required if path not in there), *tables)
+
+    def own(self, paths: Iterable[str]) -> tuple[str, ...]:
+        """Those of the `paths`, relative to the root, that documents and files of tables of the layer may have."""
+        return tuple(path for path in paths if self.admits(path))
+
+    def admits(self, path: str) -> bool:
+        """Whether `path`, relative to the root, is one of a document or of a file of a table of the layer.
+
+        >>> LAYERS["canonical"].admits("canonical/records-00012.parquet")
+        True
+        """
+        if not path.startswith(f"{self.name}/"):
+            return False
+        return table_file(path) is not None or path.removeprefix(f"{self.name}/") in self.documents
 
     @property
-    def files(self) -> tuple[str, ...]:
-        """Paths relative to the root of the documents and tables that the layer may have."""
-        return tuple(f"{self.name}/{name}" for name in (*self.documents, *self._table_files))
-
-    @property
-    def _table_files(self) -> tuple[str, ...]:
-        return tuple(name for table in self.tables.values() for name in table.file_names)
+    def former_files(self) -> tuple[str, ...]:
+        """Paths, relative to the root, of tables that earlier drafts stored in one file, or one for each partition."""
+        tables = (table for table in self.tables.values() if table.is_of_groups)
+        stems = (_stem(table.name, partition) for table in tables for partition in table.partitions or (None,))
+        return tuple(f"{stem}.parquet" for stem in stems)
 
     def admits_free(self, path: str) -> bool:
         """Whether `path`, relative to the root, is one of the further files that the layer may have.
@@ -114,29 +152,112 @@ def layer_of_table(table: str) -> str:
     return _LAYER_OF_TABLE[table]
 
 
-def table_path(table: str, partition: str | None = None) -> str:
-    """Path of a layer's table relative to the root: of its only file, or of that with the rows of a partition.
+class TableFile(NamedTuple):
+    """Which rows of which table of a derived layer a file holds.
+
+    Attributes:
+        table: Name of the table.
+        partition: Partition of the rows; ``None`` where the table has none.
+        part: Number of the part; ``None`` of a table that is one file.
+    """
+
+    table: str
+    partition: str | None = None
+    part: int | None = None
+
+
+def _stem(table: str, partition: str | None) -> str:
+    return f"{layer_of_table(table)}/{table}" + (f"-{partition}" if partition is not None else "")
+
+
+_FILE_OF_STEM = {
+    _stem(table.name, partition): TableFile(table.name, partition)
+    for table in LAYER_TABLES.values()
+    for partition in table.partitions or (None,)
+}
+
+
+def table_file(path: str) -> TableFile | None:
+    """What the file at `path`, relative to the root, holds of a table of a derived layer; ``None`` of other files.
+
+    >>> table_file("model/scalars-train-00012.parquet")
+    TableFile(table='scalars', partition='train', part=12)
+    >>> table_file("model/actions.parquet"), table_file("model/scalars-00000.parquet")
+    (TableFile(table='actions', partition=None, part=None), None)
+    """
+    part = _PART.fullmatch(path)
+    found = _FILE_OF_STEM.get(part[1] if part else path.removesuffix(".parquet"))
+    if found is None or LAYER_TABLES[found.table].is_of_groups != bool(part):
+        return None
+    if part:
+        return found._replace(part=int(part[2]))
+    return found if path.endswith(".parquet") else None
+
+
+def table_path(table: str, partition: str | None = None, part: int = 0) -> str:
+    """Path of a file of a layer's table relative to the root.
+
+    >>> table_path("actions"), table_path("scalars", "train", 12)
+    ('model/actions.parquet', 'model/scalars-train-00012.parquet')
+
+    Args:
+        table: Its name.
+        partition: Partition of the rows, of a table that has them.
+        part: Number of the part, of a table with rows of groups.
 
     Raises:
-        KeyError: No derived layer has such a table, or it has no such file.
+        KeyError: No derived layer has such a table, or it has no such partition.
     """
     declared = LAYER_TABLES[table]
-    if not declared.partitions:
-        return table_paths(table)[0]
-    return dict(zip(declared.partitions, table_paths(table), strict=True))[str(partition)]
+    if partition not in (declared.partitions or (None,)):
+        raise KeyError(partition)
+    return _stem(table, partition) + (f"-{part:05d}" if declared.is_of_groups else "") + ".parquet"
 
 
-def table_paths(table: str) -> tuple[str, ...]:
-    """Paths of all files of a layer's table relative to the root, in the order of their rows.
+def table_pattern(table: str, partition: str | None = None) -> str:
+    """Pattern of the paths of all parts of a table, or of one partition of it.
 
-    >>> table_paths("actions"), table_paths("scalars")[0]
-    (('model/actions.parquet',), 'model/scalars-train.parquet')
+    >>> table_pattern("actions"), table_pattern("scalars", "train"), table_pattern("records")
+    ('model/actions.parquet', 'model/scalars-train-*.parquet', 'canonical/records-*.parquet')
+    """
+    return _stem(table, partition) + ("-*" if LAYER_TABLES[table].is_of_groups else "") + ".parquet"
+
+
+def paths_by_table(there: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Those of the paths `there` that are files of tables of layers, by table in the order of their rows."""
+    found: dict[str, list[tuple[int, int, str]]] = {}
+    for path in there:
+        if (file := table_file(path)) is not None:
+            partition = LAYER_TABLES[file.table].partitions.index(file.partition) if file.partition else 0
+            found.setdefault(file.table, []).append((partition, file.part or 0, path))
+    return {table: tuple(path for *_, path in sorted(own)) for table, own in found.items()}
+
+
+def table_paths(table: str, there: Iterable[str]) -> tuple[str, ...]:
+    """Those of the paths `there` that are files of a layer's table, in the order of their rows.
+
+    >>> table_paths("scalars", ["model/scalars-val-00000.parquet", "model/scalars-train-00001.parquet", "LICENCE.txt"])
+    ('model/scalars-train-00001.parquet', 'model/scalars-val-00000.parquet')
+    """
+    return paths_by_table(there).get(table, ())
+
+
+def part_of_shard(index: int) -> int:
+    """Number of the part with the rows of the groups of raw shard `index`.
+
+    >>> part_of_shard(63), part_of_shard(64)
+    (0, 1)
+    """
+    return index // PART_SHARDS
+
+
+def part_of(folder: str) -> int:
+    """Number of the part with the rows of the groups of a shard, by its folder relative to the root of its dataset.
 
     Raises:
-        KeyError: No derived layer has such a table.
+        ValueError: No shard is called so.
     """
-    return tuple(f"{layer_of_table(table)}/{name}" for name in LAYER_TABLES[table].file_names)
-
-
-TABLE_OF_PATH: Mapping[str, str] = MappingProxyType({path: name for name in LAYER_TABLES for path in table_paths(name)})
-"""Table of a derived layer that a file holds, or some rows of, by its path relative to the root."""
+    index = shard_index(folder.removeprefix(f"{RAW_DIR}/"))
+    if index is None:
+        raise ValueError(f"{folder!r} is no folder of a shard")
+    return part_of_shard(index)

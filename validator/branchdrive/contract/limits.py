@@ -45,6 +45,7 @@ class Limits:
     max_footer_items: int
     max_footer_string_bytes: int
     max_worker_bytes: int
+    max_dataset_worker_bytes: int
 
 
 @cache

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
-from branchdrive.contract.layer import TABLE_OF_PATH
+from branchdrive.contract.layer import paths_by_table, table_file, table_pattern
 from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR, STAGING_DIR
 from branchdrive.diff.difference import DatasetDifference, TableDifference
 from branchdrive.errors import DatasetError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, read_manifest
-from branchdrive.formats.table_file import conform, read_table
+from branchdrive.formats.table_file import conform, join_parts, read_table
 from branchdrive.layers.content import file_content, read_document
 from branchdrive.raw.content import attempt_content, table_content
 from branchdrive.raw.shard import Shard, find_shards
@@ -161,17 +161,25 @@ def _compare_layers(
     ours, theirs = (
         file_content(dataset, claimed_files(claimed, there)) for dataset, there in zip(datasets, listed, strict=True)
     )
-    for path in sorted(ours.keys() | theirs.keys()):
-        if ours.get(path) == theirs.get(path):
-            continue
-        if path in TABLE_OF_PATH:
-            name = TABLE_OF_PATH[path]
-            mine, others = (conform(read_table(dataset, path, name), name) for dataset in datasets)
-            _add_rows(result.tables.setdefault(path, TableDifference()), name, mine, others)
-        elif path in ours and path in theirs:
+    differing = [path for path in sorted(ours.keys() | theirs.keys()) if ours.get(path) != theirs.get(path)]
+    for name, paths in paths_by_table(differing).items():
+        mine, others = (
+            _rows_of(dataset, name, [path for path in paths if path in there])
+            for dataset, there in zip(datasets, (ours, theirs), strict=True)
+        )
+        _add_rows(result.tables.setdefault(table_pattern(name), TableDifference()), name, mine, others)
+    for path in (path for path in differing if table_file(path) is None):
+        if path in ours and path in theirs:
             result.documents[path] = differing_values(*(read_document(dataset, path) for dataset in datasets))
         else:
             result.documents[path] = [f"only in the {'first' if path in ours else 'second'}"]
+
+
+def _rows_of(dataset: Folder, name: str, paths: Sequence[str]) -> pa.Table:
+    """Rows of files of a table with the declared schema: a row that has its part elsewhere is the same row."""
+    if not paths:
+        return table_schema(name).empty_table()
+    return join_parts([conform(read_table(dataset, path, name), name) for path in paths])
 
 
 def _add_rows(found: TableDifference, name: str, ours: pa.Table, theirs: pa.Table) -> None:

@@ -1,4 +1,4 @@
-"""The second step of a validation: rules on the derived layers, as a map over shards and a few tasks on the whole.
+"""The second step of a validation: rules on the derived layers, as a map over parts and a few tasks on the whole.
 
 Source: spec/07-rules.md#order.
 """
@@ -9,22 +9,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.mismatch import Mismatch
+from branchdrive.contract.layer import LAYERS, part_of, paths_by_table, table_file
+from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.rule import CATALOGUE, rules_of
-from branchdrive.engine.derived_files import STRUCTURE_RULES, LayerFiles
+from branchdrive.contract.text import counted
+from branchdrive.engine.derived_files import STRUCTURE_RULES, LayerFiles, LayerFilesTask
 from branchdrive.engine.derived_rules import POPULATION_RULE, LayersResult, LayersTask, RawRows, judge_part
-from branchdrive.engine.finding import Finding
 from branchdrive.engine.reading import Reading
 from branchdrive.engine.shard import ShardResult, spooled_name
 from branchdrive.engine.tally import Tally
 from branchdrive.raw.content import raw_content
-from branchdrive.runtime.executor import Executor, Failed
+from branchdrive.runtime.executor import Died, Executor, Failed
 
 __all__ = ["MAX_GROUPS_AT_ONCE", "Derived", "judge_derived", "layers_tasks"]
 
-_DECODING = "BD-LYR-002"
-"""The rule that tables of derived layers decode within the limits."""
+_FAILED = "the derived layers could not be judged"
 
 MAX_GROUPS_AT_ONCE = 32
 """Groups of the raw layer up to which its derived layers are judged in one task."""
@@ -52,95 +53,131 @@ class Derived:
     content: dict[str, str] = field(default_factory=dict)
 
 
-def judge_derived(reading: Reading, selected: frozenset[str], executor: Executor) -> Derived:
+def judge_derived(
+    reading: Reading, selected: frozenset[str], executor: Executor, max_bytes: int | None = None
+) -> Derived:
     """Judge the selected rules on the derived layers.
+
+    A process that dies of a task is no verdict on data: what it was to judge is inconclusive.
 
     Args:
         reading: What was read; failures of the tool are added to it.
         selected: Rules to run.
         executor: How tasks are run.
+        max_bytes: Private memory of a process that judges the whole dataset; that of the specification by default.
     """
-    if reading.task is None:
+    if not reading.tasks:
         return Derived()
     files = reading.layers
     rules = [rule_id for rule_id in rules_of("layers", "layer_rows") if rule_id in selected]
     if files is None:
-        return Derived(_unjudged(rules, is_killed=not reading.errors))
-    tallies, population = dict(files.tallies), None
-    for _, outcome in executor(judge_part, list(layers_tasks(reading, files, selected))):
-        if isinstance(outcome, LayersResult):
-            for rule_id, tally in outcome.tallies.items():
-                if rule_id in tallies:
-                    tallies[rule_id].add(tally)
-                else:
-                    tallies[rule_id] = tally
+        return Derived({rule_id: Tally(rule_id, unjudged=_FAILED) for rule_id in rules})
+    tallies = {rule_id: files.tallies.get(rule_id, Tally(rule_id)) for rule_id in rules}
+    population = None
+    if files.unjudged is not None:
+        for tally in tallies.values():
+            tally.add(Tally(tally.rule_id, unjudged=files.unjudged, is_exceeded=files.is_exceeded))
+    else:
+        tasks = [*layers_tasks(reading, files, selected, max_bytes)]
+        outcomes = dict(executor(judge_part, tasks))
+        for index, task in enumerate(tasks):
+            outcome = outcomes[index]
+            if not isinstance(outcome, LayersResult):
+                outcome = _unjudged(task, outcome, reading)
+            for rule_id in outcome.tallies.keys() & tallies.keys():
+                tallies[rule_id].add(outcome.tallies[rule_id])
             population = population or outcome.population
-        else:
-            if isinstance(outcome, Failed):
-                reading.errors.append(f"derived layers: {outcome.message}")
-            return Derived(
-                _unjudged(rules, is_killed=not isinstance(outcome, Failed)),
-                files.digests,
-                files.unreadable,
-                content=files.content,
-            )
-    judged = {rule_id: tallies[rule_id] for rule_id in rules if rule_id in tallies}
-    return Derived(judged, files.digests, files.unreadable, population, files.content)
+    return Derived(tallies, files.digests, files.unreadable, population, files.content)
 
 
-def _unjudged(rules: Sequence[str], *, is_killed: bool) -> dict[str, Tally]:
-    """Tallies where a process failed; one that was killed twice within the memory limit met files that need more."""
-    unjudged = {rule_id: Tally(rule_id, unjudged="the derived layers could not be judged") for rule_id in rules}
-    if is_killed and _DECODING in unjudged:
-        killed_by = Mismatch({}, "tables that decode within the memory limit", "a process that died of them, twice")
-        killed = unjudged[_DECODING] = Tally(_DECODING, examined=1, total=1, num_findings=1)
-        killed.keep([Finding.of(_DECODING, killed_by)])
-    return unjudged
+def _unjudged(task: LayersTask, outcome: Died | Failed, reading: Reading) -> LayersResult:
+    """Tallies of a task that failed, or that took more memory than there is, with what it held."""
+    if isinstance(outcome, Failed):
+        reading.errors.append(f"derived layers: {outcome.message}")
+        return LayersResult({rule_id: Tally(rule_id, unjudged=_FAILED) for rule_id in task.rules})
+    groups = sum(num_rows for path, num_rows in task.num_rows.items() if _table_of(path) == "group_quality")
+    needed = (
+        f"judging {counted(groups, 'group')} with {counted(sum(task.num_rows.values()), 'row')} of derived tables took "
+        f"more than {task.max_bytes / 2**30:.1f} GiB of memory"
+    )
+    advice = "; allow more with `--dataset-memory`" if task.part is None else ""
+    return LayersResult({rule_id: Tally(rule_id, unjudged=needed + advice, is_exceeded=True) for rule_id in task.rules})
 
 
-def layers_tasks(reading: Reading, files: LayerFiles, selected: frozenset[str]) -> Iterator[LayersTask]:
-    """Tasks on the whole, the longest first, and then one for each shard and one for the rows of no shard.
+def layers_tasks(
+    reading: Reading, files: LayerFiles, selected: frozenset[str], max_bytes: int | None = None
+) -> Iterator[LayersTask]:
+    """Tasks on the whole, the longest first, and then one for each part.
 
-    A raw layer of a few groups is one task: what starting more of them takes would be most of their time.
+    A raw layer of a few groups of one part is one task: what starting more of them takes would be most of their time.
     """
     wanted = selected | {POPULATION_RULE}
     whole = [r for r in rules_of("layers", "layer_rows") if r in wanted and r not in STRUCTURE_RULES]
     rows = [rule_id for rule_id in whole if CATALOGUE[rule_id].scope == "layer_rows"]
-    shards, task = reading.shards, reading.task
-    if task is None:
-        return
+    others, shards = reading.tasks[0], reading.shards
+    shards_of: dict[int, list[ShardResult]] = {}
+    for shard in shards:
+        shards_of.setdefault(part_of(shard.folder), []).append(shard)
+    files_of = {task.part: task.files for task in reading.tasks[1:]}
+    parts = sorted({*shards_of, *(part for part in files_of if part is not None)})
     raw = _raw_rows(reading.source.descriptor, shards)
     every = LayersTask(
         rules=(),
-        part="all",
-        identities=frozenset(),
+        part=parts[0] if len(parts) == 1 else None,
         raw=raw,
-        spool=task.spool,
-        descriptor=task.descriptor,
-        tables=files.tables,
-        documents=files.documents,
-        names=task.names,
+        spool=others.spool,
+        descriptor=others.descriptor,
+        tables=_whole_tables(files, others),
+        num_rows=files.num_rows,
+        names=others.names,
         digests=files.digests,
         sizes=files.sizes,
         broken=files.broken,
         content=files.content,
+        max_bytes=max_bytes or spec_limits().max_dataset_worker_bytes,
     )
-    if shards and sum(len(shard.group_ids) for shard in shards) <= MAX_GROUPS_AT_ONCE:
+    if len(parts) <= 1 and shards and sum(len(shard.group_ids) for shard in shards) <= MAX_GROUPS_AT_ONCE:
         yield replace(every, rules=tuple(whole))
         return
-    if raw.shards:
+    is_divided = bool(raw.shards) or len(parts) > 1
+    if is_divided:
         whole = [rule_id for rule_id in whole if rule_id not in rows]
     for area in _LONG:
         yield replace(every, rules=tuple(r for r in whole if r.startswith(area)))
     yield replace(every, rules=tuple(r for r in whole if not r.startswith(_LONG)))
-    if not (raw.shards and rows):
-        return
-    for shard in shards:
-        own = replace(raw, shards=(spooled_name(shard.folder),))
-        identities = frozenset((*shard.rollout_ids, *shard.group_ids))
-        yield replace(every, rules=tuple(rows), part="shard", identities=identities, raw=own)
-    of_all_shards = frozenset(identity for shard in shards for identity in (*shard.rollout_ids, *shard.group_ids))
-    yield replace(every, rules=tuple(rows), part="no_shard", identities=of_all_shards)
+    for part in parts if is_divided and rows else ():
+        names = (*others.files, *files_of.get(part, ()))
+        yield replace(
+            every,
+            rules=tuple(rows),
+            part=part,
+            raw=_of_part(raw, shards_of.get(part, ())),
+            num_rows={path: files.num_rows[path] for path in names if path in files.num_rows},
+            names=names,
+            digests={path: files.digests[path] for path in names if path in files.digests},
+            content={path: files.content[path] for path in names if path in files.content},
+            max_bytes=spec_limits().max_worker_bytes,
+        )
+
+
+def _whole_tables(files: LayerFiles, task: LayerFilesTask) -> tuple[str, ...]:
+    """Tables that have all their files, each of which decodes with the declared columns."""
+    missing = {_table_of(path) for name in task.descriptor.derived_layers for path in LAYERS[name].missing(task.names)}
+    paths = paths_by_table(task.names)
+    whole = {name for name, own in paths.items() if name not in missing and files.num_rows.keys() >= {*own}}
+    return tuple(name for name in LAYER_TABLES if name in whole)
+
+
+def _table_of(path: str) -> str | None:
+    file = table_file(path)
+    return file.table if file else None
+
+
+def _of_part(raw: RawRows, shards: Sequence[ShardResult]) -> RawRows:
+    if not raw.shards:
+        return raw
+    own = tuple(spooled_name(shard.folder) for shard in shards)
+    return replace(raw, shards=own or raw.shards[:1], is_own=bool(own))
 
 
 def _raw_rows(descriptor: Descriptor | None, shards: Sequence[ShardResult]) -> RawRows:

@@ -1,32 +1,34 @@
 """Files of the derived layers, from bytes to tables and documents, and the rules on their form.
 
-Each file is read once; that buffer is hashed and decoded in full. What decodes waits in a spool for the rules on
-what it says. Source: spec/07-rules.md#trust.
+Each file is read once; that buffer is hashed and decoded in full. The parts of tables are read part by part, all
+other files together. What decodes waits in a spool for the rules on what it says. Source: spec/07-rules.md#trust.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.identity import document_digest
-from branchdrive.contract.layer import LAYERS, TABLE_OF_PATH, table_paths
+from branchdrive.contract.layer import LAYERS, part_of, paths_by_table, table_file, table_path, table_paths
 from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
 from branchdrive.contract.text import counted, printable, quote
 from branchdrive.engine.derived_rules import judge_layers
-from branchdrive.engine.spool import Spool
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.spool import Spool, spooled_table
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.files.survey import Survey
@@ -41,7 +43,10 @@ from branchdrive.tables.view import TableView
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["STRUCTURE_RULES", "LayerFiles", "LayerFilesTask", "layer_files_task", "needs_raw", "read_layers"]
+__all__ = [
+    "STRUCTURE_RULES", "GroupsTask", "LayerFiles", "LayerFilesTask", "find_groups", "killed", "layer_files_tasks",
+    "misplaced", "needs_raw", "read_layers",
+]  # fmt: skip
 
 STRUCTURE_RULES = tuple(rule_id for rule_id in rules_of("layers") if CATALOGUE[rule_id].kind == "structure")
 """Rules on the form of derived layers; they say which tables the others can trust, so they always run."""
@@ -53,6 +58,11 @@ TEXT_SUFFIX = ".md"
 """Of files that are read as a whole."""
 
 _CHUNK_BYTES = 1 << 20
+_NO_PART = -1
+_PLACES = "BD-LYR-010"
+"""The rule that rows are in the files that they belong in."""
+_PRESENCE = "BD-LYR-001"
+"""The rule that files are there."""
 
 
 _JUDGED_KEYS = tuple(key.encode() for key in CHECKED_METADATA)
@@ -62,31 +72,47 @@ _FORMAT_KEYS = (b"PARQUET:field_id",)
 
 @dataclass(frozen=True)
 class LayerFilesTask:
-    """What a worker needs to read the derived layers.
+    """What a worker needs to read files of the derived layers.
 
     Attributes:
         dataset: The dataset.
-        files: Files of the claimed layers, with card and licence beside them.
-        names: Every regular file with a safe path below the root.
+        files: Files to read, of the claimed layers or beside them.
         descriptor: The dataset's descriptor.
         is_hashed: Whether to digest the files.
         spool: Where tables and documents go.
+        part: Number of the part that the files are of; ``None`` of those that are of no part.
+        names: Of the files of no part: every file of the claimed layers, and those beside them.
     """
 
     dataset: Folder
     files: tuple[str, ...]
-    names: tuple[str, ...]
     descriptor: Descriptor
     is_hashed: bool
     spool: Spool
+    part: int | None = None
+    names: tuple[str, ...] = ()
 
 
-def layer_files_task(survey: Survey, spool: Spool | None) -> LayerFilesTask | None:
-    """The task that reads the derived layers; ``None`` without a spool, or where there are none that may be read."""
+def layer_files_tasks(survey: Survey, spool: Spool | None) -> tuple[LayerFilesTask, ...]:
+    """Tasks that read the derived layers: of the files of no part, and of each part, in their order.
+
+    There are none without a spool, or where there are no layers that may be read.
+    """
     if spool is None or survey.excess or survey.descriptor is None or not survey.descriptor.derived_layers:
-        return None
-    names = tuple(entry.path for entry in survey.files)
-    return LayerFilesTask(survey.folder, survey.release_files, names, survey.descriptor, survey.is_hashed, spool)
+        return ()
+    files: dict[int, list[str]] = {}
+    for path in survey.release_files:
+        found = table_file(path)
+        files.setdefault(_NO_PART if found is None or found.part is None else found.part, []).append(path)
+    others = LayerFilesTask(
+        survey.folder,
+        tuple(files.pop(_NO_PART, ())),
+        survey.descriptor,
+        survey.is_hashed,
+        spool,
+        names=survey.release_files,
+    )
+    return others, *(replace(others, files=tuple(own), part=part, names=()) for part, own in sorted(files.items()))
 
 
 def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:
@@ -105,22 +131,57 @@ class LayerFiles:
         broken: Tables that break each of them.
         digests: SHA-256 of every file that was read, by path.
         unreadable: Why files could not be read, by path.
-        tables: Tables in the spool.
+        num_rows: Rows of each file of a table in the spool, by path.
+        foreign: First row, and number of rows, of each group that has no record in its part, by path.
         documents: Documents in the spool that conform to their schema.
         contents: Documents, texts and heads of checkpoints whose bytes are in the spool.
         sizes: Bytes of the checkpoints, by path.
         content: Digest of what each table and document says, by path.
+        unjudged: Why the layers could not be judged as a whole; ``None`` if they can.
+        is_exceeded: Whether that is because reading them takes more than this machine was allowed.
     """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
     broken: dict[str, frozenset[str]] = field(default_factory=dict)
     digests: dict[str, str] = field(default_factory=dict)
     unreadable: dict[str, str] = field(default_factory=dict)
-    tables: tuple[str, ...] = ()
+    num_rows: dict[str, int] = field(default_factory=dict)
+    foreign: dict[str, dict[str, tuple[int, int]]] = field(default_factory=dict)
     documents: tuple[str, ...] = ()
     contents: tuple[str, ...] = ()
     sizes: dict[str, int] = field(default_factory=dict)
     content: dict[str, str] = field(default_factory=dict)
+    unjudged: str | None = None
+    is_exceeded: bool = False
+
+    def add(self, other: LayerFiles) -> None:
+        """Merge what became of further files."""
+        for rule_id, tally in other.tallies.items():
+            if rule_id in self.tallies:
+                self.tallies[rule_id].add(tally)
+            else:
+                self.tallies[rule_id] = tally
+        for rule_id, tables in other.broken.items():
+            self.broken[rule_id] = self.broken.get(rule_id, frozenset()) | tables
+        self.digests |= other.digests
+        self.unreadable |= other.unreadable
+        self.num_rows |= other.num_rows
+        self.foreign |= other.foreign
+        self.sizes |= other.sizes
+        self.content |= other.content
+        self.documents += other.documents
+        self.contents += other.contents
+        self.unjudged = self.unjudged or other.unjudged
+        self.is_exceeded |= other.is_exceeded
+
+    def note(self, rule_id: str, mismatches: Iterable[Mismatch]) -> None:
+        """Add what is wrong with files of tables, beside what was counted when they were read."""
+        tally = self.tallies.setdefault(rule_id, Tally(rule_id))
+        for found in mismatches:
+            tally.num_findings += 1
+            tally.keep([Finding.of(rule_id, found)])
+            if (file := table_file(str(found.location["file"]))) is not None:
+                self.broken[rule_id] = self.broken.get(rule_id, frozenset()) | {file.table}
 
 
 @dataclass
@@ -133,23 +194,22 @@ class _Files:
     sizes: dict[str, int] = field(default_factory=dict)
     mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
 
-    @property
-    def tables(self) -> dict[str, pa.Table]:
-        """Tables all of whose files decode with the declared columns, by name."""
-        names = dict.fromkeys(map(TABLE_OF_PATH.__getitem__, self.parts))
-        whole = [name for name in names if self.parts.keys() >= {*table_paths(name)}]
-        return {name: join_parts([self.parts[path] for path in table_paths(name)]) for name in whole}
+    def tables(self, files: Collection[str]) -> dict[str, pa.Table]:
+        """Tables all of whose `files` decode with the declared columns, by name."""
+        paths = paths_by_table(files)
+        whole = {name: paths[name] for name in LAYER_TABLES if name in paths and self.parts.keys() >= {*paths[name]}}
+        return {name: join_parts([self.parts[path] for path in own]) for name, own in whole.items()}
 
     def note(self, rule_id: str, found: Mismatch) -> None:
         self.mismatches.setdefault(rule_id, []).append(found)
 
 
 def read_layers(task: LayerFilesTask) -> LayerFiles:
-    """Read the derived layers that the descriptor claims, judge their form, and spool what can be read."""
-    result, files = LayerFiles(), _Files()
+    """Read files of the derived layers that the descriptor claims, judge their form, and spool what can be read."""
+    result, files, paths = LayerFiles(), _Files(), paths_by_table(task.files)
     for name in task.descriptor.derived_layers:
         for table in LAYERS[name].tables:
-            for path in table_paths(table):
+            for path in paths.get(table, ()):
                 _read_table(task, path, table, files, result)
         for document in LAYERS[name].documents.values():
             _read_document(task, f"{name}/{document.name}", document.schema, files, result)
@@ -159,32 +219,151 @@ def read_layers(task: LayerFilesTask) -> LayerFiles:
     for path in (CARD_FILE, LICENCE_FILE):
         if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
             files.contents[path] = content
+    _check_places(task, files, result)
+    result.num_rows = {path: table.num_rows for path, table in files.parts.items()}
+    for path, table in files.parts.items():
+        task.spool.put_table(spooled_table(path), table)
+        if task.is_hashed:
+            result.content[path] = table_digest(_table_of(path), table)
     if task.is_hashed:
-        result.content = {
-            **{path: table_digest(TABLE_OF_PATH[path], table) for path, table in files.parts.items()},
-            **{path: document_digest(document) for path, document in files.documents.items()},
-        }
-    tables = files.tables
+        result.content |= {path: document_digest(document) for path, document in files.documents.items()}
     view = ReleaseView(
         task.descriptor,
-        tables,
+        files.tables(task.files),
         files.documents,
         files.contents,
         RawLayer(None, "the raw layer was not read yet"),
-        frozenset(task.names),
+        frozenset(task.files),
         files.mismatches,
         digests=result.digests,
-        num_rows={path: table.num_rows for path, table in files.parts.items()},
+        num_rows=result.num_rows,
+        part=task.part,
         sizes=files.sizes,
     )
-    result.tallies, result.broken = judge_layers(view, STRUCTURE_RULES)
-    for name, table in tables.items():
-        task.spool.put_table(f"{name}.table", table)
-    task.spool.put("documents", files.documents)
-    task.spool.put("contents", files.contents)
-    result.tables, result.documents = tuple(tables), tuple(files.documents)
-    result.contents, result.sizes = tuple(files.contents), files.sizes
+    result.tallies, result.broken = judge_layers(view, [rule_id for rule_id in STRUCTURE_RULES if rule_id != _PRESENCE])
+    result.broken[_PLACES] = frozenset(_table_of(str(m.location["file"])) for m in files.mismatches.get(_PLACES, ()))
+    if task.names:
+        whole = ReleaseView(task.descriptor, {}, {}, {}, view.raw, frozenset(task.names))
+        result.tallies |= judge_layers(whole, [_PRESENCE])[0]
+    if task.part is None:
+        task.spool.put("documents", files.documents)
+        task.spool.put("contents", files.contents)
+    result.documents, result.contents, result.sizes = tuple(files.documents), tuple(files.contents), files.sizes
     return result
+
+
+def _table_of(path: str) -> str:
+    file = table_file(path)
+    if file is None:
+        raise KeyError(path)
+    return file.table
+
+
+def _check_places(task: LayerFilesTask, files: _Files, result: LayerFiles) -> None:
+    """Hold the rows of a part against its records: those name their shards, and rows belong to groups of them."""
+    if task.part is None:
+        return
+    groups: set[str] = set()
+    for path in table_paths("records", files.parts):
+        view = TableView("records", files.parts[path])
+        groups.update(view.categories("group_id")[1])
+        codes, folders = view.categories("shard")
+        is_other = np.array([_part_of(folder) not in (None, task.part) for folder in folders] + [False], bool)
+        for found in _first("records", "shard", codes, folders, is_other, f"rows of shards of part {task.part}"):
+            files.note(_PLACES, found.within({"file": path}))
+    for path, table in files.parts.items():
+        codes, texts = TableView(_table_of(path), table).categories("group_id")
+        unknown = [place for place, text in enumerate(texts) if text not in groups]
+        if unknown:
+            counts = np.bincount(codes[codes >= 0], minlength=len(texts))
+            result.foreign[path] = {
+                texts[place]: (int(np.argmax(codes == place)), int(counts[place])) for place in unknown if counts[place]
+            }
+
+
+@dataclass(frozen=True)
+class GroupsTask:
+    """Groups to find among the records.
+
+    Attributes:
+        spool: Where the records are.
+        files: Paths of the files of records.
+        groups: Identities of the groups.
+    """
+
+    spool: Spool
+    files: tuple[str, ...]
+    groups: frozenset[str]
+
+
+def find_groups(task: GroupsTask) -> dict[str, int]:
+    """Number of the last part with records of each of the groups that have any."""
+    found: dict[str, int] = {}
+    for path in task.files:
+        file = table_file(path)
+        if file is not None and file.part is not None:
+            texts = TableView("records", task.spool.table(spooled_table(path))).categories("group_id")[1]
+            found |= dict.fromkeys(task.groups & {*texts}, file.part)
+    return found
+
+
+def killed(task: LayerFilesTask, culprits: Sequence[str]) -> LayerFiles:
+    """What it says of a task that two processes died of it, and of each of its files `culprits` alone, too."""
+    result = LayerFiles(is_exceeded=not culprits)
+    for path in culprits:
+        rule_id = "BD-LYR-005" if table_file(path) is None else "BD-LYR-002"
+        tally = result.tallies.setdefault(rule_id, Tally(rule_id))
+        tally.examined += 1
+        tally.total += 1
+        found = "killed the process that decoded it, twice"
+        result.note(rule_id, [Mismatch({"file": path}, "a file that decodes within the memory limit", found)])
+    limit = spec_limits().max_worker_bytes / 2**30
+    what = "of no part" if task.part is None else f"of part {task.part}"
+    result.unjudged = (
+        f"{culprits[0]} killed the process that decoded it"
+        if culprits
+        else f"reading the {len(task.files)} files {what} together took more than {limit:.1f} GiB of memory"
+    )
+    return result
+
+
+def misplaced(files: LayerFiles, homes: Mapping[str, int]) -> Iterator[Mismatch]:
+    """Files with rows of groups that have their records in another part, and files without rows that no rule admits.
+
+    Args:
+        files: What was read.
+        homes: Number of the part with the records of groups that have none in the part of a file.
+    """
+    for path, groups in sorted(files.foreign.items()):
+        file = table_file(path)
+        if file is None:
+            continue
+        others = {group: rows for group, rows in groups.items() if homes.get(group, file.part) != file.part}
+        if others:
+            first = min(others, key=lambda group: others[group][0])
+            where: Location = {"file": path, "table": file.table, "column": "group_id", "row": others[first][0]}
+            num_rows = sum(count for _, count in others.values())
+            found = f"{counted(num_rows, 'row')} of others, the first of {quote(first)} in part {homes[first]}"
+            yield Mismatch(where, f"rows of groups of part {file.part} alone", found)
+    for name, paths in paths_by_table(files.num_rows).items():
+        table = LAYER_TABLES[name]
+        for partition in table.partitions or (None,):
+            own = [path for path in paths if (file := table_file(path)) and file.partition == partition]
+            has_rows = any(files.num_rows[path] for path in own)
+            for path in own:
+                if (
+                    table.is_of_groups
+                    and not files.num_rows[path]
+                    and (has_rows or path != table_path(name, partition))
+                ):
+                    yield Mismatch({"file": path, "table": name}, "a part with rows, or no file", "no row")
+
+
+def _part_of(folder: str) -> int | None:
+    try:
+        return part_of(folder)
+    except ValueError:  # another rule's
+        return None
 
 
 def _read(task: LayerFilesTask, path: str, limit: int, result: LayerFiles) -> bytes | None:
@@ -252,16 +431,28 @@ def _read_table(task: LayerFilesTask, path: str, name: str, files: _Files, resul
 
 def _strays(path: str, name: str, table: pa.Table) -> Iterator[Mismatch]:
     """Rows of a file that are of another partition than the one that it is for: the first of them, and how many."""
-    own = dict(zip(table_paths(name), LAYER_TABLES[name].partitions, strict=False)).get(path)
-    if own is None:
+    file = table_file(path)
+    if file is None or file.partition is None:
         return
     codes, texts = TableView(name, table).categories("partition")
-    is_other = np.array([text != own for text in texts] + [False], bool)  # a null is another rule's
+    is_other = np.array([text != file.partition for text in texts] + [False], bool)  # a null is another rule's
+    yield from _first(name, "partition", codes, texts, is_other, f"rows of {file.partition!r} alone")
+
+
+def _first(
+    table: str,
+    column: str,
+    codes: NDArray[np.int32],
+    texts: Sequence[str],
+    is_other: NDArray[np.bool_],
+    expected: str,
+) -> Iterator[Mismatch]:
+    """The first row of a text that is another than it should be, and how many there are; null is the last code."""
     rows = np.flatnonzero(is_other[codes])
     if len(rows):
-        where: Location = {"table": name, "column": "partition", "row": int(rows[0])}
+        where: Location = {"table": table, "column": column, "row": int(rows[0])}
         found = f"{counted(len(rows), 'row')} of others, the first of {quote(texts[codes[rows[0]]])}"
-        yield Mismatch(where, f"rows of {own!r} alone", found)
+        yield Mismatch(where, expected, found)
 
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:

@@ -1,8 +1,8 @@
-"""Rules on the derived layers: on the layers as a whole, or on the rows of one shard's groups.
+"""Rules on the derived layers: on the layers as a whole, or on the rows of one part.
 
 Rules of the scope `layer_rows` compare stored rows with what raw rows of the same groups give, so they are judged
-shard by shard, on the stored rows of its attempts and groups, and once more on the stored rows of no shard; totals
-add up. Rules of the scope `layers` need all rows. Source: spec/07-rules.md#order.
+part by part, on the files of the part and on the shards that it is of; totals add up. Rules of the scope `layers` need
+all rows. Source: spec/07-rules.md#order.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layer import table_paths
 from branchdrive.contract.mismatch import Check, Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
@@ -26,11 +27,8 @@ from branchdrive.engine.tally import Tally
 from branchdrive.layers.compare import key_of
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.quality.rules.qualification import POPULATION
+from branchdrive.runtime.executor import memory_limit
 from branchdrive.tables.frame import Frame, take
-from branchdrive.tables.view import TableView
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 __all__ = ["POPULATION_RULE", "LayersResult", "LayersTask", "RawRows", "judge_layers", "judge_part", "view_of"]
 
@@ -44,6 +42,7 @@ class RawRows:
 
     Attributes:
         shards: Prefixes of the shards in the spool.
+        is_own: Whether their rows are those to compare with; else there are none, and they say what columns are.
         names: Frames of each shard.
         reason: Why there are none.
         digest: Digest of the content of the raw layer; ``None`` where it is not known.
@@ -52,6 +51,7 @@ class RawRows:
 
     shards: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    is_own: bool = True
     reason: str = ""
     digest: str | None = None
     descriptor: Descriptor | None = None
@@ -63,33 +63,33 @@ class LayersTask:
 
     Attributes:
         rules: The rules, in order of the catalogue.
-        part: All rows; those of the attempts and groups of one shard; or those of no shard.
-        identities: Identities of the attempts and groups of the shard, or of all shards for the rows of no shard.
-        raw: Rows of the raw layer: of the shard, or of all shards.
+        part: Number of the part whose rows are judged; ``None`` where they are of several.
+        raw: Rows of the raw layer: of the shards of the part, or of all shards.
         spool: Where tables, documents and rows are.
         descriptor: The dataset's descriptor.
-        tables: Tables in the spool.
-        documents: Documents in the spool.
-        names: Every regular file with a safe path below the root.
-        digests: SHA-256 of the files of the layers; empty where digests were not computed.
+        tables: Tables all of whose files are in the spool.
+        num_rows: Rows of each of their files, of the part and of no part.
+        names: Files of the layers and beside them, of the part and of no part.
+        digests: SHA-256 of them; empty where digests were not computed.
         sizes: Bytes of the checkpoints.
         broken: Tables that fail each rule on structure.
         content: Digest of what each table and document says; empty where digests were not computed.
+        max_bytes: Private memory that the process may take.
     """
 
     rules: tuple[str, ...]
-    part: Literal["all", "shard", "no_shard"]
-    identities: frozenset[str]
+    part: int | None
     raw: RawRows
     spool: Spool
     descriptor: Descriptor
     tables: tuple[str, ...]
-    documents: tuple[str, ...]
+    num_rows: Mapping[str, int]
     names: tuple[str, ...]
     digests: Mapping[str, str]
     sizes: Mapping[str, int]
     broken: Mapping[str, frozenset[str]]
     content: Mapping[str, str]
+    max_bytes: int
 
 
 @dataclass
@@ -103,39 +103,27 @@ class LayersResult:
 def judge_part(task: LayersTask) -> LayersResult:
     """Judge the rules of a task."""
     view = view_of(task)
-    tallies, _ = judge_layers(view, task.rules, task.broken)
+    with memory_limit(task.max_bytes):
+        tallies, _ = judge_layers(view, task.rules, task.broken)
     holds = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
     return LayersResult(tallies, view.document(POPULATION) if holds else None)
 
 
 def view_of(task: LayersTask) -> ReleaseView:
     """What the rules of a task see."""
-    tables: Mapping[str, pa.Table] = SpooledTables(task.spool, task.tables)
-    if task.part != "all":
-        tables = {name: _rows_of(task, name, table) for name, table in tables.items()}
     return ReleaseView(
         task.descriptor,
-        tables,
+        SpooledTables(task.spool, {name: table_paths(name, task.num_rows) for name in task.tables}),
         task.spool.get("documents"),
         task.spool.get("contents"),
         _raw_layer(task),
         frozenset(task.names),
         digests=task.digests,
+        num_rows=task.num_rows,
+        part=task.part,
         sizes=task.sizes,
         content=task.content,
     )
-
-
-def _rows_of(task: LayersTask, name: str, table: pa.Table) -> pa.Table:
-    """Stored rows of the task's part, by the first column of the table's key; tables without identities stay whole."""
-    import pyarrow as pa
-
-    key = LAYER_TABLES[name].key[0]
-    if key not in ("group_id", "rollout_id"):
-        return table
-    codes, texts = TableView(name, table).categories(key)
-    wanted = np.array([(text in task.identities) == (task.part == "shard") for text in texts] + [False], bool)
-    return table.filter(pa.array(wanted[codes]))
 
 
 def _raw_layer(task: LayersTask) -> RawLayer:
@@ -143,9 +131,9 @@ def _raw_layer(task: LayersTask) -> RawLayer:
     if raw.reason:
         return RawLayer(None, raw.reason, digest=raw.digest, descriptor=raw.descriptor)
     rows: Mapping[str, Frame] = SpooledFrames(task.spool, raw.shards, raw.names)
-    if task.part == "no_shard":
+    if not raw.is_own:
         none = np.zeros(0, np.int64)
-        rows = {name: take(frame, none) for name, frame in SpooledFrames(task.spool, raw.shards[:1], raw.names).items()}
+        rows = {name: take(frame, none) for name, frame in rows.items()}
     return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)
 
 

@@ -10,8 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from branchdrive.contract.layer import table_paths
 from branchdrive.contract.media import MediaMode
-from branchdrive.engine.derived_files import LayerFiles, LayerFilesTask, layer_files_task, needs_raw, read_layers
+from branchdrive.engine.derived_files import (
+    GroupsTask,
+    LayerFiles,
+    LayerFilesTask,
+    find_groups,
+    killed,
+    layer_files_tasks,
+    misplaced,
+    needs_raw,
+    read_layers,
+)
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.files.shard_facts import repeated_rollouts, split_groups
@@ -30,14 +41,14 @@ class Reading:
 
     Attributes:
         source: The dataset with the shards, and what they say.
-        task: What reads the derived layers; ``None`` where there are none, or they are not asked for.
+        tasks: What reads the derived layers; none where there are none, or they are not asked for.
         shards: Results of all shards, in order of their folders.
-        layers: The derived layers; ``None`` where there are none, or reading them killed or failed its process.
+        layers: The derived layers; ``None`` where there are none, or reading them failed.
         errors: Failures of the tool.
     """
 
     source: Survey
-    task: LayerFilesTask | None
+    tasks: tuple[LayerFilesTask, ...]
     shards: list[ShardResult] = field(default_factory=list)
     layers: LayerFiles | None = None
     errors: list[str] = field(default_factory=list)
@@ -64,7 +75,7 @@ def read_dataset(
         release: The dataset with the derived layers, this one or another; shards put rows where its rules take them.
         media: How many images are decoded.
     """
-    reading = Reading(survey, None if release is None else layer_files_task(release, spool))
+    reading = Reading(survey, () if release is None else layer_files_tasks(release, spool))
     rows = spool if release is None or needs_raw(release, selected) else None
     shards: list[ShardTask] = []
     for folder, files in survey.shard_folders.items():
@@ -74,8 +85,10 @@ def read_dataset(
         )
     if progress:
         progress(0, len(shards))
-    results = _run([*([] if reading.task is None else [reading.task]), *shards], executor, reading, progress)
-    results |= _run(_with_repeats(shards, list(results.values())), executor, reading)
+    results, parts = _run([*reading.tasks, *shards], executor, reading, progress)
+    if reading.tasks and None not in parts:
+        reading.layers = _joined([part for part in parts if part], reading, executor)
+    results |= _run(_with_repeats(shards, list(results.values())), executor, reading)[0]
     reading.shards = [results[task.folder] for task in shards]
     reading.source = survey.with_shards(tuple(reading.shards))
     return reading
@@ -98,17 +111,19 @@ def _with_repeats(tasks: Sequence[ShardTask], results: Sequence[ShardResult]) ->
 
 def _run(
     tasks: Sequence[ShardTask | LayerFilesTask], executor: Executor, reading: Reading, progress: Progress | None = None
-) -> dict[str, ShardResult]:
-    """Results of shards by folder; layers and failures are noted in `reading`."""
+) -> tuple[dict[str, ShardResult], list[LayerFiles | None]]:
+    """Results of shards by folder, and of files of layers in order, ``None`` for a failure, which `reading` notes."""
     results: dict[str, ShardResult] = {}
+    parts: dict[int, LayerFiles | None] = {}
     num_shards = sum(isinstance(task, ShardTask) for task in tasks)
     for index, outcome in executor(_read, tasks):
         task = tasks[index]
         if isinstance(task, LayerFilesTask):
-            if isinstance(outcome, LayerFiles):
-                reading.layers = outcome
-            elif isinstance(outcome, Failed):
+            parts[index] = outcome if isinstance(outcome, LayerFiles) else None
+            if isinstance(outcome, Failed):
                 reading.errors.append(f"derived layers: {outcome.message}")
+            elif not isinstance(outcome, LayerFiles):
+                parts[index] = _files_alone(task, executor, reading.errors)
             continue
         if isinstance(outcome, ShardResult):
             results[task.folder] = outcome
@@ -119,11 +134,47 @@ def _run(
             results[task.folder] = _post_mortem(task, executor, reading.errors)
         if progress:
             progress(len(results), num_shards)
-    return results
+    return results, [parts[index] for index in sorted(parts)]
 
 
 def _read(task: ShardTask | LayerFilesTask) -> ShardResult | LayerFiles:
     return audit_shard(task) if isinstance(task, ShardTask) else read_layers(task)
+
+
+def _files_alone(task: LayerFilesTask, executor: Executor, errors: list[str]) -> LayerFiles | None:
+    """Find out whether one file or all of them together killed the worker: read the files one by one."""
+    result, is_failed, culprits = LayerFiles(), False, []
+    for path in task.files:
+        for _, outcome in executor(read_layers, [replace(task, files=(path,), names=())]):
+            if isinstance(outcome, LayerFiles):
+                result.add(outcome)
+            elif isinstance(outcome, Failed):
+                errors.append(f"{path}: {outcome.message}")
+                is_failed = True
+            else:
+                culprits.append(path)
+    result.add(killed(task, culprits))
+    return None if is_failed else result
+
+
+def _joined(parts: Sequence[LayerFiles], reading: Reading, executor: Executor) -> LayerFiles:
+    """What became of all files of the layers, with what shows only where all are known."""
+    layers = LayerFiles()
+    for part in parts:
+        layers.add(part)
+    homes: dict[str, int] = {}
+    if layers.foreign:
+        groups = frozenset(group for rows in layers.foreign.values() for group in rows)
+        task = GroupsTask(reading.tasks[0].spool, table_paths("records", layers.num_rows), groups)
+        for _, outcome in executor(find_groups, [task]):
+            if isinstance(outcome, dict):
+                homes = outcome
+            elif isinstance(outcome, Failed):
+                reading.errors.append(f"derived layers: {outcome.message}")
+            else:
+                layers.unjudged = f"finding {len(groups)} groups among the records took more memory than there is"
+    layers.note("BD-LYR-010", misplaced(layers, homes))
+    return layers
 
 
 def _post_mortem(task: ShardTask, executor: Executor, errors: list[str]) -> ShardResult:

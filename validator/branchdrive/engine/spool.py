@@ -13,13 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from branchdrive.contract.columns import table_schema
 from branchdrive.formats.file_error import machine_faults
+from branchdrive.formats.table_file import join_parts
 from branchdrive.tables.frame import Frame, concat
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Spool", "SpooledFrames", "SpooledTables"]
+__all__ = ["Spool", "SpooledFrames", "SpooledTables", "spooled_table"]
 
 
 class Spool:
@@ -100,22 +102,31 @@ class SpooledFrames(Mapping[str, Frame]):
         return len(self._names)
 
 
-class SpooledTables(Mapping[str, "pa.Table"]):
-    """Tables that were put, each opened when it is asked for."""
+def spooled_table(path: str) -> str:
+    """Name of a file of a derived layer in a spool."""
+    return f"{path.replace('/', '-')}.table"
 
-    def __init__(self, spool: Spool, names: Sequence[str]) -> None:
-        self._spool, self._names = spool, tuple(names)
+
+class SpooledTables(Mapping[str, "pa.Table"]):
+    """Tables of derived layers whose files were put, each opened when it is asked for.
+
+    Args:
+        spool: Where they lie.
+        files: Paths of the files of each table, in the order of their rows; without a file, it has no row.
+    """
+
+    def __init__(self, spool: Spool, files: Mapping[str, Sequence[str]]) -> None:
+        self._spool, self._files = spool, dict(files)
         self._tables: dict[str, pa.Table] = {}
 
     def __getitem__(self, name: str) -> pa.Table:
-        if name not in self._names:
-            raise KeyError(name)
         if name not in self._tables:
-            self._tables[name] = self._spool.table(f"{name}.table")
+            rows = [self._spool.table(spooled_table(path)) for path in self._files[name]]
+            self._tables[name] = join_parts(rows) if rows else table_schema(name).empty_table()
         return self._tables[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(self._files)
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self._files)

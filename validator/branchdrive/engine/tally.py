@@ -33,6 +33,7 @@ class Tally:
         findings: The first of them, at most `MAX_FINDINGS_PER_RULE`.
         is_claimed: Whether the descriptor claims what the rule is about.
         unjudged: Why the rule could not be judged although there may be subjects; ``None`` if it could.
+        is_exceeded: Whether that is because judging it takes more than this machine was allowed.
         errors: Failures of the tool itself.
     """
 
@@ -43,6 +44,7 @@ class Tally:
     findings: list[Finding] = field(default_factory=list)
     is_claimed: bool = True
     unjudged: str | None = None
+    is_exceeded: bool = False
     errors: list[str] = field(default_factory=list)
 
     @property
@@ -58,6 +60,7 @@ class Tally:
         self.keep(other.findings)
         self.is_claimed &= other.is_claimed
         self.unjudged = self.unjudged or other.unjudged
+        self.is_exceeded |= other.is_exceeded
         self.errors += other.errors
 
     def keep(self, findings: Iterable[Finding]) -> None:
@@ -78,6 +81,8 @@ class Tally:
             return "fail"
         if not self.is_claimed:
             return "not-claimed"
+        if self.is_exceeded:
+            return "inconclusive"
         if self.unjudged or not self.examined:
             return "skipped"
         return "pass"

@@ -74,6 +74,7 @@ def validate(
     follow_links: bool = False,
     allow: Sequence[Path | str] = (),
     executor: Executor = in_process,
+    dataset_memory_bytes: int | None = None,
     progress: Progress | None = None,
     today: date | None = None,
 ) -> Report:
@@ -92,6 +93,8 @@ def validate(
         follow_links: Whether links are followed: those that stay in their dataset, and those into `allow`.
         allow: Folders that links may lead into.
         executor: How shards are run; `branchdrive.runtime.executor.isolated` bounds memory.
+        dataset_memory_bytes: Private memory of a process of it that judges the whole dataset; that of the
+            specification by default. What takes more is not judged, and the verdict is at best partial.
         progress: Called after every shard.
         today: The date against which waivers expire; the current date by default.
 
@@ -112,7 +115,7 @@ def validate(
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
         reading = read_dataset(source, selected, executor, progress, spool=spool, release=survey, media=media)
-        derived = judge_derived(reading, selected, executor)
+        derived = judge_derived(reading, selected, executor, dataset_memory_bytes)
     results, errors = reading.shards, reading.errors
     read = reading.source if source is survey else survey
     whole = read.with_layers(reading.source.shards, derived.digests, derived.unreadable)

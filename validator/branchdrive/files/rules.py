@@ -207,7 +207,7 @@ def _has_place(entry: Entry) -> bool:
         case [folder, _] if folder in LAYERS:
             if entry.kind != "file":
                 return LAYERS[folder].holds_folder(entry.path)
-            return entry.path in LAYERS[folder].files or LAYERS[folder].admits_free(entry.path)
+            return LAYERS[folder].admits(entry.path) or LAYERS[folder].admits_free(entry.path)
         case [folder, _, _] if folder in LAYERS:
             return entry.kind == "file" and LAYERS[folder].admits_free(entry.path)
         case _:

@@ -110,13 +110,12 @@ class Survey:
         """Files of the derived layers that the descriptor claims, with card and licence beside them."""
         if self.excess or self.descriptor is None or not self.descriptor.derived_layers:
             return ()
-        claimed = {path for layer in self.descriptor.derived_layers for path in LAYERS[layer].files}
-        claimed |= {CARD_FILE, LICENCE_FILE}
         layers = [LAYERS[layer] for layer in self.descriptor.derived_layers]
         return tuple(
             entry.path
             for entry in self.files
-            if entry.path in claimed or any(layer.admits_free(entry.path) for layer in layers)
+            if entry.path in (CARD_FILE, LICENCE_FILE)
+            or any(layer.admits(entry.path) or layer.admits_free(entry.path) for layer in layers)
         )
 
     def is_damaged(self, path: str) -> bool:

@@ -5,11 +5,15 @@ Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from branchdrive.contract.columns import LAYER_TABLES, TABLES, table_schema
-from branchdrive.contract.layer import table_path, table_paths
+from branchdrive.contract.layer import LAYERS, layer_of_table, table_file, table_path, table_paths
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.folder import Folder
@@ -18,12 +22,28 @@ from branchdrive.formats.untrusted_parquet import decode_table, written_out_byte
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["conform", "join_parts", "parts_of", "read_layer_table", "read_table"]
+__all__ = ["conform", "join_parts", "layer_table_paths", "part_numbers", "parts_of", "read_layer_table", "read_table"]
+
+_ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
+
+
+def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
+    """Paths of the files of a derived layer's table that a dataset has, in the order of their rows.
+
+    Raises:
+        DatasetError: It has none, or of one partition none; or its folder cannot be listed.
+    """
+    layer = LAYERS[layer_of_table(name)]
+    paths = table_paths(name, (f"{layer.name}/{entry}" for entry in dataset.names(layer.name)))
+    for path in layer.missing(paths):
+        if (file := table_file(path)) is not None and file.table == name:
+            raise DatasetError(f"{dataset}: {path!r} is missing; run `branchdrive build` to make the layers anew")
+    return paths
 
 
 def read_layer_table(dataset: Folder, name: str) -> pa.Table:
     """The table `name` of a derived layer, from all of its files; see `read_table`."""
-    return join_parts([read_table(dataset, path, name) for path in table_paths(name)])
+    return join_parts([read_table(dataset, path, name) for path in layer_table_paths(dataset, name)])
 
 
 def join_parts(parts: Sequence[pa.Table]) -> pa.Table:
@@ -42,14 +62,30 @@ def join_parts(parts: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables(alike).unify_dictionaries().combine_chunks()
 
 
-def parts_of(name: str, table: pa.Table) -> dict[str, pa.Table]:
-    """Rows of a table of a derived layer by the path of the file that they belong in, without those of no partition."""
+def parts_of(name: str, table: pa.Table, parts: Mapping[str, int] = _ALL_IN_FIRST) -> dict[str, pa.Table]:
+    """Rows of a table of a derived layer by the path of the file that they belong in, without those of no partition.
+
+    Args:
+        name: The table.
+        table: Its rows.
+        parts: Number of the part of each group; the first, of a group that is not named.
+    """
+    import pyarrow as pa
     import pyarrow.compute as pc
 
-    partitions = LAYER_TABLES[name].partitions
-    if not partitions:
-        return {table_path(name): table}
-    return {table_path(name, one): table.filter(pc.equal(table["partition"], one)) for one in partitions}
+    declared, found = LAYER_TABLES[name], {}
+    for partition in declared.partitions or (None,):
+        rows = table if partition is None else table.filter(pc.equal(table["partition"], partition))
+        numbers = part_numbers(rows["group_id"].to_pylist(), parts) if declared.is_of_groups else np.zeros(0, np.int64)
+        for part in np.unique(numbers).tolist() or [0]:
+            is_own = numbers == part
+            found[table_path(name, partition, part)] = rows if is_own.all() else rows.filter(pa.array(is_own))
+    return found
+
+
+def part_numbers(groups: Sequence[str], parts: Mapping[str, int]) -> NDArray[np.int64]:
+    """Number of the part of each of `groups`; the first, of a group that is not named."""
+    return np.fromiter((parts.get(group, 0) for group in groups), np.int64, len(groups))
 
 
 def read_table(dataset: Folder, path: str, name: str) -> pa.Table:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.comparison import agree
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.text import quote
 from branchdrive.layers.view import ReleaseView
@@ -28,6 +27,7 @@ __all__ = [
     "frames_agree",
     "key_of",
     "place",
+    "place_in_table",
     "rows_agree",
     "rows_are",
     "text_agrees",
@@ -37,16 +37,19 @@ __all__ = [
 Index = NDArray[np.int64]
 
 
-def place(table: str, frame: Frame, row: int, column: str | None = None) -> Location:
-    """Location of a row: its file, its table and its key; no file is for a row of no partition."""
-    partitions = LAYER_TABLES[table].partitions
-    partition = frame["partition"][row] if partitions else None
-    found: Location = {"table": table}
-    if not partitions or partition in partitions:
-        found = {"file": table_path(table, partition), **found}
+def place(view: ReleaseView, table: str, frame: Frame, row: int, column: str | None = None) -> Location:
+    """Location of a row: its file where one is known, its table and its key; see `ReleaseView.file_for`."""
+    file = view.file_for(table, frame, row)
+    found: Location = {"table": table} if file is None else {"file": file, "table": table}
     if column is not None:
         found["column"] = column
     return {**found, **key_of(table, frame, row)}
+
+
+def place_in_table(view: ReleaseView, table: str) -> Location:
+    """Location of a whole table: its file, where it has one alone, and its name."""
+    paths = view.paths(table)
+    return {"file": paths[0], "table": table} if len(paths) == 1 else {"table": table}
 
 
 def key_of(table: str, frame: Frame, row: int) -> Location:
@@ -76,18 +79,18 @@ def differs(expected: Values, found: Values, *, exact: bool = False) -> Mask:
 
 def rows_agree(view: ReleaseView, table: str) -> Iterator[Check]:
     """The stored rows of `table` are those that raw gives, by key: none is missing and none is more."""
-    yield from rows_are(table, view.expected(table), view.frame(table), view.aligned(table))
+    yield from rows_are(view, table, view.expected(table), view.frame(table), view.aligned(table))
 
 
-def rows_are(table: str, expected: Frame, found: Frame, pairs: Alignment) -> Iterator[Check]:
+def rows_are(view: ReleaseView, table: str, expected: Frame, found: Frame, pairs: Alignment) -> Iterator[Check]:
     """The stored rows are the expected ones, given how both are paired."""
     num_missing = len(pairs.missing)
 
     def mismatch(i: int) -> Mismatch:
         if i < num_missing:
-            return Mismatch(place(table, expected, int(pairs.missing[i])), "a row with this key", "no such row")
+            return Mismatch(place(view, table, expected, int(pairs.missing[i])), "a row with this key", "no such row")
         row = int(pairs.extra[i - num_missing])
-        return Mismatch(place(table, found, row), "at most one row with this key", "an unexpected row")
+        return Mismatch(place(view, table, found, row), "at most one row with this key", "an unexpected row")
 
     yield Check(num_rows(expected) + len(pairs.extra), np.arange(num_missing + len(pairs.extra)), mismatch)
 
@@ -106,10 +109,11 @@ def columns_agree(
     """
     expected, found, pairs = view.expected(table), view.frame(table), view.aligned(table)
     left, right = (pairs.expected, pairs.found) if where is None else (pairs.expected[where], pairs.found[where])
-    yield _cells(table, columns, expected, found, left, right, exact)
+    yield _cells(view, table, columns, expected, found, left, right, exact)
 
 
 def _cells(
+    view: ReleaseView,
     table: str,
     columns: Sequence[str],
     expected: Frame,
@@ -124,16 +128,16 @@ def _cells(
     def mismatch(i: int) -> Mismatch:
         column = columns[int(np.argmax(differing[i]))]
         wanted, value = expected[column][left[i]], found[column][right[i]]
-        return Mismatch(place(table, found, int(right[i]), column), format_cell(wanted), format_cell(value))
+        return Mismatch(place(view, table, found, int(right[i]), column), format_cell(wanted), format_cell(value))
 
     return Check(len(left), bad, mismatch)
 
 
 def frames_agree(
-    table: str, columns: Sequence[str], expected: Frame, found: Frame, left: Index, right: Index
+    view: ReleaseView, table: str, columns: Sequence[str], expected: Frame, found: Frame, left: Index, right: Index
 ) -> Iterator[Check]:
     """Values of paired rows are equal: for what follows from stored tables."""
-    yield _cells(table, columns, expected, found, left, right, columns)
+    yield _cells(view, table, columns, expected, found, left, right, columns)
 
 
 def format_cell(value: Any) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.identity import derived_content, document_digest
-from branchdrive.contract.layer import TABLE_OF_PATH
+from branchdrive.contract.layer import table_file
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.folder import Folder
@@ -34,12 +34,13 @@ def file_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
     Raises:
         DatasetError: As `layers_content`.
     """
-    return {
-        path: table_digest(TABLE_OF_PATH[path], read_table(dataset, path, TABLE_OF_PATH[path]))
-        if path in TABLE_OF_PATH
-        else document_digest(read_document(dataset, path))
-        for path in sorted(paths)
-    }
+    return {path: _digest(dataset, path) for path in sorted(paths)}
+
+
+def _digest(dataset: Folder, path: str) -> str:
+    if (file := table_file(path)) is not None:
+        return table_digest(file.table, read_table(dataset, path, file.table))
+    return document_digest(read_document(dataset, path))
 
 
 def read_document(dataset: Folder, path: str) -> object:

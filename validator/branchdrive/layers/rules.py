@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.contract.layer import LAYERS, table_paths
+from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.machine_trace import trace_mismatches
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
@@ -35,11 +35,10 @@ from branchdrive.tables.frame import repeated_rows, sort_rows
 @rule("BD-LYR-001")
 def layers_have_their_files(view: ReleaseView) -> Iterator[Check]:
     """Every file of a claimed layer is there."""
-    wanted = [path for layer in view.descriptor.derived_layers for path in LAYERS[layer].required_files]
-    mismatches = [
-        Mismatch({"file": p}, "a file of a claimed layer", "no such file") for p in wanted if p not in view.files
-    ]
-    yield Check.of(len(wanted), mismatches)
+    layers = [LAYERS[name] for name in view.descriptor.derived_layers]
+    missing = [path for layer in layers for path in layer.missing(view.files)]
+    mismatches = [Mismatch({"file": path}, "a file of a claimed layer", "no such file") for path in missing]
+    yield Check.of(sum(layer.num_required for layer in layers), mismatches)
 
 
 def _noted(view: ReleaseView, rule_id: str, examined: int) -> Iterator[Check]:
@@ -47,8 +46,8 @@ def _noted(view: ReleaseView, rule_id: str, examined: int) -> Iterator[Check]:
 
 
 def _num_there(view: ReleaseView, suffix: str) -> int:
-    paths = (path for layer in view.descriptor.derived_layers for path in LAYERS[layer].files)
-    return sum(path in view.files and path.endswith(suffix) for path in paths)
+    paths = (path for layer in view.descriptor.derived_layers for path in LAYERS[layer].own(view.files))
+    return sum(path.endswith(suffix) for path in paths)
 
 
 @rule("BD-LYR-002")
@@ -66,13 +65,13 @@ def layer_tables_have_declared_columns(view: ReleaseView) -> Iterator[Check]:
 @rule("BD-LYR-004")
 def layer_columns_carry_metadata(view: ReleaseView) -> Iterator[Check]:
     """Unit, frame, shape and track of every column are recorded as declared."""
-    yield from _noted(view, "BD-LYR-004", len(view.table_names))
+    yield from _noted(view, "BD-LYR-004", len(view.num_rows))
 
 
 @rule("BD-LYR-010")
-def layer_files_hold_their_partition(view: ReleaseView) -> Iterator[Check]:
-    """Every row of a table that has a file for each partition is in the file of its own."""
-    divided = [path for name in view.table_names if LAYER_TABLES[name].partitions for path in table_paths(name)]
+def layer_files_hold_their_rows(view: ReleaseView) -> Iterator[Check]:
+    """Every row of a table in parts is in the file of its own partition and part, and no part is without rows."""
+    divided = [path for name in view.table_names if LAYER_TABLES[name].is_of_groups for path in view.paths(name)]
     yield from _noted(view, "BD-LYR-010", len(divided))
 
 
@@ -119,7 +118,7 @@ def layer_rows_are_sorted(view: ReleaseView) -> Iterator[Check]:
             frame = view.frame(name)
         except PreconditionError:
             continue
-        key, paths, num_rows = LAYER_TABLES[name].key, table_paths(name), len(view.tables[name])
+        key, paths, num_rows = LAYER_TABLES[name].key, view.paths(name), len(view.tables[name])
         files = np.repeat(np.arange(len(paths)), [view.num_rows[path] for path in paths])
         rows = {**{part: frame[part] for part in key}, "file": files, "row": np.arange(num_rows)}
         ordered = sort_rows(rows, ("file", *key), {"action_key": view.descriptor.action_bank.keys})

@@ -14,7 +14,7 @@ import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layer import table_paths
+from branchdrive.contract.layer import paths_by_table, table_path
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Mismatch, PreconditionError
 from branchdrive.tables.arrow import from_arrow
@@ -66,7 +66,8 @@ class ReleaseView:
         mismatches: Those that were found while files were read, by rule id.
         files: Paths of all files of the derived layers and of the root.
         digests: SHA-256 of the files that were read, by path; empty where digests were not computed.
-        num_rows: Rows of each file of a table, by path; empty where a view has a part of the rows.
+        num_rows: Rows of each file of its tables, by path.
+        part: Number of the part that its rows of groups are of; ``None`` where they are of several.
         sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
         content: Digest of what each table and document says, by path; empty where digests were not computed.
     """
@@ -83,6 +84,7 @@ class ReleaseView:
         *,
         digests: Mapping[str, str] | None = None,
         num_rows: Mapping[str, int] | None = None,
+        part: int | None = None,
         sizes: Mapping[str, int] | None = None,
         content: Mapping[str, str] | None = None,
     ) -> None:
@@ -94,10 +96,12 @@ class ReleaseView:
         self.files = files
         self.digests = dict(digests or {})
         self.num_rows = dict(num_rows or {})
+        self.part = part
         self.sizes = dict(sizes or {})
         self.content = dict(content or {})
         self.mismatches = dict(mismatches or {})
         self._frames: dict[str, dict[str, Values]] = {}
+        self._paths = paths_by_table(self.num_rows)
         self._expected: dict[str, Frame] = {}
         self._aligned: dict[str, Alignment] = {}
         self._computed: dict[Callable[[ReleaseView], Any], Any] = {}
@@ -115,13 +119,33 @@ class ReleaseView:
         """Typed columns of a decoded table."""
         return TableView(table, self.tables[table])
 
+    def paths(self, table: str) -> tuple[str, ...]:
+        """Paths of the files of a decoded table, in the order of their rows."""
+        return self._paths.get(table, ())
+
     def file_of(self, table: str, row: int) -> tuple[str, int]:
         """Path of the file that holds a row of a decoded table, and the number of the row in it."""
-        for path in table_paths(table):
-            if row < self.num_rows.get(path, len(self.tables[table])):
-                break
+        for path in self.paths(table):
+            if row < self.num_rows[path]:
+                return path, row
             row -= self.num_rows[path]
-        return path, row
+        raise IndexError(row)
+
+    def file_for(self, table: str, frame: Frame, row: int) -> str | None:
+        """Path of the file that a row of `frame` is in, or belongs in; ``None`` where no file, or no one, is for it.
+
+        Args:
+            table: The table that the rows are of.
+            frame: Its rows as they are stored, as `frame` gives them, or rows that it should have.
+            row: Number of the row.
+        """
+        if frame is self._frames.get(table):
+            return self.file_of(table, row)[0]
+        declared = LAYER_TABLES[table]
+        partition = frame["partition"][row] if declared.partitions else None
+        if partition not in (declared.partitions or (None,)) or (declared.is_of_groups and self.part is None):
+            return None
+        return table_path(table, partition, self.part or 0)
 
     def without(self, broken: Collection[str]) -> ReleaseView:
         """This view for rules that require others, without the tables that fail those; it shares what was computed."""
@@ -140,8 +164,7 @@ class ReleaseView:
             PreconditionError: It is missing or breaks its structure.
         """
         if table not in self.tables or table in self._broken:
-            paths = table_paths(table)
-            file = paths[0] if len(paths) == 1 else f"a file of the table `{table}`"
+            file = f"a file of the table `{table}`" if LAYER_TABLES[table].is_of_groups else table_path(table)
             raise PreconditionError(f"{file} is missing or breaks the format")
         return self.rows(table)
 

@@ -113,7 +113,7 @@ def build_release(
         scan = scan or scanned()
         if "model" in stages:
             check_encoding(scan)
-        layers = load_layers(target, scan.descriptor.action_bank.keys)
+        layers = load_layers(target, scan.descriptor.action_bank.keys, scan.parts)
         _check_source(scan, layers, stages, target)
         if drop_leakage:
             layers.drop(LEAKAGE_FILE)

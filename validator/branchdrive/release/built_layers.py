@@ -17,7 +17,7 @@ from branchdrive.errors import DatasetError
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import read_manifest
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.table_file import parts_of, read_layer_table
+from branchdrive.formats.table_file import layer_table_paths, part_numbers, parts_of, read_layer_table
 from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, Values, sort_rows
@@ -28,32 +28,45 @@ LEDGERS = (LEDGER_FILE, BENCHMARK_LEDGER_FILE)
 """Documents that stay whatever becomes of the layers around them: they cannot be computed again."""
 
 
+_PART = "part"
+"""Column, while rows are sorted, with the part of each."""
+
+
 @dataclass
 class BuiltLayers:
     """Layers of one release.
 
     Attributes:
         keys: Action keys in presentation order, by which tables are sorted.
+        parts: Number of the part of each group.
         frames: Tables by name.
         documents: Documents by path.
         contents: Bytes of every file by path.
     """
 
     keys: tuple[str, ...]
+    parts: Mapping[str, int] = field(default_factory=dict)
     frames: dict[str, dict[str, Values]] = field(default_factory=dict)
     documents: dict[str, Any] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
 
     def put_table(self, name: str, frame: Frame) -> None:
-        """Add a table; its rows are sorted by partition, where it has a file for each, and by key.
+        """Add a table; its rows are sorted by the file that they belong in, and by key.
 
         Raises:
             ContractError: Its columns are not those declared.
         """
         declared = LAYER_TABLES[name]
         orders = {"action_key": self.keys, "partition": declared.partitions}
-        self.frames[name] = sort_rows(frame, declared.order, orders)
-        for path, rows in parts_of(name, to_arrow(name, self.frames[name])).items():
+        key = declared.order
+        if declared.is_of_groups:
+            frame = {**frame, _PART: part_numbers(frame["group_id"].tolist(), self.parts)}
+            key = (*declared.order[: len(declared.order) - len(declared.key)], _PART, *declared.key)
+        ordered = sort_rows(frame, key, orders)
+        self.frames[name] = {column: values for column, values in ordered.items() if column != _PART}
+        for path in table_paths(name, self.contents):
+            del self.contents[path]
+        for path, rows in parts_of(name, to_arrow(name, self.frames[name]), self.parts).items():
             self.contents[path] = encode_table(rows)
 
     def put_document(self, path: str, document: Any) -> None:
@@ -70,7 +83,7 @@ class BuiltLayers:
         """Layers that are whole, in order."""
         whole = []
         for name, layer in LAYERS.items():
-            if not set(layer.required_files) <= self.contents.keys():
+            if layer.missing(self.contents):
                 break
             whole.append(name)
         return tuple(whole)
@@ -89,23 +102,28 @@ class BuiltLayers:
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
             free = {path for path in self.contents if LAYERS[name].admits_free(path)}
-            for path in {*LAYERS[name].files, *free} - {*LEDGERS}:
+            for path in {*LAYERS[name].own(self.contents), *LAYERS[name].own(self.documents), *free} - {*LEDGERS}:
                 self.drop(path)
             for table in LAYERS[name].tables:
                 self.frames.pop(table, None)
 
 
-def load_layers(dataset: Folder, keys: tuple[str, ...]) -> BuiltLayers:
+def load_layers(dataset: Folder, keys: tuple[str, ...], parts: Mapping[str, int] | None = None) -> BuiltLayers:
     """Layers that a dataset holds whole, sound and as its manifest has them, up to the first that it does not.
 
     Ledgers are kept whatever became of the files beside them.
+
+    Args:
+        dataset: The dataset.
+        keys: Action keys in presentation order.
+        parts: Number of the part of each group, for tables that are put; all are in the first by default.
     """
-    found, listed = BuiltLayers(keys), _listed_digests(dataset)
+    found, listed = BuiltLayers(keys, parts or {}), _listed_digests(dataset)
     for layer in LAYERS.values():
-        read = BuiltLayers(keys)
+        read = BuiltLayers(keys, parts or {})
         try:
             for name in layer.tables:
-                for path in table_paths(name):
+                for path in layer_table_paths(dataset, name):
                     read.contents[path] = dataset.read(path, spec_limits().max_table_bytes)
                 read.frames[name] = from_arrow(read_layer_table(dataset, name), name)
             for document in layer.documents.values():

@@ -16,7 +16,7 @@ from pathlib import Path
 from branchdrive.card.release_card import ADDED, REQUIRED, release_card
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, Layer
 from branchdrive.contract.layout import (
     CARD_FILE,
     DESCRIPTOR_FILE,
@@ -313,10 +313,11 @@ def _is_there(path: Path, digest: str) -> bool:
 def _own_files(target: Folder) -> list[str]:
     """Files below `target` that a build has written, or may have."""
     card = [CARD_FILE] if has_card(target) else []
-    paths = [*card, LICENCE_FILE, *(path for layer in LAYERS.values() for path in layer.files)]
-    return [path for path in (*paths, *_free_files(target.root)) if (target.root / path).is_file()]
+    root = target.root
+    found = [entry.relative_to(root).as_posix() for layer in LAYERS for entry in sorted((root / layer).rglob("*"))]
+    built = [path for path in found if _is_built(LAYERS[path.split("/")[0]], path)]
+    return [path for path in (*card, LICENCE_FILE, *built) if (root / path).is_file()]
 
 
-def _free_files(target: Path) -> list[str]:
-    found = (entry.relative_to(target).as_posix() for layer in LAYERS for entry in sorted((target / layer).rglob("*")))
-    return [path for path in found if LAYERS[path.split("/")[0]].admits_free(path)]
+def _is_built(layer: Layer, path: str) -> bool:
+    return layer.admits(path) or layer.admits_free(path) or path in layer.former_files

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layer import part_of
 from branchdrive.contract.layout import MANIFEST_FILE, layer_of
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.reading import Progress, read_dataset
@@ -39,6 +40,7 @@ class RawScan:
         digest: Digest of the content of the raw layer.
         files: SHA-256 of every file of the raw layer and its media, by path.
         rows: Rows that it gives for the derived layers, by table.
+        parts: Number of the part of each group, of tables of the derived layers.
     """
 
     dataset: Folder
@@ -46,6 +48,7 @@ class RawScan:
     digest: str
     files: dict[str, str]
     rows: Mapping[str, Frame]
+    parts: Mapping[str, int]
 
 
 def scan_raw(dataset: Folder, executor: Executor, progress: Progress | None = None) -> RawScan:
@@ -73,7 +76,8 @@ def scan_raw(dataset: Folder, executor: Executor, progress: Progress | None = No
     digest = raw_content(results)
     if digest is None:
         raise DatasetError(f"{dataset}: its attempts have no identity; run `branchdrive-validate`")
-    return RawScan(dataset, descriptor, digest, _raw_files(reading.source.digests), rows)
+    parts = {group: part_of(shard.folder) for shard in results for group in shard.group_ids}
+    return RawScan(dataset, descriptor, digest, _raw_files(reading.source.digests), rows, parts)
 
 
 def _finished(survey: Survey) -> Descriptor:

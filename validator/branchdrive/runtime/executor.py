@@ -25,7 +25,7 @@ from branchdrive.errors import PlatformError
 from branchdrive.runtime.environment import import_fault, leave_out_pandas
 from branchdrive.runtime.process import exit_after, spawn_context
 
-__all__ = ["Died", "Executor", "Failed", "in_process", "isolated"]
+__all__ = ["Died", "Executor", "Failed", "in_process", "isolated", "memory_limit"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -97,6 +97,29 @@ def _prepare_process(max_bytes: int) -> None:
     soft = max_bytes if hard == resource.RLIM_INFINITY else min(max_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+
+
+@contextmanager
+def memory_limit(max_bytes: int) -> Iterator[None]:
+    """Bound the private memory of a worker process by another limit, for a task whose need is another.
+
+    A process that was not started for tasks has no limit, and keeps what it has.
+    """
+    try:
+        import resource
+    except ImportError:  # no such limit on this platform
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if multiprocessing.parent_process() is None or soft == resource.RLIM_INFINITY:
+        yield
+        return
+    wanted = max_bytes if hard == resource.RLIM_INFINITY else min(max_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 @contextmanager

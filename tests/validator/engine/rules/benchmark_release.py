@@ -40,7 +40,7 @@ PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS, LATENCY = (
 TABLES_FILE = f"{FOLDER}/TABLES.md"
 
 
-SCALARS = "benchmark/predictions.parquet"
+SCALARS = "benchmark/predictions-00000.parquet"
 
 
 class BenchmarkDraft(ReleaseDraft):

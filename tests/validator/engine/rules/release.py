@@ -97,7 +97,7 @@ def _made() -> Built:
 
 def _built_layers(scan: RawScan, options: BuildOptions) -> BuiltLayers:
     """Canonical and quality layer, but for figures beside the thresholds; see `ReleaseDraft.add_filtering`."""
-    layers = BuiltLayers(scan.descriptor.action_bank.keys)
+    layers = BuiltLayers(scan.descriptor.action_bank.keys, scan.parts)
     build_canonical(scan, layers)
     build_quality(scan, layers, options, None)
     layers.drop(FILTERING_FILE)

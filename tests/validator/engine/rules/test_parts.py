@@ -1,4 +1,4 @@
-"""Rows of derived layers are judged alike as a whole and shard by shard."""
+"""Rows of derived layers are judged alike as a whole and part by part."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def test_rules_on_values_distrust_a_table_that_breaks_its_structure(
     rule: str, name: str, table: str, tmp_path: Path
 ) -> None:
     root = spoiled(BY_NAME[rule, name]).write(tmp_path / "dataset")
-    file = f"a file of the table `{table}`" if LAYER_TABLES[table].partitions else table_path(table)
+    file = f"a file of the table `{table}`" if LAYER_TABLES[table].is_of_groups else table_path(table)
     words = f"{file} is missing or breaks the format"
     whole = reasons(judged_folder(root))
     assert words in whole.values()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from branchdrive.benchmark.prediction.check import prediction_mismatches
@@ -10,10 +11,10 @@ from branchdrive.benchmark.prediction.data import TABLES, BenchmarkData
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES as PREDICTED
 from branchdrive.benchmark.protocol.rules import protocol_of
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
 from branchdrive.errors import DatasetError
+from branchdrive.layers.compare import place_in_table
 from branchdrive.layers.view import ReleaseView
 
 
@@ -54,19 +55,19 @@ def predictions_of(view: ReleaseView) -> PredictionSet:
 def predictions_are_complete(view: ReleaseView) -> Iterator[Check]:
     """Every model predicts whole banks of the partitions that it must, and nothing beside them."""
     found = [m for m in view.cached(mismatches_of) if not _is_of_seeds(m) and "column" not in m.location]
-    yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(_in_file, found))
+    yield Check.of(sum(len(view.tables[name]) for name in PREDICTED), map(partial(_in_table, view), found))
 
 
 @rule("BD-BMK-008")
 def every_declared_seed_predicts(view: ReleaseView) -> Iterator[Check]:
     """A declared model has predictions of its declared seeds, and of no other."""
     found = filter(_is_of_seeds, view.cached(mismatches_of))
-    yield Check.of(len(view.cached(protocol_of).models), map(_in_file, found))
+    yield Check.of(len(view.cached(protocol_of).models), map(partial(_in_table, view), found))
 
 
 def _is_of_seeds(mismatch: Mismatch) -> bool:
     return "model" in mismatch.location and "seed" not in mismatch.location
 
 
-def _in_file(mismatch: Mismatch) -> Mismatch:
-    return mismatch.within({"file": table_path(str(mismatch.location["table"]))})
+def _in_table(view: ReleaseView, mismatch: Mismatch) -> Mismatch:
+    return mismatch.within(place_in_table(view, str(mismatch.location["table"])))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES, PATTERNS, STREAMS, TABLES, declared_table
 from branchdrive.contract.encoding import ENCODING_WIDTH, encode_bank, encoding_digest
-from branchdrive.contract.layer import LAYERS, table_paths
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.metric import DECLARED_METRICS
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.contract.semantic_bev import CHANNEL_MEANING, CLASS_MEANING, SemanticChannel, SemanticClass
@@ -62,9 +62,10 @@ def _columns_region(table: str) -> str:
         ]
         for c in declared.columns
     ]
-    files = code(table_paths(table) if table in LAYER_TABLES else declared.file_names)
-    noun = "Files" if declared.partitions else "File"
-    place = f"{noun} {files}, rate {declared.rate}, key {code(declared.key)}."
+    first = [table_path(table, one) for one in declared.partitions or (None,)] if table in LAYER_TABLES else []
+    files, noun = code(first or [declared.file_name]), "Files" if declared.partitions else "File"
+    further = " and further parts" if table in LAYER_TABLES and declared.is_of_groups else ""
+    place = f"{noun} {files}{further}, rate {declared.rate}, key {code(declared.key)}."
     return f"{declared.title}\n{place}\n\n{grid(header, rows)}"
 
 

@@ -16,6 +16,7 @@ from branchdrive.contract.mismatch import Check, Location, Mismatch, Preconditio
 from branchdrive.contract.rule import rule
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import PROFILES, fit_scale, utility
+from branchdrive.layers.compare import place_in_table
 from branchdrive.layers.view import ReleaseView
 from branchdrive.leakage.outcome import MAX_OUTCOME_CORRELATION, num_alone, outcome_codes, revealed_outcomes
 from branchdrive.leakage.streams import DIFFERENT, camera_columns, examined_cameras, num_different
@@ -72,11 +73,7 @@ def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[Check]:
     homes = dict(zip(groups["group_id"].tolist(), np.ma.filled(groups["partition"], "").tolist(), strict=True))
     ordered = [homes[group] for group in sorted(homes) if homes[group]]
     p = neighbours_p(ordered) if len(ordered) > 1 else 1.0
-    place: Location = {
-        "file": "quality/group_quality.parquet",
-        "table": "group_quality",
-        "column": "group_id",
-    }
+    place: Location = {**place_in_table(view, "group_quality"), "column": "group_id"}
     mismatches = [Mismatch(place, f"p above {ALPHA:g} that order and partition are unrelated", f"p = {p:.2g}")]
     yield Check.of(int(len(ordered) > 1), mismatches if p <= ALPHA else [])
 

@@ -59,7 +59,7 @@ def contexts_are_the_frozen_population(view: ReleaseView) -> Iterator[Check]:
     """One context for every core-valid group that is no near duplicate, and no other."""
     expected, found = _contexts(view), view.frame("contexts")
     pairs = align(expected, found, ("group_id",))
-    yield from rows_are("contexts", expected, found, pairs)
+    yield from rows_are(view, "contexts", expected, found, pairs)
 
 
 @rule("BD-MOD-002")
@@ -68,7 +68,7 @@ def contexts_repeat_the_other_layers(view: ReleaseView) -> Iterator[Check]:
     expected, found = _contexts(view), view.frame("contexts")
     pairs = align(expected, found, ("group_id",))
     columns = [column.name for column in LAYER_TABLES["contexts"].columns if column.name != "group_id"]
-    yield from frames_agree("contexts", columns, expected, found, pairs.expected, pairs.found)
+    yield from frames_agree(view, "contexts", columns, expected, found, pairs.expected, pairs.found)
 
 
 @rule("BD-MOD-021")
@@ -80,7 +80,7 @@ def rows_name_the_partition_of_their_group(view: ReleaseView) -> Iterator[Check]
             frame = view.frame(name)
             expected = with_homes({"group_id": frame["group_id"], "row": np.arange(num_rows(frame))}, homes)
             left, right = np.arange(num_rows(expected)), np.ma.getdata(expected["row"])
-            yield from frames_agree(name, ("partition",), expected, frame, left, right)
+            yield from frames_agree(view, name, ("partition",), expected, frame, left, right)
 
 
 def _cross(axes: Mapping[str, list[object]]) -> Frame:
@@ -97,7 +97,7 @@ def _cross(axes: Mapping[str, list[object]]) -> Frame:
 def _complete(view: ReleaseView, table: str, axes: Mapping[str, list[object]]) -> Iterator[Check]:
     expected, found = with_homes(_cross(axes), view.homes), view.frame(table)
     pairs = align(expected, found, LAYER_TABLES[table].key)
-    yield from rows_are(table, expected, found, pairs)
+    yield from rows_are(view, table, expected, found, pairs)
 
 
 @rule("BD-MOD-003")
@@ -164,9 +164,9 @@ def actions_are_the_bank(view: ReleaseView) -> Iterator[Check]:
     recomputes = declared is not None and not is_own
     expected, found = action_rows(view.descriptor.action_bank, encoded=recomputes), view.frame("actions")
     pairs = align(expected, found, ("action_key",))
-    yield from rows_are("actions", expected, found, pairs)
+    yield from rows_are(view, "actions", expected, found, pairs)
     columns = ("position", "family", "encoded")[: 2 if is_own else 3]
-    yield from frames_agree("actions", columns, expected, found, pairs.expected, pairs.found)
+    yield from frames_agree(view, "actions", columns, expected, found, pairs.expected, pairs.found)
     if declared is not None and is_own:
         yield _own_encoding(declared, take(found, pairs.found[np.argsort(pairs.expected)]))
         return
@@ -178,7 +178,7 @@ def actions_are_the_bank(view: ReleaseView) -> Iterator[Check]:
     yield Check.of(
         len(pairs.found),
         [
-            Mismatch(place("actions", found, row, "encoding"), "the vector of its policy", "another vector")
+            Mismatch(place(view, "actions", found, row, "encoding"), "the vector of its policy", "another vector")
             for row in wrong
         ],
     )
@@ -222,10 +222,14 @@ def candidates_are_the_records(view: ReleaseView) -> Iterator[Check]:
     candidates, records = view.frame("candidates"), view.frame("records")
     pairs = align(records, candidates, LAYER_TABLES["records"].key)
     yield Check.of(
-        0, [Mismatch(place("candidates", candidates, int(row)), "a canonical record", "none") for row in pairs.extra]
+        0,
+        [
+            Mismatch(place(view, "candidates", candidates, int(row)), "a canonical record", "none")
+            for row in pairs.extra
+        ],
     )
     expected = {"rollout_id": np.ma.filled(records["rollout_id"], "none")}
-    yield from frames_agree("candidates", ("rollout_id",), expected, candidates, pairs.expected, pairs.found)
+    yield from frames_agree(view, "candidates", ("rollout_id",), expected, candidates, pairs.expected, pairs.found)
 
 
 @rule("BD-MOD-011")
@@ -255,7 +259,9 @@ def scalar_targets_recompute(view: ReleaseView) -> Iterator[Check]:
 
     def mismatch(row: int) -> Mismatch:
         name = names[int(np.argmax(differing[row]))]
-        return Mismatch(place("scalars", right, row, name), format_cell(left[name][row]), format_cell(right[name][row]))
+        return Mismatch(
+            place(view, "scalars", right, row, name), format_cell(left[name][row]), format_cell(right[name][row])
+        )
 
     yield Check(len(differing), bad, mismatch)
 
@@ -283,7 +289,7 @@ def displacement_is_the_last_step(view: ReleaseView) -> Iterator[Check]:
     wrong = differs(last["x_m"][left], np.ma.getdata(scalars["displacement_m"])[right])
 
     def mismatch(i: int) -> Mismatch:
-        where = place("scalars", scalars, int(right[i]), "displacement_m")
+        where = place(view, "scalars", scalars, int(right[i]), "displacement_m")
         return Mismatch(where, format_cell(last["x_m"][left[i]]), format_cell(scalars["displacement_m"][right[i]]))
 
     yield Check(len(wrong), np.flatnonzero(wrong), mismatch)
@@ -293,7 +299,7 @@ def displacement_is_the_last_step(view: ReleaseView) -> Iterator[Check]:
 def media_indices_recompute(view: ReleaseView) -> Iterator[Check]:
     """Images of the nominal rollout before its branch."""
     expected, found, pairs = view.expected("media_index"), view.frame("media_index"), view.aligned("media_index")
-    yield from rows_are("media_index", expected, found, pairs)
+    yield from rows_are(view, "media_index", expected, found, pairs)
     yield from columns_agree(view, "media_index", _values("media_index"))
 
 

@@ -34,7 +34,7 @@ def near_duplicates_are_marked(view: ReleaseView) -> Iterator[Check]:
     labels = {True: "a near duplicate", False: "no near duplicate"}
 
     def mismatch(row: int) -> Mismatch:
-        where = place("group_quality", groups, row, "near_duplicate")
+        where = place(view, "group_quality", groups, row, "near_duplicate")
         return Mismatch(where, labels[bool(expected[row])], labels[not expected[row]])
 
     yield Check(len(expected), bad, mismatch)
@@ -55,7 +55,7 @@ def contexts_are_no_near_duplicates(view: ReleaseView) -> Iterator[Check]:
         found.num_examined,
         [
             Mismatch(
-                place("contexts", contexts, int(row_of[groups[row]])),
+                place(view, "contexts", contexts, int(row_of[groups[row]])),
                 wanted,
                 f"{found.nearest.distance[row]:.3g} to {groups[int(found.nearest.row[row])]}",
             )

@@ -116,7 +116,7 @@ def pairs_pass_within_thresholds(view: ReleaseView) -> Iterator[Check]:
     except ValueError as error:
         raise PreconditionError(f"{THRESHOLDS}: {error}") from error
     rows = np.arange(num_rows(pairs))
-    yield from frames_agree("pairs", ("core_pass", "extended_pass"), expected, pairs, rows, rows)
+    yield from frames_agree(view, "pairs", ("core_pass", "extended_pass"), expected, pairs, rows, rows)
     if view.raw.rows is not None:
         yield _turned_around(view, expected, thresholds)
 
@@ -140,7 +140,7 @@ def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> 
         flag = f"{criterion}_pass"
         turned = (passed[flag] != here[flag]) & (recorded[flag] == here[flag]) & agree
         for i in np.flatnonzero(turned & ~near[:, :num_variables].any(axis=1)).tolist():
-            where = place("pairs", found, int(pairs.found[i]), flag)
+            where = place(view, "pairs", found, int(pairs.found[i]), flag)
             mismatches.setdefault(i, Mismatch(where, format_cell(passed[flag][i]), format_cell(here[flag][i])))
     return Check.of(0, mismatches.values())
 
@@ -152,9 +152,9 @@ def groups_are_valid_where_pairs_pass(view: ReleaseView) -> Iterator[Check]:
     try:
         expected = with_validity(groups, view.frame("pairs"))
     except ValueError as error:
-        raise PreconditionError(f"quality/pairs.parquet: {error}") from error
+        raise PreconditionError(f"quality/pairs: {error}") from error
     rows = np.arange(num_rows(groups))
-    yield from frames_agree("group_quality", ("core_valid", "extended_valid"), expected, groups, rows, rows)
+    yield from frames_agree(view, "group_quality", ("core_valid", "extended_valid"), expected, groups, rows, rows)
 
 
 @rule("BD-FID-009")
@@ -170,7 +170,7 @@ def retention_recomputes(view: ReleaseView) -> Iterator[Check]:
             seed=int(document["seed"]),
         )
     except ValueError as error:
-        raise PreconditionError(f"quality/pairs.parquet: {error}") from error
+        raise PreconditionError(f"quality/pairs: {error}") from error
     mismatches = document_mismatches(expected, document, tolerance=TOLERANCE)
     yield document_check(RETENTION, max(1, len(document["rows"])), mismatches)
 

@@ -10,11 +10,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from branchdrive.contract.comparison import document_mismatches
-from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.errors import UsageError
-from branchdrive.layers.compare import columns_agree, document_check, place, rows_agree
+from branchdrive.layers.compare import columns_agree, document_check, place, place_in_table, rows_agree
 from branchdrive.layers.view import ReleaseView
 from branchdrive.quality.population import population_document
 from branchdrive.quality.variants import declared_of, variants_document
@@ -93,7 +92,7 @@ def stages_follow_each_other(view: ReleaseView) -> Iterator[Check]:
     def mismatch(row: int) -> Mismatch:
         reached = ", ".join(name for name, flag in zip(STAGES, flags[row], strict=True) if flag) or "no stage"
         lost = "lost" if groups["lost"][row] else "not lost"
-        where = place("group_quality", groups, row)
+        where = place(view, "group_quality", groups, row)
         return Mismatch(where, "stages in order, lost exactly where not eligible", f"{reached}; {lost}")
 
     yield Check(len(flags), bad, mismatch)
@@ -136,7 +135,7 @@ def layers_list_the_same(view: ReleaseView) -> Iterator[Check]:
         differing = left ^ right if view.raw.rows is None else set()
         mismatches = [
             Mismatch(
-                {"file": table_path(quality), "table": quality, key: value},
+                {**place_in_table(view, quality), key: value},
                 f"in {canonical} and {quality}",
                 f"in {canonical if value in left else quality} alone",
             )

@@ -15,7 +15,7 @@ import numpy as np
 
 from branchdrive.contract.mismatch import Check, Location, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
-from branchdrive.layers.compare import document_check
+from branchdrive.layers.compare import document_check, place_in_table
 from branchdrive.layers.view import ReleaseView
 from branchdrive.quality.partition import (
     ALGORITHMS,
@@ -41,18 +41,18 @@ __all__ = [
 ]
 
 SPLIT = "quality/split.json"
-TABLE: Location = {"file": "quality/group_quality.parquet", "table": "group_quality"}
 
 
-def _of_groups(examined: int, mismatches: Iterable[Mismatch]) -> Check:
-    return Check.of(examined, (found.within(TABLE) for found in mismatches))
+def _of_groups(view: ReleaseView, examined: int, mismatches: Iterable[Mismatch]) -> Check:
+    where = place_in_table(view, "group_quality")
+    return Check.of(examined, (found.within(where) for found in mismatches))
 
 
 @rule("BD-SPL-001")
 def complete_groups_have_a_partition(view: ReleaseView) -> Iterator[Check]:
     """Every integrity-complete group has a partition and a cluster, and no other group has."""
     groups = view.frame("group_quality")
-    yield _of_groups(num_rows(groups), membership_mismatches(groups))
+    yield _of_groups(view, num_rows(groups), membership_mismatches(groups))
 
 
 @rule("BD-SPL-002")
@@ -66,14 +66,14 @@ def clusters_recompute(view: ReleaseView) -> Iterator[Check]:
         for group_id in both
         if expected[group_id] != found[group_id]
     )
-    yield _of_groups(len(both), mismatches)
+    yield _of_groups(view, len(both), mismatches)
 
 
 @rule("BD-SPL-003")
 def clusters_lie_in_one_partition(view: ReleaseView) -> Iterator[Check]:
     """All groups of a route cluster are in one partition."""
     groups = view.frame("group_quality")
-    yield _of_groups(len(set(clusters_of(groups).values())), cluster_mismatches(groups))
+    yield _of_groups(view, len(set(clusters_of(groups).values())), cluster_mismatches(groups))
 
 
 @rule("BD-SPL-004")
@@ -110,7 +110,7 @@ def split_is_the_drawn_one(view: ReleaseView) -> Iterator[Check]:
         moved = list(draw_mismatches(groups, seed=int(document["seed"]), calibration=least, algorithm=algorithm))
     except ValueError as error:
         raise PreconditionError(f"the split cannot be drawn again: {error}") from error
-    yield _of_groups(len(assignment_of(groups)), moved)
+    yield _of_groups(view, len(assignment_of(groups)), moved)
 
 
 def membership_mismatches(groups: Frame) -> Iterator[Mismatch]:

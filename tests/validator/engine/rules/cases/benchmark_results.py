@@ -78,7 +78,7 @@ def prediction_without_a_candidate(d: BenchmarkDraft) -> None:
     d.drop("predictions", model="M3", seed=23, group_id=first_of(d, "test"), action_key="brake_0.50")
 
 
-@mutant("BD-BMK-007", at={"file": "benchmark/predicted_trajectories.parquet", "step": 4})
+@mutant("BD-BMK-007", at={"file": "benchmark/predicted_trajectories-00000.parquet", "step": 4})
 def predicted_trajectory_without_a_step(d: BenchmarkDraft) -> None:
     where = {"model": "M1", "seed": 11, "group_id": first_of(d, "val"), "action_key": "nominal", "step": 4}
     d.drop("predicted_trajectories", **where)

@@ -13,15 +13,16 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.cases.files_tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
-from branchdrive.contract.layer import table_path, table_paths
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.layer import table_path
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.defect import with_cells
 
-STATE = "model/state-train.parquet"
+STATE = "model/state-train-00000.parquet"
 
 
-GROUPS = "quality/group_quality.parquet"
+GROUPS = "quality/group_quality-00000.parquet"
 
 
 def _rewrite(d: ReleaseDraft, path: str, change: Callable[[bytes], bytes]) -> None:
@@ -88,7 +89,8 @@ def derived_page_overwritten(d: ReleaseDraft) -> None:
 def derived_tables_inother_settings(d: ReleaseDraft) -> None:
     for layer in BUILT:
         for name in d.tables[layer]:
-            for path in table_paths(name):
+            for partition in LAYER_TABLES[name].partitions or (None,):
+                path = table_path(name, partition)
                 _rewrite(d, path, other_settings)
 
 
@@ -111,7 +113,7 @@ def derived_column_missing(d: ReleaseDraft) -> None:
     d.map_table("group_quality", lambda rows: rows.drop_columns("near_duplicate"), folder="quality")
 
 
-@mutant("BD-LYR-003", at={"file": "model/past_controls-test.parquet", "column": "steer"}, findings=4)
+@mutant("BD-LYR-003", at={"file": "model/past_controls-test-00000.parquet", "column": "steer"}, findings=4)
 def derived_column_of_another_type(d: ReleaseDraft) -> None:
     def widen(rows: pa.Table) -> pa.Table:
         place = rows.schema.get_field_index("steer")
@@ -135,7 +137,7 @@ def columns_of_one_partition_in_reverse_order(d: ReleaseDraft) -> None:
         rows = decode_table(content, "surroundings")
         return parquet_bytes(rows.select(rows.column_names[::-1]))
 
-    _rewrite(d, "model/surroundings-calibration.parquet", reverse)
+    _rewrite(d, "model/surroundings-calibration-00000.parquet", reverse)
 
 
 @boundary("BD-LYR-003", "BD-LYR-006", "BD-LYR-007", "BD-LYR-008", "BD-LYR-009")
@@ -160,7 +162,7 @@ def derived_unit_in_other_words(d: ReleaseDraft) -> None:
     d.map_table("state", lambda rows: _with_metadata(rows, "speed_mps", unit="km/h"), folder="model")
 
 
-@mutant("BD-LYR-004", at={"file": "model/surroundings-val.parquet", "column": "separation_m"}, findings=4)
+@mutant("BD-LYR-004", at={"file": "model/surroundings-val-00000.parquet", "column": "separation_m"}, findings=4)
 def privileged_column_called_a_sensor(d: ReleaseDraft) -> None:
     d.map_table("surroundings", lambda rows: _with_metadata(rows, "separation_m", track="sensor"), folder="model")
 
@@ -281,14 +283,14 @@ def key_with_a_null(d: ReleaseDraft) -> None:
     d.set("state", "offset_ticks", None, group_id="g0", offset_ticks=0)
 
 
-@mutant("BD-LYR-008", at={"file": "model/scalars-val.parquet", "column": "group_id", "row": 0})
+@mutant("BD-LYR-008", at={"file": "model/scalars-val-00000.parquet", "column": "group_id", "row": 0})
 def key_with_a_null_in_a_later_file(d: ReleaseDraft) -> None:
     """Files of one table, of which one alone declares that the column may be null."""
 
     def clear(content: bytes) -> bytes:
         return encode_table(with_cells(decode_table(content, "scalars"), "group_id", {0: None}))
 
-    _rewrite(d, "model/scalars-val.parquet", clear)
+    _rewrite(d, "model/scalars-val-00000.parquet", clear)
 
 
 @mutant("BD-LYR-008", at={"table": "pairs", "column": "rollout_id", "row": 0})

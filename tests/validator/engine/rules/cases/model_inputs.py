@@ -182,7 +182,7 @@ def context_of_another_nominal(d: ReleaseDraft) -> None:
 # BD-MOD-021: partitions of rows
 
 
-@mutant("BD-MOD-021", at={"file": "model/trajectories-train.parquet", "column": "partition", "group_id": TEST})
+@mutant("BD-MOD-021", at={"file": "model/trajectories-train-00000.parquet", "column": "partition", "group_id": TEST})
 def row_of_a_test_group_among_the_training_rows(d: ReleaseDraft) -> None:
     d.set("trajectories", "partition", "train", group_id=TEST, action_key="nominal", step=3)
     d.sort("trajectories")
