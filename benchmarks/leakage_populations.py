@@ -96,8 +96,9 @@ def report(inputs: ReplayInputs, count: int) -> None:
 
 def main(root: Path, count: int) -> None:
     """Read the release and report."""
-    scan = scan_raw(root, in_process)
-    layers = load_layers(Folder(root), scan.descriptor.action_bank.keys)
+    dataset = Folder.at(root)
+    scan = scan_raw(dataset, in_process)
+    layers = load_layers(dataset, scan.descriptor.action_bank.keys)
     report(replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor), count)
 
 

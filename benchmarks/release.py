@@ -144,7 +144,7 @@ def _validated(root: Path, bench: ReleaseBench) -> Iterator[Row]:
 
 def _leakage(root: Path, layers: BuiltLayers, bench: ReleaseBench) -> Iterator[Row]:
     yield Row("leakage audit", "\n".join(leakage_sentences(layers.documents[LEAKAGE_FILE])))
-    scan: RawScan = scan_raw(root, isolated(bench.jobs))
+    scan: RawScan = scan_raw(Folder.at(root), isolated(bench.jobs))
     inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor)
     gate = gate_size(gate_features(inputs)[0], seeds=range(bench.num_seeds), protocol=_SIZE_PROTOCOL)
     shuffled = f"{inputs.num_groups:,} groups, rows shuffled within groups, {bench.num_seeds:,} seeds"

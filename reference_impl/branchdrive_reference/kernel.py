@@ -49,7 +49,7 @@ def _load_numba() -> Any:
         del sys.modules["yaml"]
         if reader is not None:
             sys.modules["yaml"] = reader
-    config._config_fname = os.devnull  # somebody else may have loaded numba before
+    config._config_fname = os.devnull  # numba may be loaded already
     config.reload_config()  # type: ignore[no-untyped-call]
     return importlib.import_module("numba")
 

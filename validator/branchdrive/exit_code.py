@@ -1,4 +1,7 @@
-"""Exit codes of all commands; the first row of spec/07-rules.md#verdicts that applies decides that of a verdict."""
+"""Exit codes of all commands, and which of them each verdict ends with.
+
+Source: spec/07-rules.md#verdicts.
+"""
 
 from __future__ import annotations
 

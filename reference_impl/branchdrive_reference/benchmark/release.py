@@ -24,7 +24,6 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, read_manifest
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.model.reader import ModelLayer, open_model
@@ -42,14 +41,17 @@ class Release:
     """A release with a model layer, as its manifest has it.
 
     Attributes:
-        root: Its folder.
         layer: Its model layer.
         manifest: Its manifest, which its derived layers agree with.
     """
 
-    root: Path
     layer: ModelLayer
     manifest: Manifest
+
+    @property
+    def root(self) -> Path:
+        """Its folder."""
+        return self.layer.root
 
     @property
     def has_raw(self) -> bool:
@@ -114,20 +116,20 @@ def open_release(root: str | Path) -> Release:
     Raises:
         DatasetError: There is no model layer or no manifest, or a file is not the one that the manifest lists.
     """
-    path, layer = Path(root), open_model(root)
-    manifest, mismatches = read_manifest(Folder(path))
+    layer = open_model(root)
+    manifest, mismatches = read_manifest(layer.folder)
     if mismatches or manifest != Manifest.of(manifest.files):
         raise DatasetError(f"{root}: {MANIFEST_FILE} contradicts itself; run `branchdrive build`")
     for name, digest in manifest.files.items():
         if layer_of(name) in _READ:
             try:
-                with Folder(path).open(name) as stream:
+                with layer.folder.open(name) as stream:
                     found = hashlib.file_digest(stream, "sha256").hexdigest()
             except DatasetError as error:
                 raise DatasetError(f"{error}; {_REMEDY}") from error
             if found != digest:
                 raise DatasetError(f"{root}: {name!r} is not the file that {MANIFEST_FILE} lists; {_REMEDY}")
-    return Release(path, layer, manifest)
+    return Release(layer, manifest)
 
 
 def benchmark_data(release: Release) -> BenchmarkData:

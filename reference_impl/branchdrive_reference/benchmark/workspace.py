@@ -70,7 +70,7 @@ class Workspace:
 
     def publish(self, files: dict[str, bytes]) -> None:
         """Make `files` the benchmark layer of the release, and remove those that waited."""
-        manifest = publish_layer(self.release.root, BENCHMARK, files)
+        manifest = publish_layer(self.release.layer.folder, BENCHMARK, files)
         self.tidy(manifest.files)
 
     def tidy(self, published: Mapping[str, str] | None = None) -> None:
@@ -99,7 +99,7 @@ def open_workspace(release: Release) -> Iterator[Workspace]:
         DatasetError: The release has changed meanwhile.
     """
     with lock_area(release.root):
-        area = benchmark_area(release.root)
+        area = benchmark_area(release.layer.folder)
         if area.name.removeprefix("benchmark-") != release.manifest.identity[:16]:
             raise DatasetError(f"{release.root}: was built again in the meantime; run the command again")
         make_private(area)

@@ -23,7 +23,7 @@ _GHOST_STRIDE = 2
 """Nominal poses between two faint boxes: one every half second."""
 
 _CIRCLED = "pedestrian"
-"""Class whose boxes are circled, or nobody would find them."""
+"""Class whose boxes are circled, or they would not be found."""
 
 _GREY: Rgb = (0.5, 0.5, 0.5)
 

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Draw and print a line for every picture.
 
-    A group that was not named and that cannot be drawn is left out and told on `stderr`.
+    A group that was not named and that cannot be drawn is left out and named on `stderr`.
 
     Raises:
         UsageError: The dataset is not finished or cannot be read, a named group, a wanted type or no group at all

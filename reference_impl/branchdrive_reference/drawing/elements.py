@@ -23,7 +23,7 @@ _AROUND_M = 150.0
 
 
 def elements_around(dataset: Dataset, scene: DrawnScene) -> tuple[Element, ...]:
-    """Elements near the candidates of a scene; none where nobody knows the town. Broken elements are left out.
+    """Elements near the candidates of a scene; none where the town is unknown. Broken elements are left out.
 
     Raises:
         DatasetError: The map cannot be read.

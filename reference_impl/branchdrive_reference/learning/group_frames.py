@@ -24,7 +24,7 @@ from branchdrive.contract.text import listed
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import UsageError
 from branchdrive.raw.group import BranchGroup
-from branchdrive.raw.media.folder import FRAMES
+from branchdrive.raw.media.media_folder import FRAMES
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import Rollout
 from branchdrive.raw.shard import Shard, rollouts_of

@@ -91,11 +91,12 @@ def train_models(
         WorkerError: A worker process died.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
-    open_model(release)  # what is no release is refused before a process starts
+    training = _Training(str(release), str(folder), device)
+    _ = training.layer  # what is no release is refused before a process starts
     paths = [task.path(Path(folder)) for task in tasks]
     if len(set(paths)) < len(tasks):
         raise UsageError(f"two of {len(tasks)} tasks have one model, seed and fold; give each model its own name")
-    training, there = _Training(str(release), str(folder), device), [path.exists() for path in paths]
+    there = [path.exists() for path in paths]
     for task in itertools.compress(tasks, there):
         training(task, on_epoch)  # which trains nothing, and refuses what is of another training
     missing = [task for task, is_there in zip(tasks, there, strict=True) if not is_there]

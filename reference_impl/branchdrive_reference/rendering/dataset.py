@@ -37,7 +37,7 @@ from branchdrive.formats.manifest import (
 )
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
-from branchdrive.raw.media.folder import FRAMES
+from branchdrive.raw.media.media_folder import FRAMES
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
@@ -96,31 +96,32 @@ def render_dataset(
 
     Raises:
         UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
-            somebody else works on it, an interrupted run of another plan left finished groups, or the output holds
+            another command works on it, an interrupted run of another plan left finished groups, or the output holds
             something else.
         DatasetError: A file cannot be read, or differs from the manifest.
         ContractError: The media of a shard would be larger than the format allows.
         PlatformError: The media do not fit on the disk.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
+    dataset = Folder.at(root)
     if output is not None and output.resolve() != root.resolve():
-        _copy(root, output)
-        root = output
-    return _Rendering(root, plan, jobs, watch).run()
+        source, dataset = dataset, Folder.at(output)
+        _copy(source, dataset)
+    return _Rendering(dataset, plan, jobs, watch).run()
 
 
-def _manifest(root: Path) -> Manifest:
-    if not (root / MANIFEST_FILE).is_file():
-        raise UsageError(f"{str(root)!r} holds no finished dataset: there is no {MANIFEST_FILE!r}")
-    return read_manifest(Folder(root))[0]
+def _manifest(dataset: Folder) -> Manifest:
+    if not (dataset.root / MANIFEST_FILE).is_file():
+        raise UsageError(f"{str(dataset)!r} holds no finished dataset: there is no {MANIFEST_FILE!r}")
+    return read_manifest(dataset)[0]
 
 
 class _Rendering:
     """One run over a dataset."""
 
-    def __init__(self, root: Path, plan: MediaPlan, jobs: int, watch: Callable[[int, int], None]) -> None:
-        self._root, self._plan, self._jobs, self._watch = root, plan, jobs, watch
-        self._dataset = Folder(root)
+    def __init__(self, dataset: Folder, plan: MediaPlan, jobs: int, watch: Callable[[int, int], None]) -> None:
+        self._dataset, self._plan, self._jobs, self._watch = dataset, plan, jobs, watch
+        self._root = dataset.root
         self._num_found = self._num_groups = 0
 
     def run(self) -> RenderReport:
@@ -173,7 +174,7 @@ class _Rendering:
 
     def _prepare(self, area: Path, descriptor: Descriptor) -> None:
         """Render what is missing; the area then holds everything that is to be installed."""
-        manifest = _manifest(self._root)
+        manifest = _manifest(self._dataset)
         claimed = with_media(descriptor, self._plan)
         derived = sorted({layer_of(path) or "" for path in manifest.files} - {"", "raw"})
         if derived:
@@ -272,7 +273,7 @@ class _Rendering:
         num_bytes = sum(path.stat().st_size for path in archives if path.exists())
         num_groups = self._num_groups or sum(len(_groups(shard)) for shard in shards)
         num_found = self._num_found if self._num_groups else num_groups
-        return RenderReport(self._root, _manifest(self._root).identity, num_images, num_bytes, num_found, num_groups)
+        return RenderReport(self._root, _manifest(self._dataset).identity, num_images, num_bytes, num_found, num_groups)
 
 
 def _index_path(area: Path, shard: Shard) -> Path:
@@ -304,45 +305,45 @@ def _observation_bytes(plan: MediaPlan) -> float:
     return sum(_IMAGE_BYTES + _PIXEL_BYTES * camera.width_px * camera.height_px for camera in plan.cameras)
 
 
-def _copy(root: Path, output: Path) -> None:
-    """A dataset in `output` that is the raw layer of the one at `root`, unless it is there already."""
-    manifest = _manifest(root)
-    descriptor = read_descriptor(Folder(root))
+def _copy(source: Folder, target: Folder) -> None:
+    """Make `target` a dataset of the raw layer of `source`, unless it is one already."""
+    manifest, output = _manifest(source), target.root
+    descriptor = read_descriptor(source)
     check_renderable(descriptor)
     names = {path.name for path in output.iterdir() if not path.name.startswith(".")} if output.exists() else set()
     if names and DESCRIPTOR_FILE not in names:
         raise UsageError(f"{str(output)!r} is not empty and holds no dataset; choose another folder")
-    if names and read_descriptor(Folder(output)).dataset_id != descriptor.dataset_id:
+    if names and read_descriptor(target).dataset_id != descriptor.dataset_id:
         raise UsageError(f"{str(output)!r} holds another dataset; choose another folder")
     raw = {path: digest for path, digest in manifest.files.items() if layer_of(path) == RAW_DIR}
     is_finished = (output / MANIFEST_FILE).is_file()
     if is_finished or (output / STAGING_DIR).exists():
-        found = _manifest(output) if is_finished else build_manifest(Folder(output))
+        found = _manifest(target) if is_finished else build_manifest(target)
         if {path: digest for path, digest in found.files.items() if layer_of(path) == RAW_DIR} != raw:
-            raise UsageError(f"{str(output)!r} has another raw layer than {str(root)!r}; choose another folder")
+            raise UsageError(f"{str(output)!r} has another raw layer than {str(source)!r}; choose another folder")
         return
     output.mkdir(parents=True, exist_ok=True)
     document = {**descriptor.model_dump(mode="json"), "layers": ["raw"]}
-    Folder(output).replace(DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
+    target.replace(DESCRIPTOR_FILE, render_descriptor(Descriptor.model_validate(document)))
     copied = raw | {path: digest for path, digest in manifest.files.items() if path == LICENCE_FILE}
     for path in copied:
-        _copy_file(root, output, path)
-    found = build_manifest(Folder(output))
+        _copy_file(source, target, path)
+    found = build_manifest(target)
     differing = sorted(path for path, digest in copied.items() if found.files[path] != digest)
     if differing:
-        raise DatasetError(f"{root}: {differing[:5]} differ from {MANIFEST_FILE}; restore the files first")
-    write_manifest(Folder(output), found)
+        raise DatasetError(f"{source}: {differing[:5]} differ from {MANIFEST_FILE}; restore the files first")
+    write_manifest(target, found)
 
 
-def _copy_file(root: Path, output: Path, path: str) -> None:
+def _copy_file(source: Folder, target: Folder, path: str) -> None:
     """Copy a file, durably, and none that a link leads to.
 
     Raises:
         DatasetError: It is no regular file of the dataset.
     """
-    target = output / path
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = partial_path(target)
-    with Folder(root).open(path) as source, durable_stream(partial) as stream:
-        shutil.copyfileobj(source, stream)
-    move(partial, target)
+    place = target.root / path
+    place.parent.mkdir(parents=True, exist_ok=True)
+    partial = partial_path(place)
+    with source.open(path) as content, durable_stream(partial) as stream:
+        shutil.copyfileobj(content, stream)
+    move(partial, place)

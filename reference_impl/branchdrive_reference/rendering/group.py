@@ -23,7 +23,7 @@ from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_n
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.raw.media.folder import FRAMES, image_checksum
+from branchdrive.raw.media.media_folder import FRAMES, image_checksum
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import MAP, Rollout
 from branchdrive_reference.rendering.encoding import encoded
@@ -31,7 +31,7 @@ from branchdrive_reference.rendering.fault import Images, with_drawn_fault
 from branchdrive_reference.rendering.patch import Town
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.renderer import Renderer
-from branchdrive_reference.rendering.snapshot import Recording
+from branchdrive_reference.rendering.snapshot import Playback
 from branchdrive_reference.town.recorded import recorded_elements
 
 __all__ = ["GroupRenderer", "joined_pieces", "piece_paths"]
@@ -94,7 +94,7 @@ class GroupRenderer:
     def _rollout_rows(self, rollout: Rollout, shard: int, archive: MediaArchive) -> Iterator[dict[str, Any]]:
         record = rollout.record
         renderer = self._renderer(shard, record["town"], record["environment"])
-        recording = Recording(rollout)
+        recording = Playback(rollout)
         images: Images = {}
         for tick in recording.window(self._plan.offsets):
             seen = renderer.images(recording.at(tick))

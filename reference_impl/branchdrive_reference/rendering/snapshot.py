@@ -13,7 +13,7 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.errors import UsageError
 from branchdrive.raw.rollout import Rollout
 
-__all__ = ["Actors", "Recording", "Snapshot"]
+__all__ = ["Actors", "Playback", "Snapshot"]
 
 Array = NDArray[np.float64]
 
@@ -69,8 +69,8 @@ class Snapshot:
     route_m: Array
 
 
-class Recording:
-    """A rollout, to be looked at observation by observation.
+class Playback:
+    """Snapshots of a rollout, observation by observation.
 
     Raises:
         UsageError: What is recorded cannot be drawn.

@@ -29,7 +29,7 @@ from branchdrive_reference.drawing.scene import Array, Candidate, DrawnScene
 from branchdrive_reference.rendering.marking import Pieces
 from branchdrive_reference.rendering.patch import Tile, Town
 from branchdrive_reference.rendering.semantic import SemanticView
-from branchdrive_reference.rendering.snapshot import Recording, Snapshot
+from branchdrive_reference.rendering.snapshot import Playback, Snapshot
 
 __all__ = ["Chart", "coloured", "ink"]
 
@@ -87,7 +87,7 @@ class Chart:
     """
 
     scene: DrawnScene
-    recording: Recording
+    recording: Playback
     colours: Mapping[str, Rgb]
     side_px: int
     camera: TopDownCamera | None

@@ -27,7 +27,7 @@ from branchdrive.release.publish import is_rendering
 from branchdrive_reference.drawing.elements import elements_around
 from branchdrive_reference.drawing.palette import BACKDROP, candidate_colours
 from branchdrive_reference.drawing.scene import HORIZON_S, Candidate, DrawnScene, outcome_texts, read_scene
-from branchdrive_reference.rendering.snapshot import Recording
+from branchdrive_reference.rendering.snapshot import Playback
 from branchdrive_reference.showing.chart import Chart, ink
 from branchdrive_reference.study.bank import canonical_bank
 from branchdrive_reference.study.label import label
@@ -116,7 +116,7 @@ class Sheet:
 
     @cached_property
     def _chart(self) -> Chart:
-        recording = Recording(self.nominal)
+        recording = Playback(self.nominal)
         return Chart(self.scene, recording, candidate_colours(self.scene.bank), _CHART_PX, self._bev)
 
     def picture(self, tick: int = 0) -> Image.Image:

@@ -8,7 +8,8 @@ import pytest
 from tests.reference_impl.learning.small_models import SMALL, small
 from tests.sampling import THOROUGH
 
-from branchdrive import UsageError
+from branchdrive import UsageError, open_model
+from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.pool import Task, train_models
 from branchdrive_reference.learning.training import EpochReport
 
@@ -33,6 +34,18 @@ def test_models_that_are_there_start_no_process(release: Path, tmp_path: Path, m
     first = train_models(release, tmp_path, tasks)
     again = train_models(release, tmp_path, tasks, jobs=2)
     assert [found.sha256 for found in again] == [found.sha256 for found in first]
+
+
+def test_a_release_is_opened_once_in_a_process(release: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = []
+
+    def open_and_noted(root: str) -> ModelLayer:
+        opened.append(root)
+        return open_model(root)
+
+    monkeypatch.setattr("branchdrive_reference.learning.pool.open_model", open_and_noted)
+    train_models(release, tmp_path, [Task(SMALL["M1"], 11)])
+    assert opened == [str(release)]
 
 
 def test_an_error_in_one_process_stops_the_others(release: Path, tmp_path: Path) -> None:

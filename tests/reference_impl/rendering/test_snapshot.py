@@ -11,7 +11,7 @@ from tests.synthetic_map import map_tables
 from branchdrive.contract.timing import WINDOW_OFFSETS
 from branchdrive.errors import UsageError
 from branchdrive.raw.rollout import Rollout, RolloutTables
-from branchdrive_reference.rendering.snapshot import Recording
+from branchdrive_reference.rendering.snapshot import Playback
 
 
 def first_rollout(table: str = "", **changes: Any) -> Rollout:
@@ -28,7 +28,7 @@ def first_rollout(table: str = "", **changes: Any) -> Rollout:
 
 def test_a_snapshot_is_what_is_recorded() -> None:
     rollout = first_rollout()
-    recording = Recording(rollout)
+    recording = Playback(rollout)
     ticks = recording.window(WINDOW_OFFSETS)
     assert [tick - (rollout.branch_tick or 0) for tick in ticks] == list(WINDOW_OFFSETS)
     assert recording.window(None) == rollout.column("observations", "tick").tolist()
@@ -40,7 +40,7 @@ def test_a_snapshot_is_what_is_recorded() -> None:
 
 
 def test_without_a_branch_there_is_no_window() -> None:
-    assert Recording(first_rollout(branch_tick=None)).window(WINDOW_OFFSETS) == []
+    assert Playback(first_rollout(branch_tick=None)).window(WINDOW_OFFSETS) == []
 
 
 @pytest.mark.parametrize(
@@ -56,4 +56,4 @@ def test_without_a_branch_there_is_no_window() -> None:
 )
 def test_what_cannot_be_drawn_is_refused(table: str, changes: dict[str, Any], fault: str) -> None:
     with pytest.raises(UsageError, match=fault):
-        Recording(first_rollout(table, **changes))
+        Playback(first_rollout(table, **changes))

@@ -21,7 +21,10 @@ from tests.validator.engine.datasets import FOLDER, cells, edited, write
 from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.cli.main import run
+from branchdrive.diff.compare import compare_datasets
 from branchdrive.engine.validate import validate
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import read_manifest
 
 
 def diff(*arguments: object) -> tuple[int, str, str]:
@@ -51,6 +54,18 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return release_draft().write(tmp_path_factory.mktemp("release") / "dataset")
+
+
+def test_manifests_are_read_once(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+
+    def read_and_noted(dataset: Folder) -> Any:
+        read.append(dataset)
+        return read_manifest(dataset)
+
+    monkeypatch.setattr("branchdrive.diff.compare.read_manifest", read_and_noted)
+    assert compare_datasets(Folder(release), Folder(release)).has_equal_data
+    assert len(read) == 2
 
 
 def test_a_copy_is_equal(base: Path, tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     ("argv", "message"),
     [
         ([], "the following arguments are required: COMMAND"),
-        (["nonsense"], "invalid choice: 'nonsense'; there are `init`, `collect`, "),
+        (["nonsense"], "invalid choice: 'nonsense'; there are `benchmark`, `build`, "),
         (["colect"], "invalid choice: 'colect'; did you mean 'collect'?"),
         (["--nonsense"], "branchdrive: "),
         (["rules", "nonsense"], "no rule is called 'nonsense'; `branchdrive rules` lists them all"),
@@ -119,6 +119,13 @@ def test_wrong_commands_are_one_line_and_exit_code_2(argv: list[str], message: s
     assert (code, out) == (2, "")
     assert message in err
     assert err[:-1].isprintable()
+
+
+def test_a_wrong_command_loads_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+    monkeypatch.setattr(command_line, "_load", loaded.append)
+    assert call(run, "nonsense")[0] == 2
+    assert loaded == []
 
 
 def test_control_characters_of_names_stay_out_of_messages(tmp_path: Path) -> None:

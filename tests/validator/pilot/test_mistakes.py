@@ -62,7 +62,7 @@ MISTAKES: dict[type[Planted], Named] = {
     mistakes.YawRateInDegrees: Named("physics", r"yaw_rate_radps .* in degrees per second", "pi / 180"),
     mistakes.KeptState: Named("replay", r"keeps something from one rollout to the next", "Find what is kept"),
     mistakes.IgnoredCommands: Named("response", r"The commands of .* are ignored", "Apply the policy's command"),
-    mistakes.LongTicks: Named("physics", r"a recorded tick is 0\.0525 s of the simulator, 19", "by 0.05 s for every"),
+    mistakes.LongTicks: Named("physics", r"recorded tick is 0\.052[56] s of the simulator, 19", "by 0.05 s for every"),
     mistakes.TenHertz: Named("physics", r"tick is 0\.1 s of the simulator, (10|9\.99) Hz", "by 0.05 s for every"),
     mistakes.ConstantTarget: Named("columns", r"target_speed_mps is the same in every row: 10", "`unrecorded`"),
 }  # fmt: skip

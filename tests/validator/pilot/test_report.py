@@ -67,6 +67,10 @@ def test_figures_are_of_the_pilot(report: PilotReport) -> None:
     assert figures["conformance"]["verdict"] == "valid"
 
 
+def test_what_a_pilot_holds_is_counted_once(pilot: Pilot) -> None:
+    assert pilot.collected is pilot.collected
+
+
 def test_a_broken_dataset_is_a_problem_and_what_cannot_be_read_is_not_examined(tmp_path: Path, quick: None) -> None:
     root = datasets.write_with(tmp_path / "dataset", {f"{datasets.FOLDER}/controls.parquet": b"no table"})
     code, out, err = command(root, "--format", "json")

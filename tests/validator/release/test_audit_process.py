@@ -75,7 +75,7 @@ class Parts(dict[str, dict[str, Any]]):
 @pytest.fixture(scope="module")
 def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTask]:
     """A task on the groups of the built release."""
-    scan = scan_raw(built, in_process)
+    scan = scan_raw(Folder(built), in_process)
     bank = scan.descriptor.action_bank
     quality = load_layers(Folder(built), bank.keys).frames["group_quality"]
     inputs = replay_inputs(scan.rows["replays"], quality, scan.descriptor)

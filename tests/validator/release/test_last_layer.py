@@ -24,14 +24,14 @@ def test_a_layer_is_added_replaced_and_dropped(release: Path) -> None:
     before = contents(release)
     identity = check_against_manifest(Folder(release)).identity
     with lock_area(release):
-        publish_layer(release, "benchmark", FILES)
+        publish_layer(Folder(release), "benchmark", FILES)
     assert check_against_manifest(Folder(release)).identity == identity
     assert read_descriptor(Folder(release)).layers[-1] == "benchmark"
     with lock_area(release):
-        publish_layer(release, "benchmark", {"benchmark/TABLES.md": b"others\n"})
+        publish_layer(Folder(release), "benchmark", {"benchmark/TABLES.md": b"others\n"})
     assert sorted(path for path in contents(release) if path.startswith("benchmark/")) == ["benchmark/TABLES.md"]
     with lock_area(release):
-        publish_layer(release, "benchmark", {})
+        publish_layer(Folder(release), "benchmark", {})
     with lock_area(release):
         pass  # what publication left goes
     assert contents(release) == before
@@ -44,18 +44,18 @@ def test_the_card_tells_what_selections_do_while_a_benchmark_says_so(release: Pa
     profile = {"profile": "balanced", "num_ranked": 8, "entries": [oracle]}
     results = {"warnings": [], "ranking": {"contact_m": 0.0, "profiles": [profile]}}
     with lock_area(release):
-        publish_layer(release, "benchmark", {RESULTS_FILE: dump_json(results)})
+        publish_layer(Folder(release), "benchmark", {RESULTS_FILE: dump_json(results)})
     after = (release / CARD_FILE).read_text()
     assert "| oracle | 25.0% [10.0%, 50.0%] |" in after
     assert "although a candidate without one exists: the oracle in 25.0% of groups" in after
     check_against_manifest(Folder(release))
     with lock_area(release):
-        publish_layer(release, "benchmark", {})
+        publish_layer(Folder(release), "benchmark", {})
     assert (release / CARD_FILE).read_text() == before
 
 
 def test_what_waits_stays_until_the_release_is_another(release: Path) -> None:
-    area = benchmark_area(release)
+    area = benchmark_area(Folder(release))
     area.mkdir(parents=True)
     (area / "checkpoint").write_bytes(b"weights")
     build(release)
@@ -79,7 +79,9 @@ def benchmarked(release: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(other, "LAYERS", small)
     with lock_area(release):
         protocol = {"benchmark/protocol.json": dump_json(default_protocol().document)}
-        publish_layer(release, "benchmark", {**FILES, **protocol, BENCHMARK_LEDGER_FILE: dump_json({"entries": []})})
+        publish_layer(
+            Folder(release), "benchmark", {**FILES, **protocol, BENCHMARK_LEDGER_FILE: dump_json({"entries": []})}
+        )
     return release
 
 

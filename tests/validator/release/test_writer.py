@@ -166,7 +166,7 @@ def test_a_working_folder_that_others_could_fill_is_made_anew(dataset: Path, mod
 
 
 def test_a_scan_of_a_release_is_unchanged_by_its_own_layers(release: Path) -> None:
-    scan = scan_raw(release, in_process)
+    scan = scan_raw(Folder(release), in_process)
     builder.check_unchanged(scan)
     (release / MANIFEST_FILE).unlink()
     with pytest.raises(DatasetError, match="was changed"):

@@ -24,7 +24,7 @@ _PACKAGE_DIR = Path(__file__).resolve().parents[1]
 _TEXTS_DIR = Path(__file__).with_name("skeleton")
 
 _OPEN_PLACE = "./vendor/branchdrive.whl"
-"""Where the workflow looks for branchdrive if nobody said where it comes from: a file to be put there or replaced."""
+"""Where the workflow looks for branchdrive unless an option says so: a file to be put there or replaced."""
 
 _PLACES: Mapping[str, str] = {
     "pyproject.toml": "pyproject.toml.in",

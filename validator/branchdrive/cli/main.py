@@ -90,7 +90,7 @@ class _CommandsParser(_Parser):
 
 
 def _listed(module_name: str) -> tuple[float, str]:
-    """A command's place in the help, and what it does, or why it cannot be loaded: that takes nobody's help away."""
+    """A command's place in the help, and what it does, or why it cannot be loaded: the help is complete in any case."""
     order = inf
     try:
         command = _load(module_name)
@@ -141,7 +141,7 @@ def _on_one_line(message: str) -> str:
 
 
 def _say(stderr: TextIO, text: str) -> None:
-    """Write a message; where nobody can hear it, the exit code still says what happened."""
+    """Write a message; where it cannot be written, the exit code still says what happened."""
     try:
         stderr.write(text)
         stderr.flush()
@@ -186,8 +186,7 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     )
     modules = _command_modules()
     if argv and not argv[0].startswith("-") and argv[0] not in modules:
-        names = sorted(modules, key=lambda name: (_listed(modules[name])[0], name))
-        parser.error(f"argument COMMAND: invalid choice: {quote(argv[0])}; {nearest(argv[0], names)}")
+        parser.error(f"argument COMMAND: invalid choice: {quote(argv[0])}; {nearest(argv[0], sorted(modules))}")
     wanted = next((argument for argument in argv if argument in modules), None)
     for name, module_name in modules.items():
         if name == wanted:

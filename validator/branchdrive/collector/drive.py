@@ -89,7 +89,7 @@ class Drive:
 
 
 def _no_frames(_: int) -> None:
-    """Nobody takes images."""
+    """No images are taken."""
 
 
 def drive(

@@ -48,7 +48,7 @@ class GroupPlan:
 
 
 def _nothing() -> None:
-    """Nobody interrupts."""
+    """Without interruption."""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class Recording:
         observations: Columns of the observations table but the tick, those of `pose_columns` among them.
         actors: Columns of the actors table; ``None`` where the stream is not claimed.
         lane_id: Lane of the ego, ``None`` off the lanes ``[observations]``.
-        on_road: Whether the ego is on the road, ``None`` where nobody knows ``[observations]``.
+        on_road: Whether the ego is on the road, ``None`` where that is unknown ``[observations]``.
         traffic_light: Light that governs the ego, ``None`` without one ``[observations]``.
         classes: Class of everything that the ego can touch ``[things]``.
         touching: What it touched since the saved observation before ``[observations, things]``.

@@ -48,7 +48,7 @@ class ExpertTrace:
         throttle: Commanded throttle.
         brake: Commanded brake.
         lane_shift_m: Planned offset from the route at the point the steering looks at.
-        reacting: Whether somebody or something on the road, not the road itself, sets its speed.
+        reacting: Whether an actor on the road, not the road itself, sets its speed.
         hazard_tick: Tick at which the scenario's hazard became active; -1 if it never did.
     """
 

@@ -138,7 +138,7 @@ class Decision:
 
     @property
     def is_reacting(self) -> bool:
-        """Whether somebody or something on the road makes it brake; always where it does not say."""
+        """Whether an actor on the road makes it brake; always where it does not say."""
         hazards = (self.vehicle_hazard, self.pedestrian_hazard, self.traffic_light_hazard)
         return any(hazards) or all(hazard is None for hazard in hazards)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask, Mismatch
 
-__all__ = ["TOLERANCE", "agree", "document_mismatches"]
+__all__ = ["TOLERANCE", "agree", "document_mismatches", "is_number"]
 
 TOLERANCE = 1e-9
 """Largest distance between a stored and a recomputed real number ``x``, in units of ``1 + |x|``."""
@@ -74,7 +74,7 @@ def document_mismatches(expected: Any, found: Any, *, tolerance: float = 0.0, po
                     yield from document_mismatches(one, other, tolerance=tolerance, pointer=f"{pointer}/{i}")
         case list(), list():
             yield Mismatch({"pointer": pointer or "/"}, f"{len(expected)} entries", f"{len(found)} entries")
-        case _ if _is_number(expected) and _is_number(found):
+        case _ if is_number(expected) and is_number(found):
             if not agree(expected, found, tolerance):
                 yield Mismatch({"pointer": pointer or "/"}, _format_value(expected), _format_value(found))
         case _:
@@ -88,7 +88,8 @@ def _is_same(one: Any, other: Any) -> bool:
     return kind is type(other) and (kind is str or kind is int or (kind is float and isfinite(one))) and one == other
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether JSON data is a number; ``true`` and ``false`` are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

@@ -51,7 +51,7 @@ def compare_datasets(first: Folder, second: Folder) -> DatasetDifference:
     both = claimed[0] & claimed[1]
     if RAW_DIR in both:
         _compare_raw(result, _RawSide(first, ours), _RawSide(second, theirs))
-    _compare_layers(result, (first, second), both)
+    _compare_layers(result, (first, second), manifests, both)
     return result
 
 
@@ -154,8 +154,10 @@ def _add(found: TableDifference, ours: pa.Table, theirs: pa.Table) -> None:
     found.add(ours.take(pairs.expected), theirs.take(pairs.found), ["rollout_id", *key])
 
 
-def _compare_layers(result: DatasetDifference, datasets: tuple[Folder, Folder], claimed: Collection[str]) -> None:
-    listed = [{path for path in read_manifest(dataset)[0].files if "/" in path} for dataset in datasets]
+def _compare_layers(
+    result: DatasetDifference, datasets: tuple[Folder, Folder], manifests: Sequence[Manifest], claimed: Collection[str]
+) -> None:
+    listed = [{path for path in manifest.files if "/" in path} for manifest in manifests]
     ours, theirs = (
         file_content(dataset, claimed_files(claimed, there)) for dataset, there in zip(datasets, listed, strict=True)
     )

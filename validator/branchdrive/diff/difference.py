@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from branchdrive.contract.comparison import is_number
 from branchdrive.contract.mismatch import Location
 from branchdrive.contract.text import quote
 
@@ -47,7 +48,7 @@ class ColumnDifference:
             if not _same(one, other)
         ]
         self.num_cells += len(pairs)
-        numbers = [abs(one - other) for _, one, other in pairs if _is_number(one) and _is_number(other)]
+        numbers = [abs(one - other) for _, one, other in pairs if is_number(one) and is_number(other)]
         if numbers:
             self.largest = max(float(max(numbers)), self.largest or 0.0)
         if pairs and self.first is None:
@@ -71,14 +72,10 @@ class TableDifference:
 
         for name in ours.column_names:
             if not ours[name].equals(theirs[name]) or _has_zeros(ours[name]):
-                found = ColumnDifference()
+                found = self.columns.get(name, ColumnDifference())
                 found.add(ours[name], theirs[name], location)
                 if found.num_cells:
-                    total = self.columns.setdefault(name, ColumnDifference())
-                    total.num_cells += found.num_cells
-                    total.first = total.first or found.first
-                    if found.largest is not None:
-                        total.largest = max(found.largest, total.largest or 0.0)
+                    self.columns[name] = found
 
 
 @dataclass
@@ -138,10 +135,6 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         return np.float64(one).tobytes() == np.float64(other).tobytes()
     return bool(one == other)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _has_zeros(column: pa.ChunkedArray) -> bool:

@@ -30,7 +30,7 @@ class Reading:
 
     Attributes:
         source: The dataset with the shards, and what they say.
-        task: What reads the derived layers; ``None`` where there are none, or nobody asks for them.
+        task: What reads the derived layers; ``None`` where there are none, or they are not asked for.
         shards: Results of all shards, in order of their folders.
         layers: The derived layers; ``None`` where there are none, or reading them killed or failed its process.
         errors: Failures of the tool.
@@ -60,7 +60,7 @@ def read_dataset(
         selected: Rules to run on rows.
         executor: How shards are run.
         progress: Called after every shard.
-        spool: Where layers are put, and rows of shards for them; ``None`` where nobody needs them.
+        spool: Where layers are put, and rows of shards for them; ``None`` where they are not needed.
         release: The dataset with the derived layers, this one or another; shards put rows where its rules take them.
         media: How many images are decoded.
     """

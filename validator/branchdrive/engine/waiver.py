@@ -1,4 +1,4 @@
-"""Waivers: failures that somebody accepted, with a reason and an end.
+"""Waivers: failures that are accepted, with a reason and an end.
 
 A waiver names a deciding rule and a glob over the finding's location text. It covers at most
 ``max_count`` findings as reports count them (a place with three violating rows counts three), and

@@ -367,7 +367,7 @@ def columns_carry_metadata(survey: Survey) -> Iterator[Check]:
 def shards_hold_claimed_tables(survey: Survey) -> Iterator[Check]:
     """Each shard holds every table of the claimed streams, and there is at least one shard.
 
-    A table that the manifest lists and nobody finds is a missing file, not a missing claim.
+    A table that the manifest lists and that is not there is a missing file, not a missing claim.
     """
     _require_whole(survey)
     if survey.descriptor is None or not (survey.descriptor.has_raw or survey.shards):

@@ -165,7 +165,7 @@ class ReplayInputs:
 
 
 def _owned(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
-    """A copy that nobody can write."""
+    """A copy that cannot be written to."""
     array = np.array(values, dtype)
     array.flags.writeable = False
     return array

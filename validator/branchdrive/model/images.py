@@ -1,7 +1,7 @@
 """Images of the histories of groups: the rows of their index, which there are, and their bytes when asked for.
 
 An image is found through the media index of the model layer and read by itself, one range of one file. What is read
-is held against the checksum of the index, so that nobody works on other images than those that the release lists.
+is held against the checksum of the index, so that no image is used that the release does not list.
 
 Source: paper, "Release Structure" (modality paths); spec/12-model.md#media.
 """
@@ -19,7 +19,7 @@ from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
 from branchdrive.formats.folder import Folder
 from branchdrive.model.inputs import empty_columns
-from branchdrive.raw.media.folder import ImagePlace, MediaFolder
+from branchdrive.raw.media.media_folder import ImagePlace, MediaFolder
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.frame import Values
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS, TICK_S
+from branchdrive.driving.response import MIN_EFFECT_M, MIN_EFFECT_MPS, Responses
 from branchdrive.engine.response_summary import ActionResponse, Effect, ResponseSummary
 from branchdrive.engine.response_table import response_table
 from branchdrive.engine.tally import Tally
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.section import Concern, Section
 from branchdrive.pilot.timing import EARLY, LATE, Timing, timing_of
-from branchdrive.raw.rules.responses import MIN_EQUAL
+from branchdrive.raw.rules.responses import MIN_EQUAL, MIN_INTERVENTIONS
 
 __all__ = ["action_response"]
 
@@ -53,9 +56,10 @@ def action_response(pilot: Pilot) -> Section:
         )  # fmt: skip
     tallies = {tally.rule_id: tally for tally in pilot.report.tallies}
     timing = timing_of(pilot)
+    ignored = _ignored(tallies[_EFFECT], summary, pilot.responses())
     concerns = [
-        *_ignored(tallies[_EFFECT], summary), *_shifted(timing),
-        *(() if timing.is_early else _anticipated(tallies[EARLY])), *_unshown(summary),
+        *ignored, *_shifted(timing),
+        *(() if timing.is_early else _anticipated(tallies[EARLY])), *(() if ignored else _unshown(summary)),
     ]  # fmt: skip
     missing = sorted(set(pilot.descriptor.action_bank.keys) - {action.action_key for action in summary.actions})
     nominal = pilot.descriptor.action_bank.nominal.key
@@ -156,8 +160,12 @@ def _anticipated(tally: Tally) -> list[Concern]:
     ]
 
 
-def _ignored(tally: Tally, summary: ResponseSummary) -> list[Concern]:
-    """Concern of commands without an effect, in fewer groups too than BD-RSP-002 takes to judge a policy."""
+def _ignored(tally: Tally, summary: ResponseSummary, every: Responses) -> list[Concern]:
+    """Concern of commands without an effect, in fewer groups too than BD-RSP-002 takes to judge a policy.
+
+    In replays with noise nothing equals the nominal bit for bit; commands are ignored there if no intervention has an
+    effect that is large enough to have a sign.
+    """
     if tally.status in ("pass", "fail"):
         keys = [str(finding.location.get("action_key")) for finding in tally.findings]
         found = tally.findings[0].found if keys else ""
@@ -167,7 +175,15 @@ def _ignored(tally: Tally, summary: ResponseSummary) -> list[Concern]:
         keys = [action.action_key for action in summary.actions] if is_silent else []
         found = f"the nominal's observations, bit for bit, in {total} of {total} attempts"
     if not keys:
-        return []
+        num_commanded = int(every.is_commanded.sum())
+        has_effect = (np.abs(every.lateral_m) >= MIN_EFFECT_M) | (np.abs(every.speed_mps) >= MIN_EFFECT_MPS)
+        if num_commanded < MIN_INTERVENTIONS or (every.is_commanded & has_effect).any():
+            return []
+        keys = [action.action_key for action in summary.actions]
+        found = (
+            f"{num_commanded} of {num_commanded} attempts end less than {MIN_EFFECT_M:g} m beside the nominal and less "
+            f"than {MIN_EFFECT_MPS:g} m/s from its speed"
+        )
     whose = f"all {len(keys)} policies" if len(keys) == len(summary.actions) > 1 else ", ".join(keys)
     return [
         Concern(

@@ -1,4 +1,4 @@
-"""Columns of a pilot that say nothing, or that nobody measured: constant, absent, copied, rounded.
+"""Columns of a pilot that say nothing, or that were not measured: constant, absent, copied, rounded.
 
 What describes a whole collection may be the same in all of it; what an actuator, a sensor or a simulator gives may not.
 """

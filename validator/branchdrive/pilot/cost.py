@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import NONE, counted
 from branchdrive.files.survey import take_survey
-from branchdrive.formats.folder import Folder
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.reruns import NO_COMMAND, Reruns
 from branchdrive.pilot.section import Section
@@ -25,7 +24,7 @@ def cost(pilot: Pilot, reruns: Reruns | None) -> Section:
     if not pilot.parts or not pilot.num_groups:
         return Section("cost", _TITLE, not_examined=[pilot.unread or "the dataset holds no group"])
     sizes: dict[str, int] = {}
-    for entry in take_survey(Folder(pilot.root), hash_files=False).files:
+    for entry in take_survey(pilot.dataset, hash_files=False).files:
         name = entry.path.rsplit("/", 1)[-1] if entry.path.endswith(".parquet") else _kind(entry.path)
         sizes[name] = sizes.get(name, 0) + entry.size
     total = sum(sizes.values())

@@ -61,7 +61,7 @@ def crash_drill(pilot: Pilot, reruns: Reruns | None, *, num_kills: int) -> Secti
     ]
     figures = {"kills": len(killed_s), "part_s": part_s, "last_s": last.seconds, "undisturbed_s": fresh.seconds}
     try:
-        found = compare_runs(fresh.out, last.out)
+        found = compare_runs(fresh.dataset, last.dataset)
     except (BranchDriveError, OSError) as error:
         return Section(
             "crash", _TITLE, facts, [Concern(f"What a resume leaves is no finished dataset: {error}.", _COMMIT)],

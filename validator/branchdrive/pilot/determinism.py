@@ -6,10 +6,10 @@ Runs are compared by decoded content, attempt by attempt; files may differ.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from branchdrive.errors import BranchDriveError
+from branchdrive.formats.folder import Folder
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.rerun import Run
 from branchdrive.pilot.reruns import NO_COMMAND, Reruns
@@ -68,30 +68,30 @@ def determinism(pilot: Pilot, reruns: Reruns | None) -> Section:
 def _trials(pilot: Pilot, reruns: Reruns) -> Iterator[_Trial]:
     command, group_ids = reruns.command, pilot.group_ids
     fresh = reruns.fresh
-    first = _compared("fresh", "The same groups in a fresh process", pilot.root, fresh)
+    first = _compared("fresh", "The same groups in a fresh process", pilot.dataset, fresh)
     yield first
     if first.failure is not None:
         return
     if first.sameness is not None and not first.sameness.is_same:
         run = reruns.run("again", "the same groups in a second fresh process", group_ids)
-        again = _compared("again", "The same groups in a second fresh process", fresh.out, run)
+        again = _compared("again", "The same groups in a second fresh process", fresh.dataset, run)
         yield again
         if again.sameness is None or not again.sameness.is_same:
             return  # what differs every time tells nothing of order and seeds
     if len(group_ids) > 1 and (command.takes("groups") or command.takes("order")):
         run = reruns.run("reverse", "the groups in reverse order", group_ids, is_reversed=True)
-        yield _compared("reverse", "The groups in reverse order", fresh.out, run)
+        yield _compared("reverse", "The groups in reverse order", fresh.dataset, run)
     if len(group_ids) > 1 and command.takes("groups"):
         last = group_ids[-1:]
         run = reruns.run("alone", "the last group alone, without other seeds before it", last)
-        yield _compared("alone", f"{last[0]} alone, without other seeds before it", fresh.out, run, last)
+        yield _compared("alone", f"{last[0]} alone, without other seeds before it", fresh.dataset, run, last)
 
 
-def _compared(name: str, what: str, first: Path, run: Run, group_ids: list[str] | None = None) -> _Trial:
+def _compared(name: str, what: str, first: Folder, run: Run, group_ids: list[str] | None = None) -> _Trial:
     if run.failure is not None:
         return _Trial(name, what, run, None, run.failure)
     try:
-        return _Trial(name, what, run, compare_runs(first, run.out, group_ids), None)
+        return _Trial(name, what, run, compare_runs(first, run.dataset, group_ids), None)
     except (BranchDriveError, OSError) as error:
         return _Trial(name, what, run, None, f"left no finished dataset: {error}")
 

@@ -2,7 +2,8 @@
 
 The direction of motion ``m`` is that of the way from the observation before to the one after, of actors that of their
 velocity. Each reading of a heading says what would be recorded, from ``m`` alone; it is the right one where nearly all
-recorded headings are nearer to it than to ``m``, of those where the two differ so that a heading can tell.
+recorded headings are nearer to it than to ``m``, of those where the two differ so that a heading can tell. Where the
+ego turns against its steering, headings are clockwise or steering is, and smaller differences tell which.
 
 Source: spec/02-time-frames-units.md#frames.
 """
@@ -10,7 +11,7 @@ Source: spec/02-time-frames-units.md#frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,9 @@ _MIN_SPEED_MPS = 2.0
 _MIN_ROWS = 20
 _TELLING_RAD = 0.3
 """Difference of two readings from which a heading says which of them it is."""
+
+_TELLING_SIGN_RAD = 0.1
+"""The same where the sign alone is in doubt."""
 
 _SHARE = 0.8
 """Share of the telling headings that are nearer to a reading; vehicles slip, and turn between observations."""
@@ -52,9 +56,11 @@ class Reading(NamedTuple):
     of_motion: Callable[[Array], Array]
 
 
+_CLOCKWISE = Reading("clockwise", "negate it; a left-handed frame needs y negated, too", np.negative)
+
 _READINGS = (
     Reading("in degrees", "multiply by pi / 180, then wrap to [-pi, pi]", np.degrees),
-    Reading("clockwise", "negate it; a left-handed frame needs y negated, too", np.negative),
+    _CLOCKWISE,
     Reading("clockwise from the y axis, as a compass has it", "record pi / 2 minus it, wrapped to [-pi, pi]",
             lambda motion: math.pi / 2 - motion),
     Reading("counter-clockwise from the y axis", "add pi / 2, then wrap to [-pi, pi]",
@@ -69,23 +75,31 @@ _READINGS = (
 )  # fmt: skip
 
 
-def headings_read(parts: Sequence[Part]) -> dict[str, Reading]:
-    """The wrong reading that headings show, of the ego and of vehicles, each where they show one."""
+def headings_read(parts: Sequence[Part], *, is_steering_contrary: bool = False) -> dict[str, Reading]:
+    """The wrong reading that headings show, of the ego and of vehicles, each where they show one.
+
+    Args:
+        parts: Shards of the pilot.
+        is_steering_contrary: Whether the ego turns against its steering, as its headings have it.
+    """
     found = {}
     for who, rows_of in (("the ego", _of_ego), ("vehicles", _of_vehicles)):
         rows = [np.zeros((2, 0)), *(values for part in parts for values in rows_of(part.view))]
         yaw, motion = np.concatenate(rows, axis=1)
-        if (reading := _reading(yaw, motion)) is not None:
+        reading = _reading(yaw, motion, _READINGS, _TELLING_RAD)
+        if reading is None and who == "the ego" and is_steering_contrary:
+            reading = _reading(yaw, motion, (_CLOCKWISE,), _TELLING_SIGN_RAD)
+        if reading is not None:
             found[who] = reading
     return found
 
 
-def _reading(yaw: Array, motion: Array) -> Reading | None:
+def _reading(yaw: Array, motion: Array, readings: Iterable[Reading], telling_rad: float) -> Reading | None:
     """The reading of headings that nearly all of them agree with, and best of all; ``None`` where there is none."""
     best, best_share = None, _SHARE
-    for reading in _READINGS:
+    for reading in readings:
         recorded = wrap_rad(reading.of_motion(motion))
-        telling = np.abs(wrap_rad(recorded - motion)) >= _TELLING_RAD
+        telling = np.abs(wrap_rad(recorded - motion)) >= telling_rad
         if telling.sum() < _MIN_ROWS:
             continue
         off, off_motion = np.abs(wrap_rad(yaw - recorded)[telling]), np.abs(wrap_rad(yaw - motion)[telling])

@@ -78,7 +78,10 @@ def physics(pilot: Pilot) -> Section:
         return Section("physics", title, not_examined=[pilot.unread])
     views = [part.view for part in pilot.parts]
     table, residuals = _residual_table(views)
-    figures, headings = motion_figures(pilot.parts), headings_read(pilot.parts)
+    figures = motion_figures(pilot.parts)
+    steering = figures["steering"]
+    is_contrary = steering.is_wrong and steering.median < 0
+    headings = headings_read(pilot.parts, is_steering_contrary=is_contrary)
     still = [f"{figure.name} ({figure.quantity.text})" for figure in figures.values() if not len(figure.values)]
     unknown = [f"{'; '.join(still)}: no attempt has enough motion of the kind"] if still else []
     sign_facts, sign_concerns, unsure, signs = _signs(pilot)

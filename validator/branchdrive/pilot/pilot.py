@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +54,7 @@ class Pilot:
     """What the sections of the report are made of.
 
     Attributes:
-        root: The dataset folder.
+        dataset: Where it is.
         report: The validator's.
         validation_s: How long the validation took.
         num_wanted: Groups of the collection that forecasts are for.
@@ -63,7 +64,7 @@ class Pilot:
         no_rows: Why there are none.
     """
 
-    root: Path
+    dataset: Folder
     report: Report
     validation_s: float
     num_wanted: int
@@ -87,7 +88,7 @@ class Pilot:
         """What the dataset says of itself; asked for only where there are parts."""
         return self.parts[0].view.descriptor
 
-    @property
+    @cached_property
     def collected(self) -> Collected:
         """What all shards hold; asked for only where there are parts."""
         return Collected.merged(
@@ -116,7 +117,7 @@ def read_pilot(
     Raises:
         UsageError: There is no dataset, or it is larger than a pilot.
     """
-    begin_s = time.perf_counter()
+    dataset, begin_s = Folder.at(root), time.perf_counter()
     report = validate(root, executor=executor, progress=progress)
     validation_s = time.perf_counter() - begin_s
     facts = report.dataset
@@ -124,22 +125,22 @@ def read_pilot(
         raise UsageError(
             f"{str(root)!r} has {facts.num_groups:,} groups; a pilot has at most {MAX_GROUPS}, and a dozen will do"
         )
-    parts, unread = _parts(root)
+    parts, unread = _parts(dataset)
     rows, no_rows = _rows(parts) if parts else ({}, unread)
     if num_wanted is None:
         per_group = max(1.0, facts.num_rollouts / max(1, facts.num_groups))
         num_wanted = max(1, round(ROLLOUTS_WANTED / per_group))
-    return Pilot(root, report, validation_s, num_wanted, parts, unread, rows, no_rows)
+    return Pilot(dataset, report, validation_s, num_wanted, parts, unread, rows, no_rows)
 
 
-def _parts(root: Path) -> tuple[list[Part], str]:
+def _parts(dataset: Folder) -> tuple[list[Part], str]:
     """Shards of a dataset, or why they cannot be read."""
     try:
-        descriptor = read_descriptor(Folder(root))
+        descriptor = read_descriptor(dataset)
         parts = []
-        for shard in find_shards(Folder(root)):
+        for shard in find_shards(dataset):
             tables = {name: shard.decode(name) for name in descriptor.tables}
-            view = ShardView(tables, descriptor, file_prefix=shard.folder.relative_to(root).as_posix())
+            view = ShardView(tables, descriptor, file_prefix=shard.folder.relative_to(dataset.root).as_posix())
             parts.append(Part(view, examine(view)[1]))
     except BranchDriveError as error:
         return [], str(error)

@@ -86,7 +86,7 @@ def examine_pilot(pilot: Pilot, reruns: Reruns | None, *, num_kills: int) -> Pil
 
     Args:
         pilot: What was read of it.
-        reruns: The command that collected it, ``None`` where nobody gave one.
+        reruns: The command that collected it, ``None`` where none is given.
         num_kills: Kills of the crash drill, at least 1.
     """
     causes = [physics(pilot), action_response(pilot), columns(pilot)]

@@ -30,6 +30,7 @@ from typing import IO, cast
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.text import printable, quote
 from branchdrive.errors import UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.pilot import supervisor
 from branchdrive.runtime.process import bare_command
 
@@ -57,6 +58,11 @@ class Run:
     seconds: float
     exit_code: int | None
     last_line: str
+
+    @property
+    def dataset(self) -> Folder:
+        """What it left."""
+        return Folder.at(self.out)
 
     @property
     def failure(self) -> str | None:

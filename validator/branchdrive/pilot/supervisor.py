@@ -1,7 +1,7 @@
 """A command and everything that it starts, which end together, and with whoever asked for the command.
 
 Run as a script, with the words of the command as arguments, by `branchdrive.pilot.rerun`. Standard input is a pipe that
-nobody writes into: when its other end is closed, also because the process that holds it was killed, the command is
+nothing is written into: when its other end is closed, also because the process that holds it was killed, the command is
 killed. Standard output says ``started``, and ``exit CODE`` in the end, or ``error ERRNO`` where the command cannot be
 started. Standard error is the command's output.
 
@@ -68,7 +68,7 @@ def _end_all(group: int) -> None:
 
 
 def _is_killed(pid: int) -> bool:
-    """Kill a process; false where it is gone, or somebody else's."""
+    """Kill a process; false where it is gone, or of another user."""
     try:
         os.kill(pid, signal.SIGKILL)
     except (ProcessLookupError, PermissionError):
@@ -77,7 +77,7 @@ def _is_killed(pid: int) -> bool:
 
 
 def _kill_when_alone(pid: int) -> None:
-    """Kill a child once nobody holds the other end of standard input."""
+    """Kill a child once no process holds the other end of standard input."""
     sys.stdin.buffer.read()
     with suppress(ProcessLookupError):
         os.kill(pid, signal.SIGKILL)

@@ -16,7 +16,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import listed, nearest, quote
 from branchdrive.errors import UnknownNameError, UsageError
 from branchdrive.raw.media.camera_frames import CameraFrames
-from branchdrive.raw.media.folder import FRAMES, MediaFolder
+from branchdrive.raw.media.media_folder import FRAMES, MediaFolder
 
 if TYPE_CHECKING:
     import pyarrow as pa

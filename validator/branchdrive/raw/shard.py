@@ -17,7 +17,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.table_file import conform, read_table
-from branchdrive.raw.media.folder import FRAMES, MediaFolder
+from branchdrive.raw.media.media_folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
 
 if TYPE_CHECKING:

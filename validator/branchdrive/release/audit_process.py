@@ -148,7 +148,7 @@ def _work(connection: Connection) -> None:
         else:
             connection.send(("done", document))
     except (EOFError, ConnectionError):
-        return  # nobody waits for the result any more
+        return  # the result is not waited for any more
 
 
 if __name__ == "__main__":

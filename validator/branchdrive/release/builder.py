@@ -90,7 +90,7 @@ def build_release(
         drop_leakage: Whether to leave out an audit that an earlier build has made; without it, one that still is
             of this release stays.
         executor: How shards are read.
-        progress: Told after every part of a stage.
+        progress: Called after every part of a stage.
 
     Raises:
         UsageError: A stage is unknown or lacks the one before it, the folders do not go together, or a collection
@@ -98,22 +98,22 @@ def build_release(
         DatasetError: The raw layer is damaged, breaks the format, has too few groups or was changed meanwhile, or
             the bank has an encoding of its own.
     """
-    source, target = Path(root), Path(output if output is not None else root)
+    source, target = Folder.at(root), Folder.at(output if output is not None else root)
     _check(source, target, stages, drop_leakage)
     report = progress or (lambda *_: None)
 
     def scanned() -> RawScan:
         return scan_raw(source, executor, lambda done, total: report("raw", done, total, "shards"))
 
-    is_in_place = source.resolve() == target.resolve()
+    is_in_place = _is_one(source, target)
     # What is built from elsewhere is read before its release has a folder.
     scan = None if is_in_place else scanned()
-    with staging(target, create=not is_in_place) as area:
+    with staging(target.root, create=not is_in_place) as area:
         _check_card(target, stages)
         scan = scan or scanned()
         if "model" in stages:
             check_encoding(scan)
-        layers = load_layers(Folder(target), scan.descriptor.action_bank.keys)
+        layers = load_layers(target, scan.descriptor.action_bank.keys)
         _check_source(scan, layers, stages, target)
         if drop_leakage:
             layers.drop(LEAKAGE_FILE)
@@ -122,50 +122,54 @@ def build_release(
             if stage in stages:
                 job.carry_out(stage)
         manifest = job.publish()
-    return BuildReport(target, manifest.identity, layers.names, layers.documents)
+    return BuildReport(target.root, manifest.identity, layers.names, layers.documents)
 
 
-def _check(source: Path, target: Path, stages: Sequence[str], drop_leakage: bool) -> None:
+def _is_one(one: Folder, other: Folder) -> bool:
+    return one.root.resolve() == other.root.resolve()
+
+
+def _check(source: Folder, target: Folder, stages: Sequence[str], drop_leakage: bool) -> None:
     unknown = sorted(set(stages) - set(STAGES))
     if unknown or not stages:
         raise UsageError(f"stages are {', '.join(STAGES)}; found {', '.join(unknown) or 'none'}")
     if drop_leakage and "leakage" in stages:
         raise UsageError("the leakage audit is either carried out or left out; drop one of the two")
-    if source.resolve() != target.resolve():
+    if not _is_one(source, target):
         for one, other in ((source, target), (target, source)):
-            if one.resolve().is_relative_to(other.resolve()):
+            if one.root.resolve().is_relative_to(other.root.resolve()):
                 raise UsageError(f"{one} lies inside {other}; a detached release has a folder of its own")
         _check_own_folder(source, target)
 
 
-def _check_own_folder(source: Path, target: Path) -> None:
+def _check_own_folder(source: Folder, target: Folder) -> None:
     """A detached release has a new folder, an empty one, or its own."""
-    if not target.exists():
+    if not target.root.exists():
         return
-    if not target.is_dir():
+    if not target.root.is_dir():
         raise UsageError(f"{target} is not a folder; give a detached release a folder of its own")
     beside = Companions()
-    names = {entry.name for entry in target.iterdir() if entry.name not in beside} - {STAGING_DIR}
+    names = {entry.name for entry in target.root.iterdir() if entry.name not in beside} - {STAGING_DIR}
     if RAW_DIR in names:
         raise UsageError(f"{target} holds a raw layer; give a detached release a folder of its own")
     if names and DESCRIPTOR_FILE not in names:
         raise UsageError(f"{target} holds other files, such as {min(names)!r}; give a release a folder of its own")
     if names:
-        theirs, ours = (read_descriptor(Folder(folder)).dataset_id for folder in (target, source))
+        theirs, ours = (read_descriptor(dataset).dataset_id for dataset in (target, source))
         if theirs != ours:
             raise UsageError(f"{target} holds a release of {theirs!r}, not of {ours!r}; choose another folder")
 
 
-def _check_card(target: Path, stages: Sequence[str]) -> None:
-    """No text of somebody's own is where the card of the release goes."""
-    if {*stages} != {"canonical"} and (target / CARD_FILE).exists() and not has_card(target):
+def _check_card(target: Folder, stages: Sequence[str]) -> None:
+    """No text of another author is where the card of the release goes."""
+    if {*stages} != {"canonical"} and (target.root / CARD_FILE).exists() and not has_card(target):
         raise UsageError(
             f"{target}: {CARD_FILE} is a text of your own, and the card of the release takes its place; rename it, and "
             f"name it in {IGNORE_FILE} if it stays in the folder"
         )
 
 
-def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], target: Path) -> None:
+def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], target: Folder) -> None:
     """The stages before those asked for are there, and of this raw layer."""
     first = min(stages, key=STAGES.index)
     needed = _NEEDS[first]
@@ -182,7 +186,7 @@ class _Job:
     """One build: what it reads, where it writes, and what was decided."""
 
     scan: RawScan
-    target: Path
+    target: Folder
     layers: BuiltLayers
     stages: tuple[str, ...]
     options: BuildOptions
@@ -192,7 +196,7 @@ class _Job:
 
     @property
     def is_in_place(self) -> bool:
-        return self.target.resolve() == self.scan.root.resolve()
+        return _is_one(self.target, self.scan.dataset)
 
     def carry_out(self, stage: str) -> None:
         """Build a stage, in memory: what is there stays as it is until all of it is built."""
@@ -213,7 +217,7 @@ class _Job:
             layers.drop_after("canonical")
         if layers.contents.keys() & {*LEDGERS} and "quality" not in (*layers.names, *self.stages):
             raise UsageError(
-                f"{self.scan.root}: the ledger of test-set accesses belongs to the quality layer; build 'quality' "
+                f"{self.scan.dataset}: the ledger of test-set accesses belongs to the quality layer; build 'quality' "
                 "together with 'canonical'"
             )
 
@@ -222,7 +226,7 @@ class _Job:
         ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
             for path in LEDGERS:
-                theirs = load_ledger(Folder(self.scan.root), path)
+                theirs = load_ledger(self.scan.dataset, path)
                 ledger = merged(ledger, theirs, beside=layers.documents.get(BENCHMARK_LEDGER_FILE))
         build_quality(self.scan, layers, self.options, ledger)
         if layers.changed_since(before):

@@ -25,7 +25,7 @@ from branchdrive.tables.frame import Frame, Values, sort_rows
 __all__ = ["LEDGERS", "BuiltLayers", "load_layers", "load_ledger"]
 
 LEDGERS = (LEDGER_FILE, BENCHMARK_LEDGER_FILE)
-"""Documents that stay whatever becomes of the layers around them: nobody can compute them again."""
+"""Documents that stay whatever becomes of the layers around them: they cannot be computed again."""
 
 
 @dataclass

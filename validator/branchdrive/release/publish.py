@@ -54,7 +54,7 @@ _WITH_CARD = "quality/split.json"
 
 @contextmanager
 def lock_area(target: Path) -> Iterator[Path]:
-    """The staging area of `target`, which nobody else writes to meanwhile; what waits in it for a benchmark stays.
+    """The staging area of `target`, which no other command writes to meanwhile; what waits in it for a benchmark stays.
 
     Raises:
         UsageError: Another command is running there, a collection or a rendering has stopped in the middle, or a link
@@ -75,7 +75,7 @@ def lock_area(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def staging(target: Path, *, create: bool = True, folder: str = _BUILD_DIR) -> Iterator[Path]:
-    """The working area of a build, or a rendering, in `target`, which nobody else writes to meanwhile.
+    """The working area of a build, or a rendering, in `target`, which no other command writes to meanwhile.
 
     It stays if the build is interrupted or the machine fails it, so that the next one goes on, and goes if the build
     is refused. Whatever else lies in the staging area belongs to another command and is not touched.
@@ -102,7 +102,7 @@ def staging(target: Path, *, create: bool = True, folder: str = _BUILD_DIR) -> I
         try:
             yield work
             delete(work)
-            _drop_stale_benchmarks(target, area)
+            _drop_stale_benchmarks(Folder(target), area)
         except ToolError:
             raise
         except BranchDriveError:
@@ -148,7 +148,7 @@ def is_rendering(target: Path) -> bool:
     return (target / STAGING_DIR / RENDER_DIR).exists()
 
 
-def published_identity(target: Path) -> str:
+def published_identity(target: Folder) -> str:
     """Identity of the release that `target` holds, as its manifest has it.
 
     Raises:
@@ -157,20 +157,20 @@ def published_identity(target: Path) -> str:
     return _published_manifest(target).identity
 
 
-def benchmark_area(target: Path) -> Path:
+def benchmark_area(target: Folder) -> Path:
     """Where the benchmark of the release that `target` holds works until it is published.
 
     Raises:
         DatasetError: There is no manifest that could be read.
     """
-    return target / STAGING_DIR / f"{_BENCHMARK}{published_identity(target)[:16]}"
+    return target.root / STAGING_DIR / f"{_BENCHMARK}{published_identity(target)[:16]}"
 
 
-def _published_manifest(target: Path) -> Manifest:
-    return read_manifest(Folder(target))[0]
+def _published_manifest(target: Folder) -> Manifest:
+    return read_manifest(target)[0]
 
 
-def has_card(target: Path) -> bool:
+def has_card(target: Folder) -> bool:
     """Whether the card's place is taken by a card: by a file that the manifest lists.
 
     One that it does not list is anybody's, unless a build was interrupted in the middle of its quality layer.
@@ -179,11 +179,11 @@ def has_card(target: Path) -> bool:
         listed = _published_manifest(target).files
     except DatasetError:
         listed = {}
-    is_interrupted = (target / _WITH_CARD).exists() and _WITH_CARD not in listed
-    return (target / CARD_FILE).is_file() and (CARD_FILE in listed or is_interrupted)
+    is_interrupted = (target.root / _WITH_CARD).exists() and _WITH_CARD not in listed
+    return (target.root / CARD_FILE).is_file() and (CARD_FILE in listed or is_interrupted)
 
 
-def _drop_stale_benchmarks(target: Path, area: Path) -> None:
+def _drop_stale_benchmarks(target: Folder, area: Path) -> None:
     """Remove what waits for the benchmark of another release than `target` now holds."""
     current = benchmark_area(target)
     for entry in area.iterdir():
@@ -225,11 +225,11 @@ def _refuse_links(target: Path) -> None:
             raise UsageError(f"{entry} is a link; a build writes into plain folders only, remove it")
 
 
-def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], descriptor: Descriptor) -> Manifest:
+def publish(target: Folder, kept: Mapping[str, str], files: Mapping[str, bytes], descriptor: Descriptor) -> Manifest:
     """Make `target` a dataset of `kept` and `files`, and nothing else.
 
     Args:
-        target: The dataset folder.
+        target: The dataset.
         kept: SHA-256 of files that are there and stay, by path; `files` goes before it.
         files: Bytes of all other files by path, descriptor and manifest excepted.
         descriptor: What the dataset claims.
@@ -240,43 +240,44 @@ def publish(target: Path, kept: Mapping[str, str], files: Mapping[str, bytes], d
     descriptor_bytes = render_descriptor(descriptor)
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
-    fresh = target / STAGING_DIR / _BUILD_DIR / _NEW
+    root = target.root
+    fresh = root / STAGING_DIR / _BUILD_DIR / _NEW
     delete(fresh)
     make_dir(fresh.parent)
     make_dir(fresh)
-    waiting = {path: content for path, content in files.items() if not _is_there(target / path, digests[path])}
+    waiting = {path: content for path, content in files.items() if not _is_there(root / path, digests[path])}
     for number, content in enumerate(waiting.values()):
         write_file(fresh / str(number), content)
     for number, path in enumerate(waiting):
-        make_dir((target / path).parent)
-        move(fresh / str(number), target / path)
+        make_dir((root / path).parent)
+        move(fresh / str(number), root / path)
     for path in _own_files(target):
         if path not in files and path not in kept:
-            delete(target / path)
-    for folder in [target / layer for layer in LAYERS]:
+            delete(root / path)
+    for folder in [root / layer for layer in LAYERS]:
         for inner in (*(entry for entry in folder.glob("*") if entry.is_dir()), folder):
             if inner.is_dir() and not any(inner.iterdir()):
                 inner.rmdir()
-    Folder(target).replace(DESCRIPTOR_FILE, descriptor_bytes)
+    target.replace(DESCRIPTOR_FILE, descriptor_bytes)
     manifest = Manifest.of({**kept, **digests})
-    write_manifest(Folder(target), manifest)
+    write_manifest(target, manifest)
     return manifest
 
 
-def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manifest:
+def publish_layer(target: Folder, layer: str, files: Mapping[str, bytes]) -> Manifest:
     """Make `files` all that the last layer `layer` of the dataset `target` holds; everything else stays.
 
     The card of a release is rendered again, since it may tell of a document of the layer.
 
     Args:
-        target: The dataset folder.
+        target: The dataset.
         layer: A layer after all others that the dataset claims, or the last of them.
         files: Bytes of its files by path; none drops the layer.
 
     Raises:
         DatasetError: The dataset has no descriptor or manifest that could be read.
     """
-    descriptor = read_descriptor(Folder(target))
+    descriptor = read_descriptor(target)
     claimed = [*(name for name in descriptor.layers if name != layer), *([layer] if files else [])]
     kept = {
         path: digest
@@ -290,11 +291,11 @@ def publish_layer(target: Path, layer: str, files: Mapping[str, bytes]) -> Manif
     return publish(target, kept, files, claims)
 
 
-def _card(target: Path, descriptor: Descriptor, files: Mapping[str, bytes], kept: Collection[str]) -> bytes:
+def _card(target: Folder, descriptor: Descriptor, files: Mapping[str, bytes], kept: Collection[str]) -> bytes:
     """The card of a release of new `files` and `kept` ones."""
     contents = {path: files[path] for path in (*REQUIRED.values(), *ADDED.values()) if path in files}
     most = spec_limits().max_document_bytes
-    contents |= {p: Folder(target).read(p, most) for p in (*REQUIRED.values(), *ADDED.values()) if p in kept}
+    contents |= {p: target.read(p, most) for p in (*REQUIRED.values(), *ADDED.values()) if p in kept}
     try:
         documents = {path: parse_json(content) for path, content in contents.items()}
         return release_card(descriptor, documents).encode()
@@ -309,11 +310,11 @@ def _is_there(path: Path, digest: str) -> bool:
         return hashlib.file_digest(stream, "sha256").hexdigest() == digest
 
 
-def _own_files(target: Path) -> list[str]:
+def _own_files(target: Folder) -> list[str]:
     """Files below `target` that a build has written, or may have."""
     card = [CARD_FILE] if has_card(target) else []
     paths = [*card, LICENCE_FILE, *(path for layer in LAYERS.values() for path in layer.files)]
-    return [path for path in (*paths, *_free_files(target)) if (target / path).is_file()]
+    return [path for path in (*paths, *_free_files(target.root)) if (target.root / path).is_file()]
 
 
 def _free_files(target: Path) -> list[str]:

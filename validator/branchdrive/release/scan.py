@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import MANIFEST_FILE, layer_of
@@ -35,28 +34,28 @@ class RawScan:
     """A verified raw layer.
 
     Attributes:
-        root: The dataset folder.
+        dataset: Where it is.
         descriptor: The dataset's descriptor.
         digest: Digest of the content of the raw layer.
         files: SHA-256 of every file of the raw layer and its media, by path.
         rows: Rows that it gives for the derived layers, by table.
     """
 
-    root: Path
+    dataset: Folder
     descriptor: Descriptor
     digest: str
     files: dict[str, str]
     rows: Mapping[str, Frame]
 
 
-def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -> RawScan:
-    """Read, verify and judge the raw layer of the dataset at `root`.
+def scan_raw(dataset: Folder, executor: Executor, progress: Progress | None = None) -> RawScan:
+    """Read, verify and judge the raw layer of a dataset.
 
     Raises:
         DatasetError: There is no finished raw layer, it is damaged, or it breaks the format.
         UsageError: There is no dataset at all.
     """
-    survey = take_survey(Folder(root))
+    survey = take_survey(dataset)
     descriptor = _finished(survey)
     with Spool.temporary() as spool:
         reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
@@ -65,16 +64,16 @@ def scan_raw(root: Path, executor: Executor, progress: Progress | None = None) -
         rows = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
     for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
-        raise DatasetError(f"{root}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
+        raise DatasetError(f"{dataset}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
     for problem in (*_damage(reading.source), *_breaches(reading.source, results)):
-        raise DatasetError(f"{root}: {problem}; run `branchdrive-validate` and correct the raw layer first")
+        raise DatasetError(f"{dataset}: {problem}; run `branchdrive-validate` and correct the raw layer first")
     lacking = next((shard.no_frames for shard in results if not shard.frames), None)
     if lacking is not None:
-        raise DatasetError(f"{root}: {lacking}; run `branchdrive-validate` and correct the raw layer first")
+        raise DatasetError(f"{dataset}: {lacking}; run `branchdrive-validate` and correct the raw layer first")
     digest = raw_content(results)
     if digest is None:
-        raise DatasetError(f"{root}: its attempts have no identity; run `branchdrive-validate`")
-    return RawScan(root, descriptor, digest, _raw_files(reading.source.digests), rows)
+        raise DatasetError(f"{dataset}: its attempts have no identity; run `branchdrive-validate`")
+    return RawScan(dataset, descriptor, digest, _raw_files(reading.source.digests), rows)
 
 
 def _finished(survey: Survey) -> Descriptor:
@@ -91,17 +90,17 @@ def _finished(survey: Survey) -> Descriptor:
 
 
 def check_unchanged(scan: RawScan) -> None:
-    """The manifest on disk lists the raw layer that was read: nobody has begun to change it since.
+    """The manifest on disk lists the raw layer that was read: it has not been changed since.
 
     Raises:
         DatasetError: It does not, or is gone.
     """
     listed: dict[str, str] = {}
-    if (scan.root / MANIFEST_FILE).exists():
-        manifest, _ = read_manifest(Folder(scan.root))
+    if scan.dataset.status(MANIFEST_FILE) is not None:
+        manifest, _ = read_manifest(scan.dataset)
         listed = _raw_files(manifest.files)
     if listed != scan.files:
-        raise DatasetError(f"{scan.root}: its raw layer was changed while it was built from; build again afterwards")
+        raise DatasetError(f"{scan.dataset}: its raw layer was changed while it was built from; build again afterwards")
 
 
 def _raw_files(digests: Mapping[str, str]) -> dict[str, str]:

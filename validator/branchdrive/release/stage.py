@@ -104,7 +104,7 @@ def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, led
         thresholds = threshold_document(rows["pairs"], groups)
     except ValueError as error:
         less = ", or ask for fewer groups and clusters with `--calibration`" if options.calibration else ""
-        raise DatasetError(f"{scan.root}: {error}; collect more groups, on other routes{less}") from error
+        raise DatasetError(f"{scan.dataset}: {error}; collect more groups, on other routes{less}") from error
     layers.put_document(_SPLIT, split)
     layers.put_document(_THRESHOLDS, thresholds)
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
@@ -135,7 +135,7 @@ def check_encoding(scan: RawScan) -> None:
     encoding = scan.descriptor.action_encoding
     if encoding is not None and encoding.name != ENCODING_NAME:
         raise DatasetError(
-            f"{scan.root}: the action encoding {encoding.name!r} is the dataset's own and cannot be computed; "
+            f"{scan.dataset}: the action encoding {encoding.name!r} is the dataset's own and cannot be computed; "
             f"declare {ENCODING_NAME!r} or no encoding"
         )
 
@@ -162,5 +162,5 @@ def build_model(scan: RawScan, layers: BuiltLayers) -> None:
     try:
         document = normalisation_document(arrays, assignment)
     except ValueError as error:
-        raise DatasetError(f"{scan.root}: {error}; collect more groups") from error
+        raise DatasetError(f"{scan.dataset}: {error}; collect more groups") from error
     layers.put_document("model/normalisation.json", document)

@@ -1,4 +1,4 @@
-"""Maps of towns for invented drives: a lane along every route on open ground, and elements that nobody is on."""
+"""Maps of towns for invented drives: a lane along every route on open ground, and elements without traffic."""
 
 from __future__ import annotations
 

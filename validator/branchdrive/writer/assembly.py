@@ -25,7 +25,7 @@ from branchdrive.formats.durable import delete, durable_stream, make_dir, move, 
 from branchdrive.formats.media_archive import MEDIA_FILE, MediaArchive, member_name
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.raw.media.folder import FRAMES, MediaFolder, places_of
+from branchdrive.raw.media.media_folder import FRAMES, MediaFolder, places_of
 from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.writer.stage import Places, Stage

@@ -21,7 +21,7 @@ from branchdrive.errors import ContractError, DecodeError, UsageError
 from branchdrive.formats.file_error import named
 from branchdrive.formats.image_header import disagreement, read_header
 from branchdrive.formats.image_parts import find_flaw
-from branchdrive.raw.media.folder import FRAMES, MediaFolder, image_checksum, places_of
+from branchdrive.raw.media.media_folder import FRAMES, MediaFolder, image_checksum, places_of
 from branchdrive.raw.rollout import Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer
 

@@ -11,7 +11,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.errors import ContractError, UsageError
-from branchdrive.raw.media.folder import FRAMES
+from branchdrive.raw.media.media_folder import FRAMES
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables
 from branchdrive.writer.buffer import RowBuffer, check_names, record_table
 from branchdrive.writer.media_buffer import MediaBuffer

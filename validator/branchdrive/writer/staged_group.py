@@ -15,7 +15,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.durable import delete, move, partial_path, replace_file, sync_dir, write_file
 from branchdrive.formats.folder import Folder
-from branchdrive.raw.media.folder import FRAMES, MediaFolder
+from branchdrive.raw.media.media_folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables
 from branchdrive.writer.buffer import record_table
 from branchdrive.writer.media_buffer import MediaBuffer

@@ -1,6 +1,6 @@
 """What lies in the staging area of a collection that runs or was killed: list it, settle it, look into it.
 
-A group that somebody writes at this moment is left alone; everything else may change while this looks at it, but what
+A group that is being written is left alone; everything else may change while this looks at it, but what
 is copied is whole.
 """
 
@@ -109,7 +109,7 @@ def close_group(root: Path, group_id: str) -> None:
     """Declare a staged group's collection over: its finished rollouts go into the dataset as they are.
 
     Raises:
-        UsageError: There is no such group, or somebody writes it.
+        UsageError: There is no such group, or it is being written.
     """
     with _settled(root, group_id) as (_, group):
         group.close()
@@ -119,7 +119,7 @@ def abandon_group(root: Path, group_id: str) -> None:
     """Remove a staged group with its finished rollouts; an earlier state of it that a shard holds stays.
 
     Raises:
-        UsageError: There is no such group, or somebody writes it.
+        UsageError: There is no such group, or it is being written.
     """
     with _settled(root, group_id) as (stage, group):
         stage.drop(group)

@@ -230,7 +230,7 @@ class DatasetWriter:
             manifest = build_manifest(self._stage.dataset)
             self._check_places(manifest)
             write_manifest(self._stage.dataset, manifest)
-            self._stage.remove()  # nobody else can write before this
+            self._stage.remove()  # no other writer can begin before this
         self._stage.let_go()
         return manifest.identity
 

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:
-    """Declare what training can be told, here and in one go with the steps after it."""
+    """Declare the options of training, here and in one go with the steps after it."""
     parser.add_argument(
         "--no-guard", action="store_true", help="train no folds for the guard, whose results will be missing"
     )

@@ -30,6 +30,7 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import CARD_FILE, FILTERING_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
+from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import Unavailable
 from branchdrive.model.near_duplicate import near_duplicate_flags
 from branchdrive.quality.fidelity import (
@@ -86,7 +87,7 @@ def built() -> Built:
 def _made() -> Built:
     with tempfile.TemporaryDirectory() as folder:
         raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()).write(Path(folder) / "raw")
-        scan = scan_raw(raw, in_process)
+        scan = scan_raw(Folder(raw), in_process)
         layers = _built_layers(scan, BuildOptions(seed=SEED))
         nobody = Unavailable("the tests train no network")
         build_leakage(scan, layers, Path(folder), seed=SEED, classifier=nobody)
@@ -159,7 +160,7 @@ class ReleaseDraft(Draft):
         """Build all derived layers again from the raw tables as they are now, but for the audit of leakage."""
         raw = Draft({folder: self.tables[folder] for folder in RELEASE_SHARDS}, synthetic_release.raw_descriptor())
         with tempfile.TemporaryDirectory() as folder:
-            scan = scan_raw(raw.write(Path(folder) / "raw"), in_process)
+            scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), in_process)
         layers = _built_layers(scan, options or BuildOptions(seed=SEED))
         build_model(scan, layers)
         self.tables.update(_arrow(layers))

@@ -25,7 +25,7 @@ from branchdrive.contract.timing import HISTORY_OFFSETS, WINDOW_OFFSETS
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.folder import BufferedReader, Folder
 from branchdrive.formats.parquet import encode_table
-from branchdrive.raw.media import folder as media_folder
+from branchdrive.raw.media import media_folder
 from branchdrive.raw.media.camera_frames import CameraFrames
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import Rollout

@@ -1,4 +1,4 @@
-"""Which rules may fail because of others, so that nobody changes a column that is right.
+"""Which rules may fail because of others, so that no column that is right is changed.
 
 What is recomputed from a wrong column differs from what is recorded, and what is expected there is the wrong one.
 """

@@ -28,7 +28,7 @@ Level = Literal["error", "warning", "note"]
 _RULES_SHOWN = 12
 
 RULE_EXPLAINED = "`branchdrive rules ID` explains a rule: why it is, its clauses, an example, and what to do"
-"""How somebody with a report comes to the page of a rule."""
+"""How a reader of a report comes to the page of a rule."""
 
 MEANING: Mapping[Verdict, str] = MappingProxyType(
     {
@@ -117,8 +117,8 @@ def failures(report: Report) -> list[tuple[Level, Tally]]:
 def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
     """Findings of a rule, those that say the same together, in the order of the first of each.
 
-    Attempts of one group are told once for each table and column, and groups that lack the same once. Each table and
-    column comes before the second place of one that was told.
+    Attempts of one group are shown once for each table and column, and groups that lack the same once. Each table and
+    column comes before the second place of one that was shown.
     """
     parts: dict[object, list[Finding]] = {}
     for place, finding in enumerate(findings):
@@ -130,12 +130,12 @@ def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
             others = tuple(part for part in about.items() if part[0] != "group_id")
             said = (others, finding.expected, finding.found)
         parts.setdefault(said, []).append(finding)
-    told: Counter[object] = Counter()
+    shown: Counter[object] = Counter()
     rounds = []
     for part in parts.values():
         column = part[0].location.get("table"), part[0].location.get("column")
-        rounds.append(told[column])
-        told[column] += 1
+        rounds.append(shown[column])
+        shown[column] += 1
     order = sorted(range(len(rounds)), key=rounds.__getitem__)
     every = [tuple(part) for part in parts.values()]
     return [every[place] for place in order]

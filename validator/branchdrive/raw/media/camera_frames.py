@@ -17,7 +17,7 @@ from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, DecodeError, UsageError
 from branchdrive.formats.image_codec import decode_image
 from branchdrive.formats.image_header import disagreement, image_header
-from branchdrive.raw.media.folder import ImagePlace, MediaFolder, places_of
+from branchdrive.raw.media.media_folder import ImagePlace, MediaFolder, places_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
