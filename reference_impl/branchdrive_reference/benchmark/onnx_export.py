@@ -139,9 +139,10 @@ class _GruOperator(nn.Module):
     def __init__(self, recur: nn.GRU) -> None:
         super().__init__()
         self._width = recur.hidden_size
-        self.register_buffer("weight", _update_first(recur.weight_ih_l0))
-        self.register_buffer("recurrence", _update_first(recur.weight_hh_l0))
-        self.register_buffer("bias", torch.cat([_update_first(recur.bias_ih_l0), _update_first(recur.bias_hh_l0)], 1))
+        weight, recurrence, *biases = (_update_first(gates) for gates in recur.parameters())
+        self.register_buffer("weight", weight)
+        self.register_buffer("recurrence", recurrence)
+        self.register_buffer("bias", torch.cat(biases, dim=1))
 
     def forward(self, steps: Tensor) -> Sequence[Tensor]:
         """All states and the last one ``[1, 1, width]`` of one sequence ``[1, steps, features]``."""
@@ -160,7 +161,7 @@ def _update_first(gates: Tensor) -> Tensor:
 def _use_operators(network: nn.Module) -> None:
     for module in network.modules():
         if isinstance(module, SequenceEncoder):
-            module.recur = _GruOperator(module.recur)
+            module.register_module("recur", _GruOperator(module.recur))
 
 
 def check_equal(
