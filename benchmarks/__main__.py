@@ -43,13 +43,14 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         bench = ReleaseBench(args.dataset, args.groups, args.calibration, num_seeds=args.seeds)
         its_benchmark = benchmark.rows(folder / release.FOLDER, jobs=bench.jobs)
         return {"a release": release.rows(folder, bench), "its benchmark": its_benchmark}
+    made = folder / "release"
     return {
         "simulator and expert": simulator.rows(),
         "highway-env beside them": highway_env.rows(),
         "rendering": rendering.rows(),
-        "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS),
         "ranking": ranking.rows(folder),
-        "ranking from cameras": camera_ranking.rows(folder, release=folder / "release"),
+        "ranking from cameras": camera_ranking.rows(folder, release=made),
+        "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS, release=made),
         "start-up": startup.rows(),
     }
 
