@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pytest
 from tests.hostile_folder import infest, marks
 from tests.repo.checkout import ROOT
 from tests.validator.engine import datasets
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.runtime.process import ARRAY_WORK, array_context, spawn_context
 
@@ -165,6 +166,28 @@ def test_workers_start_by_themselves_where_their_server_was_killed() -> None:
         os.kill(server, signal.SIGKILL)
         with ProcessPoolExecutor(1, context) as pool:
             assert pool.submit(_who_i_am, 0).result()[1] == os.getpid()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
+def test_an_interrupt_is_heard_while_a_server_loads_its_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, over = tmp_path / "begun", tmp_path / "over"
+    code = f"import time; open({str(begun)!r}, 'w').close(); time.sleep(20); open({str(over)!r}, 'w').close()"
+    (tmp_path / "slow.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    main = threading.main_thread().ident
+
+    def interrupt() -> None:
+        wait_for(begun.exists)
+        signal.pthread_kill(main or 0, signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt), array_context("slow"):
+        pass
+    thread.join()
+    assert not over.exists()
 
 
 BESIDE = """

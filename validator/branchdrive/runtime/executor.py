@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.context import SpawnContext
@@ -124,14 +124,10 @@ def _quiet_start() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-@contextmanager
-def _context(module: str) -> Iterator[SpawnContext]:
-    """Context of workers that run a function of `module`; others than ours are left to the workers."""
-    own = [module] if module.partition(".")[0] == __name__.partition(".")[0] else []
-    with ExitStack() as stack:
-        with _quiet_start():
-            context = stack.enter_context(array_context(*_LOADED, *own))
-        yield context
+def _loaded(module: str) -> tuple[str, ...]:
+    """What workers that run a function of `module` need; modules that are not ours are left to them."""
+    is_ours = module.partition(".")[0] == __name__.partition(".")[0]
+    return (*_LOADED, module) if is_ours else _LOADED
 
 
 def _pool(jobs: int, context: SpawnContext) -> ProcessPoolExecutor:
@@ -227,7 +223,7 @@ def isolated(jobs: int) -> Executor:
         function: Callable[[Task], Result], tasks: Sequence[Task], /
     ) -> Iterator[tuple[int, Result | Died | Failed]]:
         if tasks:
-            with _context(function.__module__) as context:
+            with array_context(*_loaded(function.__module__)) as context:
                 yield from _in_pools(function, tasks, jobs, context)
 
     return run

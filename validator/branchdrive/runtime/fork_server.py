@@ -34,6 +34,9 @@ _PACKAGE_DIR = Path(__file__).parents[1]
 _PATIENCE_S = 1.0
 """How long workers that nobody waits for any more may keep a server from ending."""
 
+_READY = b"!"
+"""What a server sends as it begins to serve."""
+
 _MAX_PASSED = 64
 """File descriptors in a request, at most: data, status, the resource tracker, and what the worker shares."""
 
@@ -64,11 +67,11 @@ class ForkServer:
                 )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        self._has_workers = False
 
-    @property
-    def pid(self) -> int:
-        """Number of its process."""
-        return self._process.pid
+    def wait(self) -> None:
+        """Wait until it serves, or will not; an interrupt is heard meanwhile."""
+        self._requests.recv(len(_READY))
 
     def fork(self, data: int, status: int, shared: Sequence[int]) -> None:
         """Ask for a worker.
@@ -86,13 +89,14 @@ class ForkServer:
             socket.send_fds(self._requests, [b"w"], [data, status, tracker, *shared])
         except OSError as error:
             raise NoServerError from error
+        self._has_workers = True
 
     def close(self) -> None:
         """End the server, which waits for its workers so that their processor time counts as that of this process."""
         self._requests.close()
         try:
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_PATIENCE_S)
+                self._process.wait(_PATIENCE_S if self._has_workers else 0)
         finally:
             self._process.kill()
             self._process.wait()
@@ -134,6 +138,7 @@ class ForkedPopen(popen_forkserver.Popen):
 
 def _serve(requests: socket.socket) -> None:
     """Fork a worker at each request until there can be no more, and wait for all of them."""
+    requests.sendall(_READY)
     while passed := socket.recv_fds(requests, 1, _MAX_PASSED)[1]:
         if os.fork() == 0:
             requests.close()

@@ -121,6 +121,7 @@ def array_context(*modules: str) -> Iterator[SpawnContext]:
         return
     server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
     try:
+        server.wait()
         yield _ForkContext(server)
     finally:
         server.close()
