@@ -133,8 +133,9 @@ def _whole(
         workers = f"{jobs} worker{'s' * (jobs > 1)}"
         start = start_ups[jobs]
         yield Row(f"start-up, {workers}", f"validation {start.validation}\nfloor {start.floor}")
-        what = f"raw layer, {size:,} groups, {timing.num_control_rows / 1e6:.1f} M control rows, {workers}"
-        yield from _rows_of(what, timing, start, gross=_GROSS_BARS[jobs], net=_NET_BARS[jobs])
+        yield from _rows_of(
+            f"raw layer, {size:,} groups, {workers}", timing, start, gross=_GROSS_BARS[jobs], net=_NET_BARS[jobs]
+        )
     gain = timings[1].validation.wall_s / timings[2].validation.wall_s
     yield Row("two workers over one, gross", f"{gain:.2f}x", ">= 1.8x")
     return size, timings[1]
