@@ -23,13 +23,15 @@ from rich.progress import track
 from tests.conformance_bases import BASE_OF, BASES, CASES, case_name, file_name
 from tests.conformance_maker import Maker, expectation, same_files
 from tests.mutation import BOUNDARIES, MUTANTS, Boundary, Mutant, new_draft
+from tests.recipes.archive import pack, pack_bases
+from tests.recipes.difference import tree
 from tests.validator.engine.rules.case import judged_folder
 from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.resources import load_resource
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.runtime.process import spawn_context
-from branchdrive_conformance.archive import BASES_FILE, base_files, pack, pack_bases
+from branchdrive_conformance.archive import BASES_FILE, base_files
 from branchdrive_conformance.case import (
     Case,
     Expectation,
@@ -38,7 +40,6 @@ from branchdrive_conformance.case import (
     load_case,
     stated_rules,
 )
-from branchdrive_conformance.difference import tree
 from branchdrive_conformance.materialize import lay_out_base
 
 _LOT_CASES = 30

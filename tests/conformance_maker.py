@@ -12,6 +12,8 @@ from typing import Any
 import pyarrow as pa
 from tests.conformance_bases import BASES, draft_of
 from tests.mutation import Draft
+from tests.recipes.difference import manifest_edits, recipe_between, templated, tree
+from tests.recipes.table_difference import equal_tables
 from tests.validator.engine.rules.case import judged_folder
 from tests.validator.engine.rules.release import ReleaseDraft
 
@@ -25,10 +27,8 @@ from branchdrive_conformance.case import (
     Expectation,
     Outcome,
 )
-from branchdrive_conformance.difference import manifest_edits, recipe_between, templated, tree
 from branchdrive_conformance.materialize import DATASET_DIR, RAW_DIR, WAIVERS_FILE, lay_out_base, materialize
 from branchdrive_conformance.recipe import apply_recipe, sealed_digests
-from branchdrive_conformance.table_difference import equal_tables
 from branchdrive_conformance.table_operation import read_table
 
 __all__ = ["Maker", "expectation", "same_files"]

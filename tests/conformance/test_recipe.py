@@ -11,16 +11,17 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.recipes.byte_difference import parts_between
+from tests.recipes.difference import recipe_between, tree
+from tests.recipes.table_difference import equal_tables
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.parquet import encode_table
 from branchdrive_conformance.archive import base_files
 from branchdrive_conformance.case import cases_dir
-from branchdrive_conformance.difference import recipe_between, tree
 from branchdrive_conformance.recipe import apply_recipe
-from branchdrive_conformance.splice import parts_between, spliced
-from branchdrive_conformance.table_difference import equal_tables
+from branchdrive_conformance.splice import spliced
 from branchdrive_conformance.table_operation import encoded, read_table
 
 FILE = "raw/shard-00000/controls.parquet"

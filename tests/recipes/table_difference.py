@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from tests.recipes.cell_difference import cell_operations, cell_values, equal_columns, extend, length
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES
-from branchdrive_conformance.cell_difference import cell_operations, cell_values, equal_columns, extend, length
 from branchdrive_conformance.table_operation import DICTIONARY, apply_to_table, encoded, read_table
 
 __all__ = ["TablesAlike", "equal_tables", "table_operations"]
