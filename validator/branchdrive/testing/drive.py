@@ -41,7 +41,7 @@ def angle_on_grid(angle_rad: Any) -> Array:
     """Angles from -pi to pi, rounded to multiples of 1/4096 that are within."""
     wrapped_rad = (angle_rad + np.pi) % (2 * np.pi) - np.pi
     last_rad = np.floor(np.pi * _STEPS) / _STEPS
-    return np.clip(on_grid(wrapped_rad), -last_rad, last_rad)
+    return np.asarray(np.clip(on_grid(wrapped_rad), -last_rad, last_rad))
 
 
 @dataclass(frozen=True)
