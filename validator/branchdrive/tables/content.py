@@ -53,7 +53,8 @@ def block_digests(view: TableView, key: Sequence[NDArray[Any]], bounds: Index) -
 def _digests(view: TableView, bounds: Index) -> list[bytes]:
     """SHA-256 of blocks of rows, each from its bound to the next."""
     starts = range(0, len(bounds) - 1, _BLOCKS_AT_ONCE)
-    return [digest for start in starts for digest in _digests_at_once(view, bounds[start : start + _BLOCKS_AT_ONCE + 1])]
+    parts = [bounds[start : start + _BLOCKS_AT_ONCE + 1] for start in starts]
+    return [digest for part in parts for digest in _digests_at_once(view, part)]
 
 
 def _digests_at_once(view: TableView, bounds: Index) -> Iterator[bytes]:
