@@ -25,7 +25,7 @@ from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.folder import Folder, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.raw.content import attempt_content
+from branchdrive.raw.content import group_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media.image_eye import Look
 from branchdrive.raw.media.images import Images
@@ -230,7 +230,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
     if task.is_hashed:
-        result.attempts = attempt_content(view)
+        result.groups = group_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
     tallies, examination = examine(
         view,

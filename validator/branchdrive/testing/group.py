@@ -90,10 +90,10 @@ def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array) -> d
         "yaw_rate_radps": yaw_step / TICK_S,
     }  # fmt: skip
     recorded = {name: on_grid(values) for name, values in state.items()} | {"yaw_rad": angle_on_grid(yaw)}
-    pose = (recorded[name] for name in ("x_m", "y_m", "yaw_rad"))
+    on_route = route_columns(recorded["x_m"], recorded["y_m"], recorded["yaw_rad"], route_polyline(route))
     columns: dict[str, Any] = {
         "tick": ticks, **recorded,
-        "speed_limit_mps": np.full(len(ticks), 13.5), **route_columns(*pose, route_polyline(route)),
+        "speed_limit_mps": np.full(len(ticks), 13.5), **on_route,
         "command": np.where(ticks < TRIGGER_TICK, "follow", "left" if np.isfinite(route.radius_m) else "straight"),
         "target_speed_mps": np.where(ticks < TRIGGER_TICK, 8.0, 4.0),
         "vehicle_hazard": ticks >= TRIGGER_TICK, "pedestrian_hazard": ticks >= TRIGGER_TICK + 30,
