@@ -17,6 +17,7 @@ from branchdrive.contract.mismatch import Mask, PreconditionError
 from branchdrive.driving.box import Boxes
 from branchdrive.driving.surface import Areas, Strips, TooLargeError
 from branchdrive.driving.wall import Walls
+from branchdrive.raw.copies import Copies
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
@@ -169,7 +170,9 @@ def ground(view: ShardView) -> Ground:
     """
     observations = view.observations
     x, y = observations["x_m"], observations["y_m"]
-    rows = np.flatnonzero((observations.rollout >= 0) & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
+    copied = view.cached(Copies).at_moments("observations")
+    is_judged = (observations.rollout >= 0) & copied.judged(len(observations))
+    rows = np.flatnonzero(is_judged & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
     found = Ground(*(np.zeros(len(observations), bool) for _ in fields(Ground)))
     recorded, off_road = _recorded(view)
     named = rows[recorded[rows] >= 0]
@@ -182,6 +185,7 @@ def ground(view: ShardView) -> Ground:
     for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], slack_m=EDGE_SLACK_M):
         found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
         found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
+    copied.fill(*(getattr(found, field.name) for field in fields(Ground)))
     return found
 
 
