@@ -54,6 +54,26 @@ class Copied(NamedTuple):
         for values in found:
             values[self.row] = values[self.source]
 
+    def distinct(self, row: Index, before: Index, num_rows: int) -> tuple[Index, Index]:
+        """Steps from a row to another that repeat none of a source, and the one of them that each step is or repeats.
+
+        Args:
+            row: Rows that steps lead to, each once ``[steps]``.
+            before: Rows that they come from ``[steps]``.
+            num_rows: Rows of the stream.
+
+        Returns:
+            Places of the distinct steps ``[distinct]``, and for every step a place among these ``[steps]``.
+        """
+        source, before_of = np.arange(num_rows), np.full(num_rows, -1)
+        source[self.row] = self.source
+        before_of[row] = before
+        repeats = (source[row] != row) & (source[before] != before) & (before_of[source[row]] == source[before])
+        first = np.flatnonzero(~repeats)
+        place = before_of
+        place[row[first]] = np.arange(len(first))
+        return first, place[np.where(repeats, source[row], row)]
+
 
 class Copies:
     """Copies of a shard, looked for when they are first asked for; see `ShardView.cached`.
