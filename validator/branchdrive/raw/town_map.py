@@ -18,6 +18,7 @@ from branchdrive.driving.box import Boxes
 from branchdrive.driving.surface import Areas, Strips, TooLargeError
 from branchdrive.driving.wall import Walls
 from branchdrive.raw.copies import Copies
+from branchdrive.raw.known_map import once_per_map
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
@@ -229,6 +230,10 @@ def home_towns(view: ShardView) -> Index:
 
 def _filed(view: ShardView) -> tuple[Index, Strips]:
     """Elements that are strips of the towns of the rollouts, and their segments."""
+    return once_per_map(view, _file, *view.rollouts.categories("town")[1])
+
+
+def _file(view: ShardView) -> tuple[Index, Strips]:
     elements, homes = view.map, home_towns(view)
     chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
     strips = np.flatnonzero(chosen)
@@ -379,8 +384,10 @@ def lanes_under(view: ShardView, row: int) -> list[int]:
 
 def map_digests(view: ShardView) -> dict[str, str]:
     """Digest of the map of each town, whatever the order of its elements; none where the shard has no maps."""
-    if "map" not in view:
-        return {}
+    return once_per_map(view, _digests_of_towns) if "map" in view else {}
+
+
+def _digests_of_towns(view: ShardView) -> dict[str, str]:
     elements = view.map
     towns = [town for town in elements.categories("town")[1] if town]
     return {town: table_digest("map", elements.arrow.filter(elements.equals("town", town))) for town in towns}

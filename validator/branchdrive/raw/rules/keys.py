@@ -121,9 +121,14 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         if name not in view:
             continue
         stream = view.stream(name)
-        is_known = stream.rollout >= 0
-        orphan = is_known & (observations.rows_of(stream) < 0)
-        repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & is_known
+        first = np.flatnonzero(~stream.repeats)  # of every moment
+        is_known = stream.rollout[first] >= 0
+        lacks_one = is_known & (observations.rows_of(stream)[first] < 0)
+        num_rows = np.diff(first, append=len(stream))
+        orphan = np.repeat(lacks_one, num_rows)
+        repeated = stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])
+        if not is_known.all():
+            repeated = repeated & np.repeat(is_known, num_rows)
         yield Check.of_rows(
             name,
             None,
