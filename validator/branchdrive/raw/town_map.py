@@ -175,7 +175,7 @@ def ground(view: ShardView) -> Ground:
     is_judged = (observations.rollout >= 0) & copied.judged(len(observations))
     rows = np.flatnonzero(is_judged & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
     found = Ground(*(np.zeros(len(observations), bool) for _ in fields(Ground)))
-    recorded, off_road = _recorded(view)
+    recorded, off_road = view.cached(_recorded)
     named = rows[recorded[rows] >= 0]
     _look(view, named, found, recorded)
     settled = found.fits_lane & found.fits_limit & ~off_road
@@ -194,7 +194,7 @@ def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = No
     """Note what strips say of observations, or only the lanes that are `wanted` of each."""
     elements, observations = view.map, view.observations
     strips, filed = view.cached(_filed)
-    recorded, _ = _recorded(view) if wanted is None else (wanted, None)
+    recorded, _ = view.cached(_recorded) if wanted is None else (wanted, None)
     limit, knows_limit = observations["speed_limit_mps"], observations.valid("speed_limit_mps")
     lane = _lane_codes(view)[strips]
     lane_limit = np.where(elements.valid("speed_limit_mps"), elements["speed_limit_mps"], np.nan)[strips]
@@ -246,6 +246,10 @@ def _file(view: ShardView) -> tuple[Index, Strips]:
 
 def _outlined(view: ShardView) -> Areas:
     """Road areas of the towns of the rollouts."""
+    return once_per_map(view, _outline, *view.rollouts.categories("town")[1])
+
+
+def _outline(view: ShardView) -> Areas:
     elements, homes = view.map, home_towns(view)
     paved = np.flatnonzero(is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
     x, y = (elements[name][paved] for name in ("x_m", "y_m"))

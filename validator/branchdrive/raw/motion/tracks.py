@@ -17,7 +17,10 @@ from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.join import KeyIndex
 
-__all__ = ["ActorSteps", "Displacements", "Tracks", "actor_displacements", "actor_returns", "actor_steps", "tracks"]
+__all__ = [
+    "ActorSteps", "Displacements", "Tracks", "actor_displacements", "actor_returns", "actor_steps",
+    "repeats_nominal", "tracks",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,6 +78,19 @@ def tracks(view: ShardView) -> Tracks:
     left = KeyIndex(*(part[ends] for part in key)).last_before(*(part[begins] for part in key))
     resumed, left = begins[left >= 0], ends[left[left >= 0]]
     return Tracks(row, np.where(previous >= 0, row[previous], -1), row[resumed], row[left])
+
+
+def repeats_nominal(view: ShardView) -> Mask:
+    """Observations that are copies as a whole, as the ones before them are, which precede their sources, too.
+
+    So tracks go on and begin there as they do in the nominal ``[observations]``.
+    """
+    owner, copied = view.observations.rollout, view.cached(Copies).at_moments("observations")
+    source, is_copy = np.arange(len(owner)), ~copied.judged(len(owner))
+    source[copied.row] = copied.source
+    found = np.zeros(len(owner), bool)
+    found[1:] = is_copy[1:] & is_copy[:-1] & (owner[1:] == owner[:-1]) & (np.diff(source) == 1)
+    return found
 
 
 class ActorSteps(NamedTuple):
