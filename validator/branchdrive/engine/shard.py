@@ -35,7 +35,7 @@ from branchdrive.raw.motion.extent import vehicle_widths
 from branchdrive.raw.motion.lane_use import lane_use
 from branchdrive.raw.motion.outline import outlines
 from branchdrive.raw.motion.prevalence import broken_relations, num_in_contact, num_missing_attempts
-from branchdrive.raw.motion.response import executed, observed_extremes, responses_of, tracks
+from branchdrive.raw.motion.response import observed_extremes, responses, tracks
 from branchdrive.raw.motion.sight import sights
 from branchdrive.raw.motion.track_ends import track_ends
 from branchdrive.raw.semantic.bodies import SemanticActors, SemanticPeople, SemanticVehicles
@@ -249,8 +249,8 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.judged |= broken_relations(view, whole)
     result.in_contact = num_in_contact(view, whole)
     result.num_missing_attempts = num_missing_attempts(view)
-    interventions = executed(view, examination.selection, examination.broken)
-    result.responses, result.tracks = responses_of(view, interventions), tracks(view)
+    interventions, result.responses = responses(view, examination.selection, examination.broken)
+    result.tracks = tracks(view)
     result.sights = sights(view, interventions, result.responses)
     result.outlines = outlines(view, interventions)
     result.calibration = {

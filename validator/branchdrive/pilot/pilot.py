@@ -99,7 +99,7 @@ class Pilot:
     def responses(self) -> Responses:
         """What the interventions of all shards did."""
         return Responses.of_all(
-            responses(part.view, part.examination.selection, part.examination.broken) for part in self.parts
+            responses(part.view, part.examination.selection, part.examination.broken)[1] for part in self.parts
         )
 
 
